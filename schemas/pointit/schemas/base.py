@@ -1,0 +1,84 @@
+"""What every message shares: immutability, strictness, units and the time of capture."""
+
+import math
+from typing import Annotated, Any, ClassVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+UNIT_TOLERANCE = 1e-3
+"""How far the norm of a unit vector or quaternion may be from 1 and still be taken (float32 devices)."""
+
+
+def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
+    norm = math.sqrt(math.fsum(v * v for v in values))
+    if abs(norm - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(f"must have norm 1, has {norm:.6g}")
+    return values
+
+
+Vec3 = tuple[float, float, float]
+"""x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
+
+UnitVec3 = Annotated[Vec3, AfterValidator(_unit)]
+"""A direction: x, y, z with norm 1."""
+
+QuaternionXyzw = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+"""A rotation, scalar last: x, y, z, w with norm 1."""
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}$")]
+"""A name that may stand in a key: letters, digits, `_`, `-`, `.`; at most 64 of them."""
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+"""A share, 0 to 1."""
+
+Rgb = tuple[
+    Annotated[int, Field(ge=0, le=255)],
+    Annotated[int, Field(ge=0, le=255)],
+    Annotated[int, Field(ge=0, le=255)],
+]
+"""Red, green, blue, 0 to 255 each."""
+
+
+class Part(BaseModel):
+    """A piece of a message: frozen, strict, finite, nothing unknown."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    def replace(self, **changes: Any) -> "Part":
+        """Return a validated copy with `changes`."""
+        return type(self).model_validate({**self.__dict__, **changes})
+
+
+class Message(Part):
+    """A thing that travels on its own.
+
+    Fields are only ever added, with a default; a change raises `version`; anything else is a new message.
+    """
+
+    version: ClassVar[int] = 1
+    """Raised by one with every change of the fields."""
+
+    stamp_ns: Annotated[int, Field(ge=0, description="time of capture, Unix ns; derived data keep it")]
+    seq: Annotated[int, Field(ge=0, description="counts this writer's messages on this key")] = 0
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Return name and version as they travel in the encoding, `ImuSample.v1`."""
+        return f"{cls.__name__}.v{cls.version}"
+
+
+class Query(Part):
+    """What a request asks; same rules as a message, no time of its own."""
+
+    version: ClassVar[int] = 1
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Return name and version as they travel in the encoding."""
+        return f"{cls.__name__}.v{cls.version}"
+
+
+class Reply(Query):
+    """What a request answers."""
+
+    message: Annotated[str, Field(description="one sentence for a person: what was done")] = ""

@@ -1,0 +1,66 @@
+"""Messages to bytes and back: msgpack maps with the field names; the only importer of msgpack."""
+
+from typing import Any, TypeVar
+
+import msgpack
+from pydantic import BaseModel, ValidationError
+
+from pointit.schemas.base import Message, Part, Query
+from pointit.schemas.errors import DecodeError
+
+P = TypeVar("P", bound=Part)
+
+MEDIA_TYPE = "application/msgpack"
+"""The Zenoh encoding; the message's name and version follow as its schema."""
+
+
+def _fields(part: object) -> dict[str, Any]:
+    if isinstance(part, BaseModel):
+        return part.__dict__
+    raise TypeError(f"cannot travel: {type(part).__name__}")
+
+
+def encode(part: Part) -> bytes:
+    """Return `part` as a msgpack map of its fields."""
+    return msgpack.packb(part.__dict__, default=_fields)
+
+
+def decode(kind: type[P], payload: bytes, schema: str = "") -> P:
+    """Return the message of `kind` in `payload`.
+
+    Args:
+        kind: the message the key carries.
+        payload: a msgpack map of its fields.
+        schema: the sender's `Name.vN` where known; fields of a newer version that we do not know are
+            ignored, because messages only grow.
+
+    Raises:
+        DecodeError: in one sentence, what is wrong with which field.
+    """
+    try:
+        data = msgpack.unpackb(payload, use_list=False, strict_map_key=True)
+    except (ValueError, msgpack.exceptions.UnpackException, RecursionError) as error:
+        raise DecodeError(f"{kind.__name__}: not msgpack ({type(error).__name__}: {error})") from error
+    if not isinstance(data, dict):
+        raise DecodeError(f"{kind.__name__}: a msgpack map was expected, got {type(data).__name__}")
+    try:
+        return kind.model_validate(data, extra="ignore" if _is_newer(kind, schema) else None)
+    except ValidationError as error:
+        raise DecodeError(f"{kind.__name__}: {explain(error)}") from error
+
+
+def explain(error: ValidationError) -> str:
+    """Return the first complaint of `error` as `field: what (value), and how many more there are`."""
+    details = error.errors(include_url=False)
+    first = details[0]
+    where = ".".join(str(part) for part in first["loc"]) or "(whole)"
+    value = repr(first["input"])
+    shown = value if len(value) <= 60 else value[:57] + "..."
+    more = f", and {len(details) - 1} more" if len(details) > 1 else ""
+    return f"{where}: {first['msg'].removeprefix('Value error, ')} (got {shown}){more}"
+
+
+def _is_newer(kind: type[Part], schema: str) -> bool:
+    name, _, version = schema.rpartition(".v")
+    own = kind.version if issubclass(kind, Message | Query) else 0
+    return name == kind.__name__ and version.isdecimal() and int(version) > own

@@ -1,0 +1,47 @@
+"""What a person wears, does and is: IMU samples, button presses, the profile."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pointit.schemas.base import Fraction, Message, Part, QuaternionXyzw, Rgb, Vec3
+
+
+class ImuSample(Message):
+    """Orientation of the arm: rotates vectors of the arm frame (x along the arm to the finger) into {H}.
+
+    {H} is at the person's feet, z up, x forward at IMU yaw 0. The mounting of the sensor on the arm is
+    already taken out by whoever publishes.
+    """
+
+    orientation_xyzw: QuaternionXyzw
+    angular_velocity_radps: Annotated[Vec3 | None, Field(description="in the arm frame, rad/s")] = None
+    acceleration_mps2: Annotated[Vec3 | None, Field(description="in the arm frame, m/s²")] = None
+    device_time_ns: Annotated[int | None, Field(description="the device's own clock, ns")] = None
+    battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
+
+
+class ButtonEvent(Message):
+    """The person pressed their button; presses move the interaction on."""
+
+    gesture: Literal["press", "double", "hold"] = "press"
+    source: Annotated[str, Field(description="device, page, keyboard, joypad, simulated")] = "device"
+
+
+class BodyMeasures(Part):
+    """Lengths of the pointing model, metres; defaults as in the ROS 2 toolkit (eyes at 1.64 m)."""
+
+    footprint_to_neck_m: Annotated[float, Field(gt=0, lt=3)] = 1.43
+    neck_to_eyes_m: Annotated[float, Field(ge=0, lt=1)] = 0.21
+    neck_to_shoulder_m: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    shoulder_to_wrist_m: Annotated[float, Field(gt=0, lt=2)] = 0.55
+    wrist_to_finger_m: Annotated[float, Field(ge=0, lt=1)] = 0.18
+
+
+class UserProfile(Message):
+    """Who the person is to the system: body measures, handedness, colour of the cursor."""
+
+    body: BodyMeasures = BodyMeasures()
+    hand: Literal["left", "right"] = "right"
+    cursor_color: Rgb = (255, 255, 255)
+    cursor_width_m: Annotated[float, Field(gt=0, le=1, description="length lit on a strip")] = 0.1

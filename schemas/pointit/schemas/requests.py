@@ -1,0 +1,70 @@
+"""What can be asked of a service, and what it answers."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pointit.schemas.base import Fraction, Query, Reply, Vec3
+
+
+class AddPackage(Query):
+    """Put one object on a lane of the conveyor."""
+
+    kind: Annotated[str, Field(min_length=1, max_length=64)]
+    lane: Annotated[str, Field(description="strip or belt id; empty: the first lane")] = ""
+    length_m: Annotated[float, Field(gt=0, le=5)] = 0.3
+
+
+class AddPackageReply(Reply):
+    """The object's id."""
+
+    object_id: str
+
+
+class SetSpeed(Query):
+    """Set the conveyor's speed; 0 stops it, negative runs it backwards."""
+
+    speed_mps: Annotated[float, Field(ge=-5, le=5)]
+
+
+class ResetConveyor(Query):
+    """Take every object off and start the feeders again."""
+
+
+class StartLocalization(Query):
+    """Begin to localize a person."""
+
+    method: Annotated[
+        Literal["static_targets", "moving_target"] | None, Field(description="empty: as configured")
+    ] = None
+
+
+class CancelLocalization(Query):
+    """Stop localizing and keep the last pose."""
+
+
+class SetPose(Query):
+    """Say where the person stands."""
+
+    position_m: Vec3
+    yaw_rad: float = 0.0
+
+
+class ClearSelection(Query):
+    """Deselect everything a person has selected."""
+
+
+class SetBrightness(Query):
+    """Dim all strips."""
+
+    brightness: Fraction
+
+
+class SetYawOrigin(Query):
+    """Turn a person's IMU so that it reads `yaw_rad` now."""
+
+    yaw_rad: float = 0.0
+
+
+class Done(Reply):
+    """It was done."""

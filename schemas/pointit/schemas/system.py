@@ -1,0 +1,65 @@
+"""What services say about themselves: time, health, what should be running."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pointit.schemas.base import Message, Part
+
+
+class ClockTick(Message):
+    """Simulated time: at wall time `stamp_ns` it was `sim_ns`, and it runs `speed` times as fast."""
+
+    sim_ns: Annotated[int, Field(ge=0)]
+    speed: Annotated[float, Field(gt=0, le=100)] = 1.0
+
+
+class KeyHealth(Part):
+    """Traffic of one service on one topic over the last second."""
+
+    key: str
+    direction: Literal["in", "out"]
+    rate_hz: Annotated[float, Field(ge=0)]
+    age_s: Annotated[float | None, Field(description="since the newest; empty when there was none")] = None
+    dropped: Annotated[int, Field(ge=0, description="conflated or overflowed, since the start")] = 0
+    lost: Annotated[int, Field(ge=0, description="events that never arrived, since the start")] = 0
+    invalid: Annotated[int, Field(ge=0, description="did not decode or validate, since the start")] = 0
+
+
+class Quantiles(Part):
+    """Median and 99th percentile, seconds, over the last second."""
+
+    p50_s: float
+    p99_s: float
+
+
+class Health(Message):
+    """One service's own account, once a second."""
+
+    service: str
+    instance: str
+    pid: Annotated[int, Field(ge=0)]
+    host: str = ""
+    user: str = ""
+    uptime_s: Annotated[float, Field(ge=0)] = 0.0
+    keys: tuple[KeyHealth, ...] = ()
+    step: Annotated[Quantiles | None, Field(description="time spent in its handlers")] = None
+    latency: Annotated[Quantiles | None, Field(description="from capture to its output")] = None
+    errors: Annotated[int, Field(ge=0, description="handlers that raised, since the start")] = 0
+    status: Literal["ok", "degraded"] = "ok"
+    warnings: Annotated[tuple[str, ...], Field(description="what is wrong and what to do")] = ()
+
+
+class ExpectedService(Part):
+    """A service that should be running, and the command that starts it again."""
+
+    service: str
+    user: str = ""
+    command: tuple[str, ...] = ()
+
+
+class Deployment(Message):
+    """What `pointit run` or `pointit user` started; lets `doctor` tell what is missing."""
+
+    name: Annotated[str, Field(description="the scenario, or the user")]
+    services: tuple[ExpectedService, ...] = ()

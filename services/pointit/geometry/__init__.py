@@ -1,0 +1,1 @@
+"""Pure maths on numpy and scipy: rotations, rays, polylines."""

@@ -1,0 +1,51 @@
+"""What running services share: bus, clock, configuration, logs, health, life and end."""
+
+from pointit.runtime.bus import Bus, Closable, Publisher, Subscription, Traffic
+from pointit.runtime.clock import NS_PER_S, Clock, SimulatedClock, SiteClock, WallClock, sleep, ticks
+from pointit.runtime.config import Config
+from pointit.runtime.errors import (
+    BusClosedError,
+    BusError,
+    ConfigError,
+    ConnectError,
+    ListenError,
+    NoAnswerError,
+    PointItError,
+    RefusedError,
+    RequestError,
+)
+from pointit.runtime.memory_bus import Exchange, MemoryBus
+from pointit.runtime.service import AnyService, Context, Launch, Service, run_service, run_services
+
+__all__ = [
+    "NS_PER_S",
+    "AnyService",
+    "Bus",
+    "BusClosedError",
+    "BusError",
+    "Clock",
+    "Closable",
+    "Config",
+    "ConfigError",
+    "ConnectError",
+    "Context",
+    "Exchange",
+    "Launch",
+    "ListenError",
+    "MemoryBus",
+    "NoAnswerError",
+    "PointItError",
+    "Publisher",
+    "RefusedError",
+    "RequestError",
+    "Service",
+    "SimulatedClock",
+    "SiteClock",
+    "Subscription",
+    "Traffic",
+    "WallClock",
+    "run_service",
+    "run_services",
+    "sleep",
+    "ticks",
+]

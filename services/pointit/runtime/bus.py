@@ -1,0 +1,119 @@
+"""The bus as services see it: typed topics, requests and presence; two implementations pass one suite.
+
+All handlers run in the event loop that opened the bus, one at a time, never from within `put`.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from pointit.schemas.base import Message, Query, Reply
+from pointit.schemas.topics import ANY, Presence, Request, Topic
+
+M = TypeVar("M", bound=Message)
+M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+EVENT_CAPACITY = 1024
+"""Events a reader may lag behind before the oldest are dropped, counted and reported."""
+
+REQUEST_TIMEOUT_S = 2.0
+"""How long a caller waits for a reply unless told otherwise."""
+
+Handler = Callable[[M, str], None]
+"""Takes a message and what stands for the key's placeholder (empty where there is none)."""
+
+Server = Callable[[Q, str], Awaitable[R]]
+"""Takes a query and the placeholder's name; raises `RefusedError` with a sentence to refuse."""
+
+
+@dataclass(slots=True)
+class Traffic:
+    """What a subscription has seen since it began."""
+
+    received: int = 0
+    dropped: int = 0
+    """Conflated (latest, state) or overflowed (event)."""
+    lost: int = 0
+    """Events that a remote writer sent and that never arrived."""
+    invalid: int = 0
+    """Bytes that were not the message of their key."""
+    errors: int = 0
+    """Handlers that raised."""
+
+
+class Closable(Protocol):
+    """Anything a bus hands out; closing twice is allowed, and closing the bus closes it."""
+
+    def close(self) -> None:
+        """Undeclare; no handler runs afterwards."""
+        ...
+
+
+class Publisher(Closable, Protocol[M_contra]):
+    """Writes one key."""
+
+    def put(self, message: M_contra) -> None:
+        """Send `message`; returns at once, never blocks on readers.
+
+        Raises:
+            BusClosedError: the publisher or its bus is closed.
+        """
+        ...
+
+
+class Subscription(Closable, Protocol):
+    """Reads one topic."""
+
+    @property
+    def traffic(self) -> Traffic:
+        """Return the live counters."""
+        ...
+
+
+class Bus(Protocol):
+    """Publish, subscribe, ask, serve, be present."""
+
+    def publisher(self, topic: Topic[M], name: str = "") -> Publisher[M]:
+        """Declare a writer of the key `topic.at(name)`; declare once, put often."""
+        ...
+
+    def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
+        """Call `handler(message, name)` for what arrives on `topic` (of one `name`, or of all).
+
+        *latest* and *state* keep the newest a key until handled; *event* keeps `EVENT_CAPACITY` in order.
+        A reader of *state* gets the last value at once, when a writer that has put one is there.
+        """
+        ...
+
+    def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
+        """Answer `request` (of one `name`, or of all)."""
+        ...
+
+    async def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply.
+
+        Raises:
+            RefusedError: the server says why not.
+            NoAnswerError: nobody serves it, or not within `timeout_s`.
+        """
+        ...
+
+    def announce(self, presence: Presence, name: str) -> Closable:
+        """Be present under `name` until closed, or until this process dies."""
+        ...
+
+    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
+        """Call `handler(name, present)` for everyone present now, and on every change."""
+        ...
+
+    async def close(self) -> None:
+        """Close everything that was declared through this bus; no handler runs afterwards."""
+        ...
+
+
+AnyTopic = Topic[Any]
+"""A row of the table, whatever its message."""

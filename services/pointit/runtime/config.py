@@ -1,0 +1,173 @@
+"""Configuration: one pydantic tree per service, filled from YAML, environment and command line.
+
+Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variables, options.
+"""
+
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import explain
+
+C = TypeVar("C", bound="Config")
+
+
+class Config(BaseModel):
+    """Base of every configuration: frozen, and a field that does not exist is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One parameter of a configuration tree."""
+
+    path: tuple[str, ...]
+    field: FieldInfo
+
+    @property
+    def option(self) -> str:
+        """Return the command-line option, `--body.arm-m`."""
+        return "--" + ".".join(self.path).replace("_", "-")
+
+    @property
+    def default(self) -> str:
+        """Return the default as text."""
+        value: Any = self.field.get_default(call_default_factory=True)
+        if value is PydanticUndefined:
+            return "required"
+        if isinstance(value, BaseModel):
+            return str(value.model_dump(mode="json"))
+        return str(list(value) if isinstance(value, tuple) else value)
+
+    @property
+    def type_name(self) -> str:
+        """Return the type for people: `float`, `text`, `one of a, b`."""
+        return _type_name(self.field.annotation)
+
+
+def leaves(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[Leaf]:
+    """Yield the parameters of `kind`, nested trees flattened."""
+    for name, field in kind.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            yield from leaves(annotation, (*prefix, name))
+        else:
+            yield Leaf((*prefix, name), field)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the mapping in a YAML file.
+
+    Raises:
+        ConfigError: it cannot be read, is not YAML, or is not a mapping.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or error
+        raise ConfigError(f"{path}: is not YAML{where} ({problem})") from error
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: a mapping of names to values was expected, got {type(data).__name__}")
+    return {str(key): value for key, value in data.items()}
+
+
+class Layers:
+    """Values from several sources, the later ones on top, each remembered with where it came from."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+        self._sources: dict[tuple[str, ...], str] = {}
+
+    def add(self, values: Mapping[str, Any], source: str) -> None:
+        """Lay `values` on top; mappings are merged, everything else is replaced."""
+        self._merge(self.values, values, (), source)
+
+    def add_text(self, path: Sequence[str], text: str, source: str) -> None:
+        """Lay one value on top, given as YAML text (`0.5`, `[1, 2]`, `red`)."""
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"{source}: is not a value ({text!r})") from error
+        nested: Any = value
+        for name in reversed(path):
+            nested = {name: nested}
+        self.add(nested, source)
+
+    def add_environment(self, environment: Mapping[str, str], prefix: str) -> None:
+        """Lay variables `<prefix>A__B` on top as `a.b`."""
+        for variable, text in sorted(environment.items()):
+            if variable.startswith(prefix):
+                path = variable[len(prefix) :].lower().split("__")
+                self.add_text(path, text, f"variable {variable}")
+
+    def build(self, kind: type[C]) -> C:
+        """Return the configuration.
+
+        Raises:
+            ConfigError: names the source, the field, the value and what is wrong with it.
+        """
+        try:
+            return kind.model_validate(self.values)
+        except ValidationError as error:
+            loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
+            raise ConfigError(f"{self._source_of(loc)}: {explain(error)}") from error
+
+    def _merge(
+        self, into: dict[str, Any], values: Mapping[str, Any], path: tuple[str, ...], source: str
+    ) -> None:
+        for raw, value in values.items():
+            key = str(raw)
+            here = (*path, key)
+            self._sources[here] = source
+            current = into.get(key)
+            if isinstance(value, Mapping) and isinstance(current, dict):
+                self._merge(current, typing.cast("Mapping[str, Any]", value), here, source)
+            elif isinstance(value, Mapping):
+                fresh: dict[str, Any] = {}
+                into[key] = fresh
+                self._merge(fresh, typing.cast("Mapping[str, Any]", value), here, source)
+            else:
+                into[key] = value
+
+    def _source_of(self, loc: tuple[str, ...]) -> str:
+        for length in range(len(loc), 0, -1):
+            source = self._sources.get(loc[:length])
+            if source is not None:
+                return source
+        return "configuration"
+
+
+def _type_name(annotation: Any) -> str:
+    origin = typing.get_origin(annotation)
+    if origin is typing.Annotated:
+        return _type_name(typing.get_args(annotation)[0])
+    if origin is typing.Literal:
+        return "one of " + ", ".join(str(value) for value in typing.get_args(annotation))
+    if origin in (typing.Union, types.UnionType):
+        kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
+        return " or ".join(_type_name(kind) for kind in kinds)
+    if origin is tuple:
+        inner = [arg for arg in typing.get_args(annotation) if arg is not Ellipsis]
+        return "list of " + _type_name(inner[0]) if inner else "list"
+    if origin is dict:
+        key, value = typing.get_args(annotation)
+        return f"mapping of {_type_name(key)} to {_type_name(value)}"
+    if annotation is str:
+        return "text"
+    return getattr(annotation, "__name__", str(annotation))

@@ -1,0 +1,228 @@
+"""A service's account of itself: its traffic, its times, its warnings, measured where it meets the bus."""
+
+import os
+import socket
+import time
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from pointit.runtime.bus import (
+    REQUEST_TIMEOUT_S,
+    AnyTopic,
+    Bus,
+    Closable,
+    Handler,
+    Publisher,
+    Server,
+    Subscription,
+    Traffic,
+)
+from pointit.runtime.clock import NS_PER_S, Clock
+from pointit.schemas import Health, KeyHealth, Message, Quantiles, Query, Reply
+from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+SAMPLES = 4096
+"""Times kept between two reports; the oldest give way."""
+
+
+class _Times:
+    """Durations between two reports, a ring of fixed size."""
+
+    def __init__(self) -> None:
+        self._values = [0.0] * SAMPLES
+        self._count = 0
+
+    def add(self, value_s: float) -> None:
+        self._values[self._count % SAMPLES] = value_s
+        self._count += 1
+
+    def take(self) -> Quantiles | None:
+        values = sorted(self._values[: min(self._count, SAMPLES)])
+        self._count = 0
+        if not values:
+            return None
+        last = len(values) - 1
+        return Quantiles(p50_s=values[last // 2], p99_s=values[int(last * 0.99)])
+
+
+class _Meter:
+    """One topic in one direction."""
+
+    def __init__(self, topic: AnyTopic) -> None:
+        self.topic = topic
+        self.count = 0
+        self.newest_s: float | None = None
+        self.traffics: list[Traffic] = []
+
+    def mark(self, now_s: float) -> None:
+        self.count += 1
+        self.newest_s = now_s
+
+    def total(self, counter: str) -> int:
+        return sum(getattr(traffic, counter) for traffic in self.traffics)
+
+
+class MeteredPublisher(Generic[M]):
+    """Counts what goes out, and for *latest* how old the captured data are by then."""
+
+    def __init__(self, inner: Publisher[M], meter: _Meter, latency: _Times, clock: Clock) -> None:
+        self._inner = inner
+        self._meter = meter
+        self._latency = latency
+        self._clock = clock
+        self._timed = meter.topic.delivery is Delivery.LATEST
+
+    def put(self, message: M) -> None:
+        """Send `message`."""
+        self._inner.put(message)
+        self._meter.mark(time.monotonic())
+        if self._timed:
+            clock = self._clock
+            self._latency.add((clock.now_ns() - message.stamp_ns) / NS_PER_S / clock.speed)
+
+    def close(self) -> None:
+        """Undeclare."""
+        self._inner.close()
+
+
+class ServiceBus:
+    """A service's own view of the bus: measured, and closed with the service."""
+
+    def __init__(self, bus: Bus, clock: Clock, service: str, instance: str, user: str = "") -> None:
+        self._bus = bus
+        self._clock = clock
+        self._service = service
+        self._instance = instance
+        self._user = user
+        self._began_s = self._reported_s = time.monotonic()
+        self._meters: dict[tuple[str, str], _Meter] = {}
+        self._steps = _Times()
+        self._latency = _Times()
+        self._declared: list[Closable] = []
+        self._warnings: dict[str, str] = {}
+        self._seq = 0
+        self.served: set[str] = set()
+        """Keys of the requests this service answers."""
+
+    @property
+    def reads(self) -> set[str]:
+        """Return the keys of the topics that are read."""
+        return {key for key, direction in self._meters if direction == "in"}
+
+    @property
+    def writes(self) -> set[str]:
+        """Return the keys of the topics that are written."""
+        return {key for key, direction in self._meters if direction == "out"}
+
+    def publisher(self, topic: Topic[M], name: str = "") -> Publisher[M]:
+        """Declare a writer of `topic.at(name)`."""
+        inner = self._bus.publisher(topic, name)
+        self._declared.append(inner)
+        return MeteredPublisher(inner, self._meter(topic, "out"), self._latency, self._clock)
+
+    def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
+        """Call `handler(message, name)` for what arrives."""
+        meter = self._meter(topic, "in")
+        steps = self._steps
+
+        def timed(message: M, key_name: str) -> None:
+            began_s = time.monotonic()
+            meter.mark(began_s)
+            handler(message, key_name)
+            steps.add(time.monotonic() - began_s)
+
+        subscription = self._bus.subscribe(topic, timed, name)
+        meter.traffics.append(subscription.traffic)
+        self._declared.append(subscription)
+        return subscription
+
+    def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
+        """Answer `request`."""
+        self.served.add(request.key)
+        served = self._bus.serve(request, server, name)
+        self._declared.append(served)
+        return served
+
+    async def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply of whoever serves `request`."""
+        return await self._bus.call(request, query, name, timeout_s=timeout_s)
+
+    def announce(self, presence: Presence, name: str) -> Closable:
+        """Be present under `name` until closed."""
+        token = self._bus.announce(presence, name)
+        self._declared.append(token)
+        return token
+
+    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
+        """Call `handler(name, present)` now and on every change."""
+        watching = self._bus.watch(presence, handler)
+        self._declared.append(watching)
+        return watching
+
+    async def close(self) -> None:
+        """Undeclare everything of this service; the bus itself goes on."""
+        for declared in reversed(self._declared):
+            declared.close()
+        self._declared.clear()
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`."""
+        self._warnings[topic] = sentence
+
+    def clear(self, topic: str) -> None:
+        """Take the warning about `topic` back."""
+        self._warnings.pop(topic, None)
+
+    def report(self) -> Health:
+        """Return the account of the time since the last report."""
+        now_s = time.monotonic()
+        span_s = max(now_s - self._reported_s, 1e-3)
+        self._reported_s = now_s
+        keys: list[KeyHealth] = []
+        errors = 0
+        for (key, direction), meter in self._meters.items():
+            errors += meter.total("errors")
+            keys.append(
+                KeyHealth(
+                    key=key,
+                    direction="in" if direction == "in" else "out",
+                    rate_hz=meter.count / span_s,
+                    age_s=None if meter.newest_s is None else now_s - meter.newest_s,
+                    dropped=meter.total("dropped"),
+                    lost=meter.total("lost"),
+                    invalid=meter.total("invalid"),
+                )
+            )
+            meter.count = 0
+        self._seq += 1
+        return Health(
+            stamp_ns=time.time_ns(),
+            seq=self._seq,
+            service=self._service,
+            instance=self._instance,
+            user=self._user,
+            pid=os.getpid(),
+            host=socket.gethostname(),
+            uptime_s=now_s - self._began_s,
+            keys=tuple(keys),
+            step=self._steps.take(),
+            latency=self._latency.take(),
+            errors=errors,
+            status="degraded" if self._warnings else "ok",
+            warnings=tuple(self._warnings.values()),
+        )
+
+    def health_publisher(self) -> Publisher[Health]:
+        """Declare the writer of this service's health."""
+        publisher = self._bus.publisher(HEALTH, self._instance)
+        self._declared.append(publisher)
+        return publisher
+
+    def _meter(self, topic: Topic[Any], direction: str) -> _Meter:
+        return self._meters.setdefault((topic.key, direction), _Meter(topic))

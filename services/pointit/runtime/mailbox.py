@@ -1,0 +1,161 @@
+"""Between arrival and handling: buffers that never grow, and the one wake-up that drains them.
+
+Items may arrive on any thread; they are conflated or queued before anything is decoded, and handled in
+the event loop. A chain of services on one loop is drained in one wake-up.
+"""
+
+import asyncio
+import collections
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from pointit.runtime.bus import EVENT_CAPACITY, AnyTopic, Traffic
+from pointit.schemas import DecodeError, Message
+from pointit.schemas.topics import Delivery
+
+log = logging.getLogger(__name__)
+
+MAX_ROUNDS = 16
+"""Hops of a chain handled in one wake-up before other tasks of the loop get their turn."""
+
+LOG_PERIOD_S = 1.0
+"""At most one log line per subscription and kind of trouble in this time."""
+
+
+class Dispatcher:
+    """Drains marked mailboxes in its event loop, with one wake-up for all of them."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
+        self._ready: collections.deque[Mailbox] = collections.deque()
+        self._awake = False
+        self._closed = False
+
+    def mark(self, mailbox: "Mailbox") -> None:
+        """Have `mailbox` drained soon; from any thread."""
+        self._ready.append(mailbox)
+        if not self._awake:
+            self._awake = True
+            self._schedule()
+
+    def close(self) -> None:
+        """Drain nothing any more."""
+        self._closed = True
+        self._ready.clear()
+
+    def _schedule(self) -> None:
+        if threading.get_ident() == self._thread:
+            self._loop.call_soon(self._wake)
+            return
+        try:
+            self._loop.call_soon_threadsafe(self._wake)
+        except RuntimeError:  # the loop is closed: a late callback of a foreign thread
+            self._closed = True
+
+    def _wake(self) -> None:
+        for _ in range(MAX_ROUNDS):
+            count = len(self._ready)
+            if not count:
+                break
+            for _ in range(count):
+                if self._closed:
+                    return
+                self._ready.popleft().drain()
+        # A thread that marked between the last look and this line saw us awake: look again afterwards.
+        self._awake = False
+        if self._ready:
+            self._awake = True
+            self._schedule()
+
+
+class Mailbox:
+    """One subscription's buffer: the newest per name, or for events the newest `EVENT_CAPACITY` in order."""
+
+    def __init__(
+        self,
+        topic: AnyTopic,
+        handler: Callable[[Any, str], None],
+        dispatcher: Dispatcher,
+        unpack: Callable[[Any], Message] | None = None,
+    ) -> None:
+        """Make a buffer for `topic`; `unpack` turns foreign items into messages, in the loop."""
+        self.topic = topic
+        self.traffic = Traffic()
+        self._handler = handler
+        self._dispatcher = dispatcher
+        self._unpack = unpack
+        self._lock = threading.Lock()
+        self._marked = False
+        self._closed = False
+        self._keeps_newest = topic.delivery is not Delivery.EVENT
+        self._newest: dict[str, Any] = {}
+        self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
+        self._last_log_s = {"invalid": -LOG_PERIOD_S, "error": -LOG_PERIOD_S, "overflow": -LOG_PERIOD_S}
+
+    def offer(self, name: str, item: Any) -> None:
+        """Take `item`; from any thread, never blocks, never raises."""
+        if self._closed:
+            return
+        with self._lock:
+            self.traffic.received += 1
+            if self._keeps_newest:
+                if name in self._newest:
+                    self.traffic.dropped += 1
+                self._newest[name] = item
+            else:
+                if len(self._queue) == EVENT_CAPACITY:
+                    self.traffic.dropped += 1
+                self._queue.append((name, item))
+            if self._marked:
+                return
+            self._marked = True
+        self._dispatcher.mark(self)
+
+    def drain(self) -> None:
+        """Handle everything that is there; in the loop."""
+        dropped = self.traffic.dropped
+        with self._lock:
+            self._marked = False
+            if self._keeps_newest:
+                batch = list(self._newest.items())
+                self._newest.clear()
+            else:
+                batch = list(self._queue)
+                self._queue.clear()
+        if not self._keeps_newest and dropped and self._may_log("overflow"):
+            log.warning("%s: reader too slow, %d events lost so far", self.topic.key, dropped)
+        for name, item in batch:
+            if self._closed:
+                return
+            message = item if isinstance(item, Message) else self._open(item)
+            if message is None:
+                continue
+            try:
+                self._handler(message, name)
+            except Exception:  # a handler's fault must not stop the others: counted, shown in health, logged
+                self.traffic.errors += 1
+                if self._may_log("error"):
+                    log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
+
+    def close(self) -> None:
+        """Handle nothing any more."""
+        self._closed = True
+
+    def _open(self, item: Any) -> Message | None:
+        try:
+            return self._unpack(item) if self._unpack else None
+        except DecodeError as error:
+            self.traffic.invalid += 1
+            if self._may_log("invalid"):
+                log.warning("%s: dropped, %s (%d so far)", self.topic.key, error, self.traffic.invalid)
+            return None
+
+    def _may_log(self, what: str) -> bool:
+        now = asyncio.get_running_loop().time()
+        if now - self._last_log_s[what] < LOG_PERIOD_S:
+            return False
+        self._last_log_s[what] = now
+        return True

@@ -1,0 +1,230 @@
+"""A process around services: options, the session, signals, the exit code."""
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from pointit.runtime.clock import Clock, SiteClock, WallClock
+from pointit.runtime.config import Config, Layers, leaves, read_yaml
+from pointit.runtime.errors import BusError, ConfigError, PointItError
+from pointit.runtime.log import setup_logging
+from pointit.runtime.service import AnyService, Launch, run_services
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.schemas import SchemaError
+
+log = logging.getLogger(__name__)
+
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+SWITCH_INTERVAL_S = 0.0005
+"""Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
+
+
+def main(service: type[AnyService]) -> NoReturn:
+    """Run `service` as a process of its own: what every `__main__.py` calls."""
+    run_command(service_command(service))
+
+
+def run_command(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
+    """Run a click command; errors become one sentence and an exit code, never a traceback."""
+    try:
+        result = command.main(args=arguments, standalone_mode=False)
+    except click.exceptions.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (ConfigError, SchemaError) as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(EXIT_USAGE)
+    except (PointItError, BusError) as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(EXIT_FAILED)
+    sys.exit(result if isinstance(result, int) else 0)
+
+
+def service_command(service: type[AnyService]) -> click.Command:
+    """Return the command that runs `service`, with one option for each of its parameters."""
+    kind = service.CONFIG
+
+    def callback(**options: Any) -> int:
+        setup_logging(options["log_level"])
+        user: str = options.get("user") or ""
+        config = load_config(
+            service,
+            [options["config"]] if options["config"] else [],
+            {leaf.path: options[_parameter(leaf.path)] for leaf in leaves(kind)},
+        )
+        link = Link(site=options["site"], connect=tuple(options["connect"]), listen=tuple(options["listen"]))
+        launch = Launch(service=service, config=config, user=user)
+        return run_async(_serve(launch, link, follow=options["clock"] == "site"))
+
+    parameters: list[click.Parameter] = [
+        click.Option(
+            ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
+        ),
+        *link_options(),
+        click.Option(
+            ["--clock"],
+            type=click.Choice(["wall", "site"]),
+            default="wall",
+            show_default=True,
+            help="wall time, or the simulated time that the site publishes",
+        ),
+        log_option(),
+    ]
+    if service.SCOPE == "user":
+        parameters.insert(
+            0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
+        )
+    for leaf in leaves(kind):
+        description = leaf.field.description or ""
+        parameters.append(
+            click.Option(
+                [_parameter(leaf.path), leaf.option],
+                metavar=f"<{leaf.type_name}>",
+                help=f"{description}  [default: {leaf.default}]",
+            )
+        )
+    about = (service.__doc__ or "").strip()
+    prefix = environment_prefix(service.NAME)
+    note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
+    return click.Command(service.NAME, callback=callback, params=parameters, help=f"{about}\n\n{note}")
+
+
+def load_config(
+    service: type[AnyService], files: list[Path], options: dict[tuple[str, ...], str | None]
+) -> Config:
+    """Return the configuration of `service` from files, environment and options.
+
+    Raises:
+        ConfigError: names source, field and value.
+    """
+    layers = Layers()
+    for file in files:
+        layers.add(read_yaml(file), str(file))
+    layers.add_environment(os.environ, environment_prefix(service.NAME))
+    for path, text in options.items():
+        if text is not None:
+            layers.add_text(path, text, "--" + ".".join(path).replace("_", "-"))
+    return layers.build(service.CONFIG)
+
+
+def environment_prefix(service_name: str) -> str:
+    """Return how variables of a service begin: `POINTIT_LED_DRIVER__`."""
+    return f"POINTIT_{service_name.upper().replace('-', '_')}__"
+
+
+def link_options() -> list[click.Parameter]:
+    """Return the options that say how a command joins the network."""
+    return [
+        click.Option(["--site"], default=DEFAULT_SITE, show_default=True, help="name of the site"),
+        click.Option(
+            ["--connect"],
+            multiple=True,
+            default=(DEFAULT_ENDPOINT,),
+            show_default=True,
+            help="address of a `pointit run` or `pointit router`",
+        ),
+        click.Option(["--listen"], multiple=True, help="listen here instead of connecting"),
+    ]
+
+
+def log_option() -> click.Option:
+    """Return the option for the log level."""
+    return click.Option(
+        ["--log-level"],
+        type=click.Choice(["debug", "info", "warning", "error"]),
+        default="info",
+        show_default=True,
+        help="what to log",
+    )
+
+
+def run_async(work: Coroutine[Any, Any, int]) -> int:
+    """Run `work` until it ends or Ctrl-C or SIGTERM ask for it; return its exit code.
+
+    A signal cancels the work; having been asked to end is not a failure: 0.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    return asyncio.run(_until_signal(work))
+
+
+async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
+    loop = asyncio.get_running_loop()
+    task = loop.create_task(work, name="main")
+    asked = False
+
+    def ask() -> None:
+        nonlocal asked
+        asked = True
+        task.cancel()
+
+    with _signals(loop, ask):
+        try:
+            return await task
+        except asyncio.CancelledError:
+            if not asked:
+                raise
+            return 0
+        except BaseExceptionGroup as group:
+            raise _first_cause(group) from group
+
+
+def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """Return the error to tell the person: a sentence of ours if there is one."""
+    flat: list[BaseException] = []
+    stack: list[BaseException] = [group]
+    while stack:
+        error = stack.pop()
+        if isinstance(error, BaseExceptionGroup):
+            stack.extend(reversed(error.exceptions))
+        else:
+            flat.append(error)
+    for error in flat:
+        if isinstance(error, PointItError | SchemaError):
+            return error
+    return flat[0]
+
+
+@contextlib.contextmanager
+def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Any:
+    """Have SIGINT and SIGTERM call `ask` in the loop."""
+    wanted = (signal.SIGINT, signal.SIGTERM)
+    try:
+        for number in wanted:
+            loop.add_signal_handler(number, ask)
+    except NotImplementedError:  # Windows: asyncio.run turns Ctrl-C into a cancellation by itself
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number in wanted:
+            loop.remove_signal_handler(number)
+
+
+async def _serve(launch: Launch, link: Link, *, follow: bool) -> int:
+    if link.listen:
+        link = Link(site=link.site, listen=link.listen)
+    bus = await ZenohBus.open(link)
+    clock: Clock = SiteClock(bus) if follow else WallClock()
+    try:
+        log.info("%s of site %s runs", launch.instance, link.site)
+        await run_services([launch], bus, clock)
+    finally:
+        await bus.close()
+    return 0
+
+
+def _parameter(path: tuple[str, ...]) -> str:
+    return "set_" + "__".join(path)

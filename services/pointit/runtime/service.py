@@ -1,0 +1,109 @@
+"""What a service is, and how one or many of them live and end together."""
+
+import asyncio
+import logging
+from abc import ABC
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Literal, TypeVar
+
+from pointit.runtime.bus import Bus
+from pointit.runtime.clock import Clock
+from pointit.runtime.config import Config
+from pointit.runtime.health import ServiceBus
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, check_name
+
+log = logging.getLogger(__name__)
+
+C = TypeVar("C", bound=Config)
+Scope = Literal["site", "user"]
+
+HEALTH_PERIOD_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """What a service gets from its surroundings."""
+
+    bus: ServiceBus
+    clock: Clock
+    user: str = ""
+    """Whose service it is; empty for a service that all share."""
+
+
+class Service(ABC, Generic[C]):
+    """A process: subscribes, calls its pure core, publishes.
+
+    The constructor declares everything on the bus and puts the first states; `run` holds what must go on
+    in time. Both run in the event loop.
+    """
+
+    NAME: ClassVar[str]
+    """As in the registry, `led-driver`."""
+    SCOPE: ClassVar[Scope]
+    """One for all (`site`) or one per person (`user`)."""
+    CONFIG: ClassVar[type[Config]]
+
+    def __init__(self, config: C, context: Context) -> None:
+        """Keep both; subclasses declare their publishers first and their subscriptions last."""
+        self.config = config
+        self.bus = context.bus
+        self.clock = context.clock
+        self.user = context.user
+
+    async def run(self) -> None:
+        """Go on until cancelled; services that only react need not override it."""
+        await asyncio.Event().wait()
+
+
+AnyService = Service[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Launch:
+    """A service to start, with its configuration and its person."""
+
+    service: type[AnyService]
+    config: Config
+    user: str = ""
+
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present: `selector`, `pointing.anna`."""
+        return f"{self.service.NAME}.{self.user}" if self.user else self.service.NAME
+
+
+async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
+    """Run one service until cancelled; whatever it raises ends it and is raised here."""
+    kind = launch.service
+    if launch.user:
+        check_name(launch.user, "user")
+    view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
+    try:
+        service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user))
+        health = view.health_publisher()
+        view.announce(SERVICE_ALIVE, launch.instance)
+        if launch.user:
+            view.announce(USER_ALIVE, launch.user)
+        log.debug("%s started", launch.instance)
+        async with asyncio.TaskGroup() as group:
+            work = group.create_task(service.run(), name=launch.instance)
+            report = group.create_task(_report(view, health), name=f"{launch.instance} health")
+            await asyncio.wait({work, report}, return_when=asyncio.FIRST_COMPLETED)
+            report.cancel()
+    finally:
+        await view.close()
+        log.debug("%s ended", launch.instance)
+
+
+async def _report(view: ServiceBus, health: Any) -> None:
+    while True:
+        health.put(view.report())
+        await asyncio.sleep(HEALTH_PERIOD_S)
+
+
+async def run_services(launches: Sequence[Launch], bus: Bus, clock: Clock) -> None:
+    """Run services side by side until cancelled; when one fails, all end and its error is raised."""
+    async with asyncio.TaskGroup() as group:
+        for launch in launches:
+            group.create_task(run_service(launch, bus, clock), name=f"service {launch.instance}")

@@ -1,0 +1,191 @@
+"""Opening and watching the one Zenoh session of a process."""
+
+import asyncio
+import json
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from pointit.runtime.errors import ConnectError, ListenError
+
+log = logging.getLogger(__name__)
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where `pointit run` listens and every other command looks, on this machine only."""
+
+DEFAULT_SITE = "lab"
+
+OPEN_RETRY_S = 0.5
+LEASE_MS = 3000
+"""A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """How a process joins the network: it listens and relays for its clients, or connects, or neither."""
+
+    site: str = DEFAULT_SITE
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    router: bool = False
+    """Route for everybody, without being a member of the site."""
+
+
+def configuration(link: Link) -> zenoh.Config:
+    """Return Zenoh's configuration for `link`.
+
+    Who connects is a client: peers do not relay for peers, and gossip would pass by access rules.
+
+    Raises:
+        ConnectError: an endpoint is not one.
+    """
+    config = zenoh.Config()
+    if link.router:
+        mode = "router"
+    elif link.connect:
+        mode = "client"
+    else:
+        mode = "peer"
+    settings: dict[str, Any] = {
+        "mode": mode,
+        "listen/endpoints": list(link.listen),
+        "connect/endpoints": list(link.connect),
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "timestamping/enabled": True,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+    }
+    if mode == "client":
+        settings["connect/timeout_ms"] = 1000
+    else:
+        settings["scouting/delay"] = 0
+    if not link.router:
+        settings["namespace"] = f"pointit/{link.site}"
+    for key, value in settings.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ConnectError(
+                f"Zenoh does not take {key} = {json.dumps(value)}: {error}; "
+                "an endpoint looks like tcp/127.0.0.1:7447"
+            ) from error
+    return config
+
+
+async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.Session:
+    """Return an open session.
+
+    `zenoh.open` ignores signals while it blocks, so it runs in a thread of its own with a short time-out,
+    and is tried again: for `patience_s`, or for ever (said once).
+
+    Raises:
+        ListenError: the address to listen on is taken.
+        ConnectError: nobody answered within `patience_s`.
+    """
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    told = False
+    config = configuration(link)
+    while True:
+        try:
+            session = await _open_in_thread(config)
+        except zenoh.ZError as error:
+            if not link.connect:
+                where = ", ".join(link.listen)
+                raise ListenError(
+                    f"cannot listen on {where}: {_short(error)}; another PointIt may be running there: "
+                    "join it with --connect, or choose another address with --listen"
+                ) from error
+            where = ", ".join(link.connect)
+            if patience_s is not None and loop.time() - began >= patience_s:
+                raise ConnectError(
+                    f"nobody answers at {where}; is `pointit run` or `pointit router` running there?"
+                ) from error
+            if not told:
+                told = True
+                log.warning("nobody answers at %s yet; trying again until somebody does", where)
+            await asyncio.sleep(OPEN_RETRY_S)
+        else:
+            if told:
+                log.info("connected to %s", ", ".join(link.connect))
+            return session
+
+
+async def _open_in_thread(config: zenoh.Config) -> zenoh.Session:
+    """Open in a daemon thread: cancelling neither blocks the exit nor leaves a session open."""
+    loop = asyncio.get_running_loop()
+    future: asyncio.Future[zenoh.Session] = loop.create_future()
+
+    def settle(session: zenoh.Session | None, error: Exception | None) -> None:
+        if future.done():
+            if session is not None:
+                session.close()
+        elif session is not None:
+            future.set_result(session)
+        elif error is not None:
+            future.set_exception(error)
+
+    def work() -> None:
+        session: zenoh.Session | None = None
+        failure: Exception | None = None
+        try:
+            session = zenoh.open(config)
+        except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
+            failure = error
+        try:
+            loop.call_soon_threadsafe(settle, session, failure)
+        except RuntimeError:  # the loop is gone
+            if session is not None:
+                session.close()
+
+    threading.Thread(target=work, name="zenoh-open", daemon=True).start()
+    return await future
+
+
+class LinkWatch:
+    """Says once that the link is down and once that it is up again."""
+
+    def __init__(self, session: zenoh.Session, link: Link, on_change: Callable[[bool], None]) -> None:
+        """Watch the transports of `session`; `on_change(up)` runs in the loop. Only clients have a link."""
+        self._loop = asyncio.get_running_loop()
+        self._where = ", ".join(link.connect)
+        self._on_change = on_change
+        self._up = True
+        self._open = True
+        self._listener = session.info.declare_transport_events_listener(
+            zenoh.handlers.Callback(self._event, indirect=False)
+        )
+
+    def close(self) -> None:
+        """Say nothing any more."""
+        if self._open:
+            self._open = False
+            self._listener.undeclare()
+
+    def _event(self, event: zenoh.TransportEvent) -> None:
+        up = event.kind == zenoh.SampleKind.PUT
+        try:
+            self._loop.call_soon_threadsafe(self._tell, up)
+        except RuntimeError:  # the loop is gone
+            self._open = False
+
+    def _tell(self, up: bool) -> None:  # noqa: FBT001
+        if not self._open or up == self._up:
+            return
+        self._up = up
+        if up:
+            log.info("router at %s is back", self._where)
+        else:
+            log.warning("router at %s is lost; trying again until it is back", self._where)
+        self._on_change(up)
+
+
+def _short(error: Exception) -> str:
+    """Return the innermost reason of a Zenoh error."""
+    return str(error).split(" at ")[0].rstrip(".")

@@ -1,0 +1,1 @@
+"""The world without a bus: recordings read back."""

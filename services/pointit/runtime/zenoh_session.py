@@ -1,3 +1,5 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
 """Opening and watching the one Zenoh session of a process."""
 
 import asyncio

@@ -1,0 +1,73 @@
+"""Rotations as quaternions (x, y, z, w), scalar last; `world_from_arm` rotates arm vectors into the world."""
+
+import math
+
+from pointit.geometry.vector import Vec3
+
+Quaternion = tuple[float, float, float, float]
+"""x, y, z, w with norm 1."""
+
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the rotation b, then a: world_from_body is world_from_arm times arm_from_body."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def inverse(q: Quaternion) -> Quaternion:
+    """Return the inverse rotation."""
+    return (-q[0], -q[1], -q[2], q[3])
+
+
+def rotate(q: Quaternion, v: Vec3) -> Vec3:
+    """Return `v` rotated by `q`."""
+    x, y, z, w = q
+    tx = 2.0 * (y * v[2] - z * v[1])
+    ty = 2.0 * (z * v[0] - x * v[2])
+    tz = 2.0 * (x * v[1] - y * v[0])
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
+    )
+
+
+def from_axis_angle(axis: Vec3, angle_rad: float) -> Quaternion:
+    """Return the rotation by `angle_rad` about the unit vector `axis`."""
+    s = math.sin(angle_rad / 2.0)
+    return (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(angle_rad / 2.0))
+
+
+def from_yaw(yaw_rad: float) -> Quaternion:
+    """Return the rotation about z."""
+    return from_axis_angle((0.0, 0.0, 1.0), yaw_rad)
+
+
+def from_azimuth_elevation(azimuth_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> Quaternion:
+    """Return the rotation whose x axis has that azimuth and elevation, after `roll_rad` about x."""
+    return multiply(
+        from_yaw(azimuth_rad),
+        multiply(
+            from_axis_angle((0.0, 1.0, 0.0), -elevation_rad), from_axis_angle((1.0, 0.0, 0.0), roll_rad)
+        ),
+    )
+
+
+def normalized(q: Quaternion) -> Quaternion:
+    """Return `q` with norm 1.
+
+    Raises:
+        ValueError: `q` is null.
+    """
+    length = math.sqrt(math.fsum(c * c for c in q))
+    if length == 0.0:
+        raise ValueError("the null quaternion is no rotation")
+    return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)

@@ -1,0 +1,1 @@
+"""Arm orientation and body measures to the pointing ray."""

@@ -1,0 +1,13 @@
+"""Parameters of pointing."""
+
+from pydantic import Field
+
+from pointit.runtime.config import Config
+
+
+class PointingConfig(Config):
+    """When an orientation still makes a ray."""
+
+    stale_after_s: float = Field(
+        default=0.2, gt=0, le=10, description="samples older than this make no ray, s"
+    )

@@ -1,0 +1,38 @@
+"""Reads a person's IMU and profile, writes their ray."""
+
+from typing import ClassVar
+
+from pointit.runtime import Context, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import ImuSample, UserProfile
+from pointit.schemas.topics import IMU, PROFILE, RAY
+from pointit.services.pointing.config import PointingConfig
+from pointit.services.pointing.eye_finger import EyeFinger
+
+
+class Pointing(Service[PointingConfig]):
+    """Turns one person's arm orientation into their pointing ray."""
+
+    NAME: ClassVar[str] = "pointing"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = PointingConfig
+
+    def __init__(self, config: PointingConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._model = EyeFinger(stale_after_s=config.stale_after_s)
+        self._rays = self.bus.publisher(RAY, self.user)
+        self.bus.subscribe(PROFILE, self._on_profile, self.user)
+        self.bus.subscribe(IMU, self._on_imu, self.user)
+
+    def _on_profile(self, profile: UserProfile, _user: str) -> None:
+        self._model.set_profile(profile)
+
+    def _on_imu(self, sample: ImuSample, _user: str) -> None:
+        ray = self._model.ray(sample, self.clock.now_ns())
+        if ray is None:
+            self.bus.warn("stale", f"{self._model.stale} IMU samples came too late or out of order")
+        else:
+            self._rays.put(ray)
+
+
+SERVICE = Pointing

@@ -1,0 +1,133 @@
+"""THE PROCESS TABLE: every process, what it reads, writes and answers.
+
+`pointit list`, the scenarios and the architecture tests come from it; modules are named, not imported, so
+that a process loads only what it needs.
+"""
+
+import importlib
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pointit.schemas import topics
+from pointit.schemas.topics import Request, Topic
+
+
+@dataclass(frozen=True, kw_only=True)
+class Process:
+    """A row of the table."""
+
+    name: str
+    scope: Literal["site", "user"]
+    """One for all, or one per person."""
+    about: str
+    reads: tuple[Topic[Any], ...]
+    writes: tuple[Topic[Any], ...]
+    serves: tuple[Request[Any, Any], ...] = ()
+
+    @property
+    def package(self) -> str:
+        """Return the module that holds it, runnable with `python -m`."""
+        return f"pointit.services.{self.name.replace('-', '_')}"
+
+    def load(self) -> Any:
+        """Return its service class."""
+        return importlib.import_module(f"{self.package}.service").SERVICE
+
+
+PROCESSES: tuple[Process, ...] = (
+    Process(
+        name="imu-bridge",
+        scope="user",
+        about="a wrist's IMU: serial device, recording or simulated movement",
+        reads=(),
+        writes=(topics.IMU, topics.BUTTON),
+        serves=(topics.SET_YAW_ORIGIN,),
+    ),
+    Process(
+        name="pointing",
+        scope="user",
+        about="arm orientation and body measures to the eye-finger ray",
+        reads=(topics.IMU, topics.PROFILE),
+        writes=(topics.RAY,),
+    ),
+    Process(
+        name="localizer",
+        scope="user",
+        about="where the person stands: fixed, by pointing at lamps, or at a moving robot",
+        reads=(topics.RAY, topics.MAP, topics.OBJECTS),
+        writes=(topics.POSE, topics.LOCALIZATION, topics.LAMP_COLOR),
+        serves=(topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION, topics.SET_POSE),
+    ),
+    Process(
+        name="supervisor",
+        scope="user",
+        about="the interaction's life cycle; owns the profile",
+        reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE),
+        writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
+    ),
+    Process(
+        name="user-sim",
+        scope="user",
+        about="a simulated person who reaches for targets and holds",
+        reads=(
+            topics.MAP,
+            topics.OBJECTS,
+            topics.CURSOR,
+            topics.SELECTION,
+            topics.INTERACTION,
+            topics.LOCALIZATION,
+            topics.LAMP_COLOR,
+        ),
+        writes=(topics.IMU, topics.BUTTON),
+    ),
+    Process(
+        name="pui",
+        scope="site",
+        about="rays, poses and the map to cursors",
+        reads=(topics.RAY, topics.POSE, topics.INTERACTION),
+        writes=(topics.MAP, topics.CURSOR),
+    ),
+    Process(
+        name="selector",
+        scope="site",
+        about="cursors that rest on objects to selections",
+        reads=(topics.CURSOR, topics.OBJECTS),
+        writes=(topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK),
+        serves=(topics.CLEAR_SELECTION,),
+    ),
+    Process(
+        name="led-driver",
+        scope="site",
+        about="cursors, objects and selections to the strips' pixels and controllers",
+        reads=(topics.MAP, topics.CURSOR, topics.OBJECTS, topics.HOVER, topics.SELECTION, topics.PROFILE),
+        writes=(topics.STRIPS_FRAME,),
+        serves=(topics.SET_BRIGHTNESS,),
+    ),
+    Process(
+        name="conveyor-sim",
+        scope="site",
+        about="objects that move on belts, or on strips taken as belts",
+        reads=(topics.MAP, topics.SELECTION),
+        writes=(topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS),
+        serves=(topics.ADD_PACKAGE, topics.SET_SPEED, topics.RESET_CONVEYOR),
+    ),
+    Process(
+        name="robot-replay",
+        scope="site",
+        about="the robot of a recording, as a tracker would report it",
+        reads=(),
+        writes=(topics.OBJECTS,),
+    ),
+)
+
+
+def process(name: str) -> Process:
+    """Return the row called `name`.
+
+    Raises:
+        KeyError: there is none; the text lists those there are.
+    """
+    for row in PROCESSES:
+        if row.name == name:
+            return row
+    raise KeyError(f"no service {name!r}; there are {', '.join(row.name for row in PROCESSES)}")

@@ -1,0 +1,97 @@
+"""A bench for one or more services: a bus, a clock that stands still until moved, collected output."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any, TypeVar
+
+from pointit.runtime import AnyService, Bus, Config, Exchange, Launch, MemoryBus, run_service
+from pointit.runtime.clock import Clock
+from pointit.schemas import Message
+from pointit.schemas.topics import ANY, Topic
+
+M = TypeVar("M", bound=Message)
+
+PATIENCE_S = 5.0
+START_NS = 1_700_000_000_000_000_000
+
+
+class ManualClock:
+    """Stands still until `advance`."""
+
+    speed = 1.0
+
+    def __init__(self, start_ns: int = START_NS) -> None:
+        self.time_ns = start_ns
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def advance(self, duration_s: float) -> int:
+        self.time_ns += round(duration_s * 1e9)
+        return self.time_ns
+
+
+async def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S, what: str = "") -> None:
+    """Wait for `condition`; fail, saying `what`, when it does not come true in time."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + patience_s
+    while not condition():
+        if loop.time() > deadline_s:
+            raise AssertionError(f"waited {patience_s} s in vain{': ' + what if what else ''}")
+        await asyncio.sleep(0.002)
+
+
+class Bench:
+    """A participant beside the services under test: puts, collects, asks."""
+
+    def __init__(self, bus: Bus, clock: Clock) -> None:
+        self.bus = bus
+        self.clock = clock
+        self._publishers: dict[tuple[str, str], Any] = {}
+        self._launches: list[asyncio.Task[None]] = []
+
+    def start(self, service: type[AnyService], config: Config | None = None, user: str = "") -> None:
+        """Run `service` in the background until the bench is taken down."""
+        launch = Launch(service=service, config=config or service.CONFIG(), user=user)
+        self._launches.append(asyncio.create_task(run_service(launch, self.bus, self.clock)))
+
+    def put(self, topic: Topic[M], message: M, name: str = "") -> None:
+        key = (topic.key, name)
+        if key not in self._publishers:
+            self._publishers[key] = self.bus.publisher(topic, name)
+        self._publishers[key].put(message)
+
+    def collect(self, topic: Topic[M], name: str = ANY) -> list[M]:
+        """Return a list that grows with what arrives on `topic`."""
+        seen: list[M] = []
+        self.bus.subscribe(topic, lambda message, _name: seen.append(message), name)
+        return seen
+
+    async def settle(self, rounds: int = 10) -> None:
+        """Let everything that is on its way arrive and be handled."""
+        for _ in range(rounds):
+            await asyncio.sleep(0)
+        for launch in self._launches:
+            if launch.done():
+                launch.result()
+
+    async def stop(self) -> None:
+        for launch in self._launches:
+            launch.cancel()
+        results = await asyncio.gather(*self._launches, return_exceptions=True)
+        for result in results:
+            if isinstance(result, BaseException) and not isinstance(result, asyncio.CancelledError):
+                raise result
+
+
+@asynccontextmanager
+async def memory_bench(clock: Clock | None = None) -> AsyncIterator[Bench]:
+    """Yield a bench on a fresh memory bus; fails when a service of it failed."""
+    bus = MemoryBus(Exchange())
+    bench = Bench(bus, clock or ManualClock())
+    try:
+        yield bench
+    finally:
+        await bench.stop()
+        await bus.close()

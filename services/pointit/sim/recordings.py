@@ -1,0 +1,138 @@
+"""Recordings of people: a wrist's orientation over time, and where the robot and the head really were."""
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.runtime.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+UNIT_TOLERANCE = 0.01
+"""How far the norm of a recorded quaternion may be from 1; it is then made 1."""
+
+_TIME = "t"
+_ORIENTATION = ("qx", "qy", "qz", "qw")
+_ROBOT = ("robot_x", "robot_y", "robot_z")
+_HEAD = ("head_x", "head_y", "head_z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuRecording:
+    """A recorded wrist, its time starting at 0, and what motion capture saw beside it."""
+
+    path: Path
+    t_s: Array
+    """n, never falling, the first is 0."""
+    orientation_xyzw: Array
+    """n x 4, norm 1, as recorded: rotates vectors of the *sensor* (not of the arm) into {H}."""
+    robot_m: Array | None = None
+    """n x 3, {W}."""
+    head_m: Array | None = None
+    """n x 3, {W}: the marker on top of the head."""
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time of the last sample."""
+        return float(self.t_s[-1])
+
+
+def read_imu_csv(path: Path) -> ImuRecording:
+    """Return the recording in a CSV file with the columns `t,qw,qx,qy,qz[,robot_x,…][,head_x,…]`.
+
+    Other columns are ignored; the order does not matter.
+
+    Raises:
+        ConfigError: names file, line, column and value: it cannot be read, a column or value is missing, a
+            value is not a finite number, a quaternion is far from norm 1, the time goes backwards, no rows.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = csv.reader(file)
+            header = [name.strip() for name in next(rows, [])]
+            columns = _columns(path, header)
+            values = _values(path, rows, columns)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
+    return _recording(path, columns, values)
+
+
+def _columns(path: Path, header: Sequence[str]) -> dict[str, int]:
+    """Return where the columns that are used stand, in file order."""
+    wanted = [_TIME, *_ORIENTATION]
+    for optional in (_ROBOT, _HEAD):
+        if any(name in header for name in optional):
+            wanted += optional
+    for name in wanted:
+        if name not in header:
+            found = ", ".join(header) or "nothing"
+            raise ConfigError(f"{path}, line 1: column {name!r} is missing, found {found}")
+        if header.count(name) > 1:
+            raise ConfigError(f"{path}, line 1: column {name!r} is there more than once")
+    return {name: header.index(name) for name in wanted}
+
+
+def _values(path: Path, rows: Iterator[list[str]], columns: dict[str, int]) -> list[list[float]]:
+    """Return the numbers of `columns`, row by row, with the line number in front."""
+    line = 1
+    values: list[list[float]] = []
+    for line, row in enumerate(rows, start=2):
+        if not row:  # an empty line, as at the end of many files
+            continue
+        numbers = [float(line)]
+        for name, index in columns.items():
+            text = row[index] if index < len(row) else ""
+            try:
+                number = float(text)
+            except ValueError:
+                number = math.nan
+            if not math.isfinite(number):
+                raise ConfigError(
+                    f"{path}, line {line}, column {name!r}: a finite number was expected, got {text!r}"
+                )
+            numbers.append(number)
+        values.append(numbers)
+    if not values:
+        raise ConfigError(f"{path}, line {line}: there is a header but no samples")
+    return values
+
+
+def _recording(path: Path, columns: dict[str, int], values: list[list[float]]) -> ImuRecording:
+    table = np.array(values, dtype=np.float64)
+    lines = table[:, 0].astype(int)
+    where = {name: index for index, name in enumerate(columns, start=1)}
+
+    def part(names: Sequence[str]) -> Array:
+        return table[:, [where[name] for name in names]]
+
+    t_s = table[:, where[_TIME]]
+    back = np.flatnonzero(np.diff(t_s) < 0.0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise ConfigError(
+            f"{path}, line {lines[row]}, column {_TIME!r}: time goes backwards, "
+            f"{t_s[row]:g} after {t_s[row - 1]:g}"
+        )
+    orientation = part(_ORIENTATION)
+    norms = np.linalg.norm(orientation, axis=1)
+    off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
+    if len(off):
+        row = int(off[0])
+        raise ConfigError(
+            f"{path}, line {lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
+            f"got norm {norms[row]:.6g}"
+        )
+    return ImuRecording(
+        path=path,
+        t_s=t_s - t_s[0],
+        orientation_xyzw=orientation / norms[:, None],
+        robot_m=part(_ROBOT) if _ROBOT[0] in where else None,
+        head_m=part(_HEAD) if _HEAD[0] in where else None,
+    )

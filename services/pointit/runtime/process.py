@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, NoReturn
@@ -66,6 +67,8 @@ def service_command(service: type[AnyService]) -> click.Command:
         )
         link = Link(site=options["site"], connect=tuple(options["connect"]), listen=tuple(options["listen"]))
         launch = Launch(service=service, config=config, user=user)
+        if options["while_parent_lives"]:
+            end_with_parent()
         return run_async(_serve(launch, link, follow=options["clock"] == "site"))
 
     parameters: list[click.Parameter] = [
@@ -81,6 +84,7 @@ def service_command(service: type[AnyService]) -> click.Command:
             help="wall time, or the simulated time that the site publishes",
         ),
         log_option(),
+        click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
     ]
     if service.SCOPE == "user":
         parameters.insert(
@@ -148,6 +152,17 @@ def log_option() -> click.Option:
         show_default=True,
         help="what to log",
     )
+
+
+def end_with_parent() -> None:
+    """End this process when its standard input closes: no child survives a killed parent."""
+
+    def wait() -> None:
+        while os.read(sys.stdin.fileno(), 1024):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="parent watch", daemon=True).start()
 
 
 def run_async(work: Coroutine[Any, Any, int]) -> int:

@@ -1,0 +1,106 @@
+"""What a run looks like from outside: newest messages of every kind, kept for the view and the summary."""
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+from pointit.cli.score import Latency, Score
+from pointit.runtime import Bus, Clock
+from pointit.schemas import (
+    Cursor,
+    Environment,
+    Feedback,
+    Health,
+    Hover,
+    Interaction,
+    LampColor,
+    SelectionEvent,
+    StripsFrame,
+)
+from pointit.schemas.topics import (
+    CURSOR,
+    FEEDBACK,
+    HEALTH,
+    HOVER,
+    INTERACTION,
+    LAMP_COLOR,
+    MAP,
+    OBJECTS,
+    SELECTION_EVENTS,
+    STRIPS_FRAME,
+)
+
+LINES = 5
+"""Recent events kept for the view."""
+
+
+@dataclass
+class Monitor:
+    """Subscribes like any other reader; holds the newest of everything."""
+
+    score: Score
+    clock: Clock
+    environment: Environment | None = None
+    frame: StripsFrame | None = None
+    cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
+    hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
+    interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
+    lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
+    health: dict[str, Health] = field(default_factory=dict[str, Health])
+    events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
+    latency: Latency = field(default_factory=Latency)
+    cursor_count: int = 0
+    frame_count: int = 0
+    first_cursor_s: float | None = None
+    """Seconds from the start to the first cursor on a surface, wall time."""
+    _began_s: float = field(default_factory=time.monotonic)
+
+    def attach(self, bus: Bus) -> None:
+        """Begin to listen on `bus`."""
+        bus.subscribe(MAP, self._on_map)
+        bus.subscribe(OBJECTS, lambda message, _name: self.score.on_objects(message))
+        bus.subscribe(SELECTION_EVENTS, self._on_event)
+        bus.subscribe(INTERACTION, self._on_interaction)
+        bus.subscribe(FEEDBACK, self._on_feedback)
+        bus.subscribe(HOVER, self._on_hover)
+        bus.subscribe(LAMP_COLOR, self._on_lamp)
+        bus.subscribe(HEALTH, self._on_health)
+        bus.subscribe(CURSOR, self._on_cursor)
+        bus.subscribe(STRIPS_FRAME, self._on_frame)
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self.environment = environment
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        self.score.on_event(event)
+        kind = self.score.kinds.get(event.object_id, "object")
+        who = f" by {event.user}" if event.user else ""
+        self.events.append(f"{kind} {event.object_id} {event.event}{who} {event.reason}".rstrip())
+
+    def _on_interaction(self, interaction: Interaction, user: str) -> None:
+        self.interactions[user] = interaction
+
+    def _on_feedback(self, feedback: Feedback, user: str) -> None:
+        if feedback.text:
+            self.events.append(f"{user}: {feedback.text}")
+
+    def _on_hover(self, hover: Hover, user: str) -> None:
+        self.hovers[user] = hover
+
+    def _on_lamp(self, lamp: LampColor, name: str) -> None:
+        self.lamps[name] = lamp
+
+    def _on_health(self, health: Health, instance: str) -> None:
+        self.health[instance] = health
+
+    def _on_cursor(self, cursor: Cursor, user: str) -> None:
+        self.cursors[user] = cursor
+        self.cursor_count += 1
+        if cursor.surface != "none" and self.first_cursor_s is None:
+            self.first_cursor_s = time.monotonic() - self._began_s
+        self.latency.on_cursor(cursor)
+
+    def _on_frame(self, frame: StripsFrame, _name: str) -> None:
+        self.frame = frame
+        self.frame_count += 1
+        self.latency.on_frame(frame, self.clock.now_ns(), self.clock.speed)

@@ -1,0 +1,106 @@
+"""Services as processes of their own: started from files anybody can start them from again."""
+
+import asyncio
+import logging
+import shlex
+import signal
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import yaml
+
+from pointit.runtime import Launch
+from pointit.services import registry
+
+log = logging.getLogger(__name__)
+
+STOP_PATIENCE_S = 1.5
+"""How long children may take to end before they are killed."""
+
+
+class Processes:
+    """Child processes, one per launch; all end with the block.
+
+    A child that ends by itself is reported, with the command that starts it again; it is not restarted:
+    an operator, compose or systemd decides that.
+    """
+
+    def __init__(self, launches: Sequence[Launch], *, site: str, connect: str, simulated_time: bool) -> None:
+        self._launches = launches
+        self._site = site
+        self._connect = connect
+        self._clock = "site" if simulated_time else "wall"
+        self._children: dict[str, asyncio.subprocess.Process] = {}
+        self._watches: list[asyncio.Task[None]] = []
+        self._ending = False
+        self.folder = Path(tempfile.mkdtemp(prefix="pointit-"))
+        """Holds each service's configuration and, without a terminal of its own, its log."""
+
+    def command(self, launch: Launch) -> tuple[str, ...]:
+        """Return the command that starts `launch`."""
+        package = registry.process(launch.service.NAME).package
+        command = [sys.executable, "-m", package, "--config", str(self.folder / f"{launch.instance}.yaml")]
+        if launch.user:
+            command += ["--user", launch.user]
+        return (*command, "--site", self._site, "--connect", self._connect, "--clock", self._clock)
+
+    async def __aenter__(self) -> Self:
+        for launch in self._launches:
+            path = self.folder / f"{launch.instance}.yaml"
+            path.write_text(yaml.safe_dump(launch.config.model_dump(mode="json")), encoding="utf-8")
+        for launch in self._launches:
+            await self._start(launch)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._ending = True
+        for child in self._children.values():
+            if child.returncode is None:
+                child.send_signal(signal.SIGTERM)
+        waits = [asyncio.create_task(child.wait()) for child in self._children.values()]
+        if waits:
+            await asyncio.wait(waits, timeout=STOP_PATIENCE_S)
+        for instance, child in self._children.items():
+            if child.returncode is None:
+                log.warning("%s did not end in time and is killed", instance)
+                child.kill()
+        await asyncio.gather(*waits)
+        for watch in self._watches:
+            watch.cancel()
+        await asyncio.gather(*self._watches, return_exceptions=True)
+
+    async def _start(self, launch: Launch) -> None:
+        path = self.folder / f"{launch.instance}.log"
+        with path.open("ab") as output:
+            child = await asyncio.create_subprocess_exec(
+                *self.command(launch),
+                "--while-parent-lives",
+                stdin=asyncio.subprocess.PIPE,
+                stdout=output,
+                stderr=output,
+            )
+        self._children[launch.instance] = child
+        watch = asyncio.create_task(self._watch(launch, child, path), name=f"watch {launch.instance}")
+        self._watches.append(watch)
+
+    async def _watch(self, launch: Launch, child: asyncio.subprocess.Process, path: Path) -> None:
+        code = await child.wait()
+        if self._ending:
+            return
+        how = f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        log.error(
+            "%s %s; its log is %s; start it again with: %s",
+            launch.instance,
+            how,
+            path,
+            shlex.join(self.command(launch)),
+        )

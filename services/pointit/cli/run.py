@@ -1,0 +1,194 @@
+"""`pointit run` and `pointit user`: whole scenarios, or one person's part of one."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.execution import Plan, execute
+from pointit.cli.scenario import Choices, Scenario, read_scenario, site_launches, user_launches
+from pointit.runtime import ConfigError
+from pointit.runtime.log import setup_logging
+from pointit.runtime.process import link_options, log_option, run_async
+from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
+
+
+def _options(function: Any) -> Any:
+    """Add the options that `run` and `user` share."""
+    for option in reversed(
+        [
+            click.option("--localize", is_flag=True, help="find out where people stand by pointing at lamps"),
+            click.option("--seed", default=0, show_default=True, help="of everything random"),
+            click.option(
+                "--imu",
+                multiple=True,
+                metavar="SOURCE",
+                help="sim (a simulated person, default), serial:PORT, replay:FILE.csv or simulated; "
+                "once for each person",
+            ),
+            click.option(
+                "--config",
+                "files",
+                multiple=True,
+                type=click.Path(path_type=Path),
+                help="YAML file that maps services to parameters",
+            ),
+            click.option(
+                "--set",
+                "settings",
+                multiple=True,
+                metavar="SERVICE.PARAMETER=VALUE",
+                help="change one parameter; `pointit service NAME --help` shows them",
+            ),
+            click.option(
+                "--duration", type=click.FloatRange(min=0.1), help="seconds until it ends by itself"
+            ),
+            click.option("--processes", is_flag=True, help="a process for each service"),
+            click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
+        ]
+    ):
+        function = option(function)
+    return function
+
+
+@click.command("run")
+@click.argument("scenario", default="scenario_3")
+@_options
+@click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="how many people")
+@click.option("--leds", default="", metavar="OUTPUT", help="expander:PORT drives real strips")
+@click.option("--site-only", is_flag=True, help="only what all people share; add people with `pointit user`")
+@click.option(
+    "--speed",
+    default=1.0,
+    show_default=True,
+    type=click.FloatRange(0.1, 20),
+    help="simulated time runs this many times as fast",
+)
+@click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
+@click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")
+@click.option("--recording", type=click.Path(path_type=Path), help="for `replay`: a person's recorded IMU")
+@click.option("--mounting", default="minus_x", show_default=True, help="for `replay`: the sensor on the arm")
+@click.option("--connect", multiple=True, help="join this address instead of listening")
+@click.option(
+    "--listen", multiple=True, help=f"listen here  [default: {DEFAULT_ENDPOINT} or the next free port]"
+)
+@click.option("--site", default="lab", show_default=True, help="name of the site")
+def run(
+    scenario: str,
+    users: int,
+    leds: str,
+    recording: Path | None,
+    mounting: str,
+    *,
+    site_only: bool,
+    speed: float,
+    summary: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Run SCENARIO: scenario_2 (a cursor on the strips), scenario_3 (select moving segments, default).
+
+    `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
+    your own. It ends by itself with a summary; Ctrl-C ends it at once.
+    """
+    if scenario == "replay":
+        if recording is None:
+            raise ConfigError("replay needs --recording FILE.csv, a person's recorded IMU")
+        from pointit.cli.replay import replay  # noqa: PLC0415 - only what is needed is loaded
+
+        setup_logging(options["log_level"])
+        return run_async(
+            replay(
+                recording,
+                speed=speed,
+                duration_s=options["duration"],
+                mounting=mounting,
+                summary=summary,
+                as_json=as_json,
+            )
+        )
+    chosen = read_scenario(scenario)
+    choices = _choices(options, leds)
+    launches = site_launches(chosen, choices)
+    if not site_only:
+        for index in range(users):
+            launches += user_launches(chosen, choices, f"user{index + 1}", index)
+    duration_s = options["duration"]
+    if duration_s is None and not site_only:
+        duration_s = chosen.duration_s
+    plan = Plan(
+        name=Path(scenario).stem,
+        launches=launches,
+        link=_link(options),
+        target_kinds=chosen.target_kinds,
+        seed=choices.seed,
+        duration_s=duration_s,
+        speed=speed,
+        processes=options["processes"],
+        may_move=not options["listen"] and not options["connect"],
+        scored=not site_only,
+        view=not options["no_view"],
+        summary=summary,
+        as_json=as_json,
+    )
+    return execute(plan, options["log_level"])
+
+
+@click.command("user")
+@click.argument("name")
+@_options
+@click.option("--scenario", default="scenario_3", show_default=True, help="whose parameters to use")
+@click.option("--place", default=1, show_default=True, type=click.IntRange(min=1), help="where they stand")
+def user(name: str, scenario: str, place: int, **options: Any) -> int:
+    """Add the person NAME to a site that runs: their IMU, pointing, localizer and supervisor.
+
+    Works from any machine (--connect) and for any number of people; each has keys of their own.
+    """
+    chosen: Scenario = read_scenario(scenario)
+    choices = _choices(options, "")
+    if choices.imu:
+        choices = Choices(
+            seed=choices.seed,
+            localize=choices.localize,
+            imu=["sim"] * (place - 1) + list(choices.imu[:1]),
+            files=choices.files,
+            settings=choices.settings,
+        )
+    plan = Plan(
+        name=name,
+        launches=user_launches(chosen, choices, name, place - 1),
+        link=_link(options),
+        duration_s=options["duration"],
+        processes=options["processes"],
+        scored=False,
+        view=False,
+    )
+    return execute(plan, options["log_level"])
+
+
+for _parameter in link_options():
+    if _parameter.name not in {known.name for known in run.params}:
+        run.params.append(_parameter)
+    user.params.append(_parameter)
+run.params.append(log_option())
+user.params.append(log_option())
+
+
+def _choices(options: dict[str, Any], leds: str) -> Choices:
+    return Choices(
+        seed=options["seed"],
+        localize=options["localize"],
+        imu=options["imu"],
+        leds=leds,
+        files=options["files"],
+        settings=options["settings"],
+    )
+
+
+def _link(options: dict[str, Any]) -> Link:
+    listen, connect = tuple(options["listen"]), tuple(options["connect"])
+    if listen:
+        return Link(site=options["site"], listen=listen)
+    if connect:
+        return Link(site=options["site"], connect=connect)
+    return Link(site=options["site"], listen=(DEFAULT_ENDPOINT,))

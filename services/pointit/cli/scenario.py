@@ -1,0 +1,185 @@
+"""Scenarios: which services run, how they are configured, where people stand; one YAML file each."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, cast
+
+from pydantic import Field
+
+from pointit.runtime import Config, ConfigError, Launch
+from pointit.runtime.config import Layers, read_yaml
+from pointit.runtime.process import environment_prefix
+from pointit.schemas.topics import check_name
+from pointit.services import registry
+
+SHIPPED = resources.files("pointit.cli") / "scenarios"
+
+
+class Place(Config):
+    """Where a person stands in {W}, and the azimuth of their IMU's yaw 0."""
+
+    position_m: tuple[float, float, float]
+    yaw_deg: float = 0.0
+
+
+class Scenario(Config):
+    """What a scenario file says."""
+
+    about: str = Field(description="one sentence")
+    duration_s: float = Field(default=60.0, gt=0, description="how long it runs unless told otherwise, s")
+    target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
+    places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
+    site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
+    user: dict[str, dict[str, Any]] = Field(default={}, description="services per person, by name")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choices:
+    """What the command line changes about a scenario."""
+
+    seed: int = 0
+    localize: bool = False
+    imu: Sequence[str] = ()
+    """For each person in turn: `sim`, `simulated`, `serial:PORT` or `replay:FILE`."""
+    leds: str = ""
+    """Empty, or `expander:PORT`."""
+    files: Sequence[Path] = ()
+    """YAML files that map services to parameters."""
+    settings: Sequence[str] = ()
+    """`service.parameter=value`."""
+
+
+def scenario_names() -> list[str]:
+    """Return the shipped scenarios."""
+    return sorted(
+        entry.name.removesuffix(".yaml") for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")
+    )
+
+
+def read_scenario(name: str) -> Scenario:
+    """Return the shipped scenario `name`, or the one in the file of that path.
+
+    Raises:
+        ConfigError: there is none, or a field is wrong.
+    """
+    if name.endswith((".yaml", ".yml")):
+        return _parse(Path(name))
+    if name not in scenario_names():
+        raise ConfigError(
+            f"no scenario {name!r}; there are {', '.join(scenario_names())} and replay, or give a .yaml file"
+        )
+    with resources.as_file(SHIPPED / f"{name}.yaml") as path:
+        return _parse(path)
+
+
+def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
+    """Return what all people of the scenario share.
+
+    Raises:
+        ConfigError: a service or parameter is wrong.
+    """
+    extra: dict[str, dict[str, Any]] = {}
+    if choices.leds:
+        kind, _, port = choices.leds.partition(":")
+        if kind != "expander" or not port:
+            raise ConfigError(f"--leds {choices.leds!r}: give expander:PORT, such as expander:/dev/ttyUSB0")
+        extra["led-driver"] = {"outputs": [{"kind": "expander", "port": port}]}
+    return [
+        _launch(name, "site", (parameters, extra.get(name, {})), choices)
+        for name, parameters in scenario.site.items()
+    ]
+
+
+def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 0) -> list[Launch]:
+    """Return one person's services; `index` counts people from 0 and gives place, seed and device.
+
+    Raises:
+        ConfigError: a service or parameter is wrong.
+    """
+    check_name(user, "user")
+    place = scenario.places[index % len(scenario.places)]
+    device = choices.imu[index] if index < len(choices.imu) else "sim"
+    extra: dict[str, dict[str, Any]] = {
+        "localizer": {"position_m": list(place.position_m), "yaw_deg": place.yaw_deg},
+        "supervisor": {"localize": choices.localize},
+        "user-sim": {
+            "position_m": list(place.position_m),
+            "yaw_deg": place.yaw_deg,
+            "seed": choices.seed + index,
+        },
+    }
+    if choices.localize:
+        extra["localizer"] = {"method": "static_targets"}
+        extra["user-sim"]["yaw_deg"] = None
+    services = dict(scenario.user)
+    if device != "sim":
+        services.pop("user-sim", None)
+        services["imu-bridge"] = {**services.get("imu-bridge", {}), **_device(device)}
+    return [
+        _launch(name, "user", (parameters, extra.get(name, {})), choices, user)
+        for name, parameters in services.items()
+    ]
+
+
+def _device(device: str) -> dict[str, Any]:
+    kind, _, argument = device.partition(":")
+    if kind == "simulated" and not argument:
+        return {"source": "simulated"}
+    if kind == "serial" and argument:
+        return {"source": "serial", "serial": {"port": argument}}
+    if kind == "replay" and argument:
+        return {"source": "replay", "replay": {"recording": argument}}
+    raise ConfigError(f"--imu {device!r}: give sim, simulated, serial:PORT or replay:FILE.csv")
+
+
+def _launch(
+    name: str, scope: str, layered: Sequence[Mapping[str, Any]], choices: Choices, user: str = ""
+) -> Launch:
+    try:
+        row = registry.process(name)
+    except KeyError as error:
+        raise ConfigError(str(error.args[0])) from error
+    if row.scope != scope:
+        raise ConfigError(f"{name} is a service of scope {row.scope}; it cannot stand under {scope}:")
+    service = row.load()
+    layers = Layers()
+    for values, source in zip(layered, ("scenario", "command line"), strict=True):
+        layers.add(values, f"{source}, {name}")
+    for path in choices.files:
+        layers.add(_section(path, name), f"{path}, {name}")
+    layers.add_environment(os.environ, environment_prefix(name))
+    for setting in choices.settings:
+        target, text = _split(setting)
+        if target[0] == name:
+            layers.add_text(target[1:], text, f"--set {setting}")
+    return Launch(service=service, config=layers.build(service.CONFIG), user=user)
+
+
+def _section(path: Path, name: str) -> Mapping[str, Any]:
+    sections = read_yaml(path)
+    for section in sections:
+        if section not in {row.name for row in registry.PROCESSES}:
+            raise ConfigError(f"{path}: {section!r} is no service; `pointit list` shows them")
+    value = sections.get(name, {})
+    if not isinstance(value, dict):
+        raise ConfigError(f"{path}: {name}: a mapping of parameters was expected, got {value!r}")
+    return cast("dict[str, Any]", value)
+
+
+def _split(setting: str) -> tuple[list[str], str]:
+    target, separator, text = setting.partition("=")
+    path = target.split(".")
+    if not separator or len(path) < 2:
+        raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as selector.window_s=0.5")
+    if path[0] not in {row.name for row in registry.PROCESSES}:
+        raise ConfigError(f"--set {setting!r}: {path[0]!r} is no service; `pointit list` shows them")
+    return path, text
+
+
+def _parse(path: Path) -> Scenario:
+    layers = Layers()
+    layers.add(read_yaml(path), str(path.name))
+    return layers.build(Scenario)

@@ -1,0 +1,1 @@
+"""A simulated person: looks, decides, reaches, holds, and wears a wristband."""

@@ -1,0 +1,132 @@
+"""Parameters of the simulated person; the defaults are people's own numbers (pointing.md §3, §7)."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from pointit.runtime.config import Config
+from pointit.schemas import BodyMeasures
+
+Behaviour = Literal["rest", "strips", "select"]
+"""What the person does once they may point."""
+
+
+class BodyConfig(Config):
+    """The person's true measures; the profile should say the same, or errs."""
+
+    footprint_to_neck_m: float = Field(default=1.43, gt=0, lt=3, description="floor to neck, m")
+    neck_to_eyes_m: float = Field(default=0.21, ge=0, lt=1, description="neck to eyes, m")
+    neck_to_shoulder_m: float = Field(default=0.0, ge=0, lt=1, description="neck to the shoulder's side, m")
+    shoulder_to_wrist_m: float = Field(default=0.55, gt=0, lt=2, description="shoulder to wrist, m")
+    wrist_to_finger_m: float = Field(default=0.18, ge=0, lt=1, description="wrist to fingertip, m")
+    hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
+
+    def measures(self) -> BodyMeasures:
+        """Return them as the contract has them."""
+        return BodyMeasures(**self.model_dump(exclude={"hand"}))
+
+
+class ArmConfig(Config):
+    """How the arm moves and how still it can be held."""
+
+    reach_base_s: float = Field(default=0.25, gt=0, le=2, description="duration of the smallest reach, s")
+    reach_per_bit_s: float = Field(
+        default=0.156, ge=0, le=2, description="longer for each bit of log2(amplitude/width + 1), s"
+    )
+    reach_width_deg: float = Field(default=5.0, gt=0, le=90, description="width in that logarithm, deg")
+    reach_spread: float = Field(
+        default=0.2, ge=0, le=1, description="log-normal spread of the duration, a share"
+    )
+    hold_yaw_sd_deg: float = Field(default=0.25, ge=0, le=20, description="unrest while holding, yaw, deg")
+    hold_pitch_sd_deg: float = Field(
+        default=0.16, ge=0, le=20, description="unrest while holding, pitch, deg"
+    )
+    hold_correlation_s: float = Field(default=0.3, gt=0, le=10, description="how long unrest lasts, s")
+    tremor_rms_deg: float = Field(default=0.05, ge=0, le=5, description="tremor of 6 to 12 Hz, rms, deg")
+
+
+class AimConfig(Config):
+    """How the person sees, errs and corrects."""
+
+    visual_delay_s: float = Field(default=0.2, ge=0, le=2, description="from the light to the mind, s")
+    reaction_s: float = Field(
+        default=0.35, ge=0, le=3, description="from the light to the hand, s; contains the visual delay"
+    )
+    skill: float = Field(
+        default=0.0, ge=0, le=1, description="0: errs without feedback as untrained people do; 1: never"
+    )
+    elevation_error_mean_deg: float = Field(
+        default=2.8, ge=-30, le=30, description="people point too high without feedback, mean, deg"
+    )
+    elevation_error_person_sd_deg: float = Field(
+        default=2.8, ge=0, le=30, description="the same between people, sd, deg"
+    )
+    elevation_error_reach_sd_deg: float = Field(
+        default=1.0, ge=0, le=30, description="the same from reach to reach, sd, deg"
+    )
+    azimuth_error_reach_sd_deg: float = Field(
+        default=5.0, ge=0, le=30, description="azimuth without feedback from reach to reach, sd, deg"
+    )
+    bent_arm_share: float = Field(
+        default=0.05, ge=0, le=1, description="share of reaches with a bent arm: 5 to 10 deg beside"
+    )
+    correction_period_s: float = Field(
+        default=0.35, gt=0, le=5, description="time between corrections towards the visible cursor, s"
+    )
+    correction_gain: float = Field(
+        default=0.9, ge=0, le=1.5, description="share of the seen error that is corrected"
+    )
+    correction_s: float = Field(default=0.25, gt=0, le=2, description="duration of a correction, s")
+
+
+class WristbandConfig(Config):
+    """How the IMU errs."""
+
+    yaw_rate_bias_sd_degps: float = Field(
+        default=0.05, ge=0, le=5, description="yaw drift, drawn once per run, sd, deg/s; real bands: 0.25"
+    )
+    yaw_rate_walk_sd_degps: float = Field(
+        default=0.002, ge=0, le=1, description="random walk of the drift, sd after 1 s, deg/s"
+    )
+    noise_sd_deg: float = Field(default=0.03, ge=0, le=5, description="white noise per axis, sd, deg")
+    dropout_share: float = Field(
+        default=0.0, ge=0, lt=1, description="share of samples lost in bursts; real radio: 0.01 to 0.05"
+    )
+    dropout_burst_s: float = Field(default=0.15, gt=0, le=10, description="mean length of a burst, s")
+    clock_skew_ppm: float = Field(
+        default=20.0, ge=-1000, le=1000, description="how fast the band's own clock is, ppm"
+    )
+
+
+class UserSimConfig(Config):
+    """A person, where they stand, what they want."""
+
+    seed: int | None = Field(default=0, ge=0, description="of everything random; empty: another each run")
+    behaviour: Behaviour = Field(
+        default="select",
+        description="rest; strips: along the strips, there and back; select: every object of a kind",
+    )
+    target_kinds: tuple[str, ...] = Field(default=("red",), description="kinds of objects to select")
+    position_m: tuple[float, float, float] = Field(
+        default=(2.0, 0.5, 0.0), description="where the feet truly stand in the room, m"
+    )
+    yaw_deg: float | None = Field(
+        default=0.0, description="azimuth of the IMU's yaw origin in the room, deg; empty: unknown, random"
+    )
+    rate_hz: float = Field(default=50.0, ge=5, le=200, description="IMU samples per second, Hz")
+    think_s: float = Field(default=1.0, ge=0, le=60, description="idle time before pressing the button, s")
+    press_pause_s: float = Field(
+        default=5.0, gt=0, le=600, description="wait for a press to work before pressing again, s"
+    )
+    strip_speed_mps: float = Field(
+        default=0.5, gt=0, le=5, description="speed along the strips (behaviour strips), m/s"
+    )
+    give_up_s: float = Field(default=5.0, gt=0, le=60, description="time spent on one object at most, s")
+    retry_s: float = Field(default=2.0, ge=0, le=60, description="until an object given up is tried again, s")
+    rest_elevation_deg: float = Field(
+        default=-75.0, ge=-90, le=0, description="elevation of the resting arm, deg"
+    )
+    body: BodyConfig = Field(default=BodyConfig(), description="measures")
+    arm: ArmConfig = Field(default=ArmConfig(), description="movement")
+    aim: AimConfig = Field(default=AimConfig(), description="aiming")
+    wristband: WristbandConfig = Field(default=WristbandConfig(), description="the IMU")

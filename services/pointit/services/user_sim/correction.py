@@ -1,0 +1,113 @@
+"""Closing the loop: what the person makes of the cursor they see (pointing.md §3, §7).
+
+The person knows what their own hand has just done (an efference copy), so that a correction still on its
+way to the eyes is not made twice.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from pointit.geometry import vector
+from pointit.schemas import Cursor
+from pointit.services.user_sim.aim import Stance
+from pointit.services.user_sim.behaviour import Goal
+from pointit.services.user_sim.config import AimConfig
+
+NS_PER_S = 1_000_000_000
+MEMORY_S = 1.5
+"""How far back a person recalls what their hand did."""
+ADAPTATION = 0.3
+"""Share of what had to be corrected in one reach that is carried into the next."""
+LOST_S = 0.7
+"""Without a cursor for so long after a reach, the person searches for it."""
+SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
+"""Elevations tried one after the other."""
+
+Pair = tuple[float, float]
+
+
+class Correction:
+    """The deliberate turn away from where the person thinks the target is, so that the cursor is on it."""
+
+    def __init__(self, config: AimConfig, stance: Stance) -> None:
+        self._stance = stance
+        self._gain = config.correction_gain
+        self._period_ns = round(config.correction_period_s * NS_PER_S)
+        self._delay_ns = round(config.visual_delay_s * NS_PER_S)
+        self._learned: Pair = (0.0, 0.0)
+        self.now_rad: Pair = (0.0, 0.0)
+        """Azimuth and elevation."""
+        self._done: deque[tuple[int, Pair]] = deque()
+        self._seen: list[Pair] = []
+        self._look_from_ns = 0
+        self._next_ns = 0
+        self._newest_cursor_ns = 0
+        self._searches = 0
+
+    def settle(self) -> None:
+        """Leave a goal: a part of the correction stays, as adaptation."""
+        self._learned = (
+            self._learned[0] + ADAPTATION * (self.now_rad[0] - self._learned[0]),
+            self._learned[1] + ADAPTATION * (self.now_rad[1] - self._learned[1]),
+        )
+        self.now_rad = self._learned
+
+    def begin(self, reached_ns: int) -> None:
+        """Look at the cursor again once the hand has arrived."""
+        self._look_from_ns = self._newest_cursor_ns = reached_ns
+        self._next_ns = reached_ns + self._delay_ns
+        self._seen.clear()
+        self._searches = 0
+
+    def remember(self, now_ns: int, deviation_rad: Pair) -> None:
+        """Note what the hand deliberately does beside the goal."""
+        turned = (deviation_rad[0] + self.now_rad[0], deviation_rad[1] + self.now_rad[1])
+        self._done.append((now_ns, turned))
+        while self._done[0][0] < now_ns - MEMORY_S * NS_PER_S:
+            self._done.popleft()
+
+    def step(self, now_ns: int, goal: Goal, cursors: Sequence[Cursor]) -> bool:
+        """Take in the cursors just seen; return whether `now_rad` changed, so that the hand must move."""
+        for cursor in cursors:
+            self._take(cursor, goal)
+        if now_ns < self._next_ns:
+            return False
+        if self._seen:
+            self._next_ns = now_ns + self._period_ns
+            unknown = [math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True)]
+            self._seen.clear()
+            self.now_rad = (
+                self.now_rad[0] - self._gain * (self.now_rad[0] + unknown[0]),
+                self.now_rad[1] - self._gain * (self.now_rad[1] + unknown[1]),
+            )
+            return True
+        if now_ns - self._newest_cursor_ns > self._delay_ns + LOST_S * NS_PER_S:
+            self._search(now_ns)
+            return True
+        return False
+
+    def _take(self, cursor: Cursor, goal: Goal) -> None:
+        if cursor.point_m is None or cursor.stamp_ns < self._look_from_ns:
+            return
+        self._newest_cursor_ns = max(self._newest_cursor_ns, cursor.stamp_ns)
+        target = goal.point_at(cursor.stamp_ns)
+        did = self._recall(cursor.stamp_ns)
+        if target is None or did is None:
+            return
+        shown, meant = self._stance.sight_of(cursor.point_m), self._stance.sight_of(target)
+        self._seen.append((vector.wrap(shown[0] - meant[0]) - did[0], shown[1] - meant[1] - did[1]))
+
+    def _recall(self, stamp_ns: int) -> Pair | None:
+        """Return what the hand did beside the goal at `stamp_ns`."""
+        for then_ns, turned in reversed(self._done):
+            if then_ns <= stamp_ns:
+                return turned
+        return None
+
+    def _search(self, now_ns: int) -> None:
+        step = SEARCH_RAD[self._searches % len(SEARCH_RAD)]
+        self._searches += 1
+        self.now_rad = (self._learned[0], self._learned[1] + step)
+        self._next_ns = now_ns + self._period_ns
+        self._newest_cursor_ns = now_ns

@@ -1,0 +1,65 @@
+"""Shows a simulated person what they may see, writes what their wristband sends."""
+
+import zlib
+from typing import Any, ClassVar
+
+import numpy as np
+
+from pointit.runtime import Context, Service
+from pointit.runtime.clock import ticks
+from pointit.runtime.service import Scope
+from pointit.schemas import Message
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    IMU,
+    INTERACTION,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    SELECTION,
+    Topic,
+)
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.person import Person
+
+IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, SELECTION, LAMP_COLOR)
+"""What everybody there sees."""
+OWN: tuple[Topic[Any], ...] = (CURSOR, INTERACTION, LOCALIZATION)
+"""What concerns this person only."""
+
+
+class UserSim(Service[UserSimConfig]):
+    """A simulated person together with their wristband."""
+
+    NAME: ClassVar[str] = "user-sim"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = UserSimConfig
+
+    def __init__(self, config: UserSimConfig, context: Context) -> None:
+        super().__init__(config, context)
+        # the name is part of the seed, so that several people with one seed are not the same person
+        seed = None if config.seed is None else [config.seed, zlib.crc32(self.user.encode())]
+        self._person = Person(config, self.user, np.random.default_rng(seed))
+        self._imu = self.bus.publisher(IMU, self.user)
+        self._button = self.bus.publisher(BUTTON, self.user)
+        for shared in IN_THE_ROOM:
+            self.bus.subscribe(shared, self._see)
+        for own in OWN:
+            self.bus.subscribe(own, self._see, self.user)
+
+    async def run(self) -> None:
+        """Live at the band's rate until cancelled."""
+        async for now_ns in ticks(self.clock, self.config.rate_hz):
+            sample, press = self._person.step(now_ns)
+            if sample is not None:
+                self._imu.put(sample)
+            if press is not None:
+                self._button.put(press)
+
+    def _see(self, message: Message, name: str) -> None:
+        self._person.see(self.clock.now_ns(), message, name)
+
+
+SERVICE = UserSim

@@ -1,0 +1,72 @@
+"""The IMU on the wrist: an unknown yaw origin, drift, noise, lost samples, its own clock."""
+
+import math
+
+import numpy as np
+
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas import ImuSample
+from pointit.services.user_sim.config import WristbandConfig
+
+NS_PER_S = 1_000_000_000
+BOOT_SPAN_S = 3600.0
+"""The band was switched on at some time within the last hour."""
+
+
+class Wristband:
+    """Measures the arm's orientation in {H}, as well as such a thing can."""
+
+    def __init__(self, yaw_rad: float, config: WristbandConfig, rng: np.random.Generator) -> None:
+        """Switch on; `yaw_rad` is the azimuth in {W} at which this IMU reads yaw 0."""
+        self._config = config
+        self._rng = rng
+        self._yaw_rad = yaw_rad
+        self._rate_radps = math.radians(config.yaw_rate_bias_sd_degps) * float(rng.standard_normal())
+        self._boot_s = float(rng.uniform(0.0, BOOT_SPAN_S))
+        self._start_ns: int | None = None
+        self._at_ns = 0
+        self._silent = False
+        self._seq = 0
+        self.drift_rad = 0.0
+        """How far the yaw has drifted since the start."""
+
+    def sample(self, now_ns: int, world_from_arm: Quaternion) -> ImuSample | None:
+        """Return what the band sends at `now_ns`; none while the radio is silent."""
+        if self._start_ns is None:
+            self._start_ns = self._at_ns = now_ns
+        passed_s = (now_ns - self._at_ns) / NS_PER_S
+        self._at_ns = now_ns
+        self._drift(passed_s)
+        noise = np.radians(self._config.noise_sd_deg) * self._rng.standard_normal(3)
+        self._seq += 1  # counted though lost, so that a reader sees the gap
+        if self._is_silent(passed_s):
+            return None
+        half = 0.5 * noise
+        measured = rotation.multiply(
+            rotation.from_yaw(self.drift_rad - self._yaw_rad),
+            rotation.multiply(world_from_arm, (float(half[0]), float(half[1]), float(half[2]), 1.0)),
+        )
+        running_s = (now_ns - self._start_ns) / NS_PER_S * (1.0 + self._config.clock_skew_ppm * 1e-6)
+        return ImuSample(
+            stamp_ns=now_ns,
+            seq=self._seq,
+            orientation_xyzw=rotation.normalized(measured),
+            device_time_ns=round((self._boot_s + running_s) * NS_PER_S),
+        )
+
+    def _drift(self, passed_s: float) -> None:
+        walk_radps = math.radians(self._config.yaw_rate_walk_sd_degps)
+        self._rate_radps += walk_radps * math.sqrt(passed_s) * float(self._rng.standard_normal())
+        self.drift_rad += self._rate_radps * passed_s
+
+    def _is_silent(self, passed_s: float) -> bool:
+        """Return whether the radio is silent; two states with exponential stays (Gilbert)."""
+        share = self._config.dropout_share
+        if share <= 0.0:
+            return False
+        burst_s = self._config.dropout_burst_s
+        stay_s = burst_s if self._silent else burst_s * (1.0 - share) / share
+        if self._rng.random() < 1.0 - math.exp(-passed_s / stay_s):
+            self._silent = not self._silent
+        return self._silent

@@ -19,10 +19,12 @@ def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
 Vec3 = tuple[float, float, float]
 """x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
 
-UnitVec3 = Annotated[Vec3, AfterValidator(_unit)]
+UnitVec3 = Annotated[Vec3, AfterValidator(_unit), Field(json_schema_extra={"x-norm": 1})]
 """A direction: x, y, z with norm 1."""
 
-QuaternionXyzw = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+QuaternionXyzw = Annotated[
+    tuple[float, float, float, float], AfterValidator(_unit), Field(json_schema_extra={"x-norm": 1})
+]
 """A rotation, scalar last: x, y, z, w with norm 1."""
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}$")]

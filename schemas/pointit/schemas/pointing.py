@@ -25,7 +25,7 @@ class UserPose(Message):
     covariance: Annotated[
         tuple[float, float, float, float, float, float, float, float, float],
         Field(description="of (x, y, yaw), row by row, m², m·rad, rad²"),
-    ] = (0.0,) * 9
+    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     method: Literal["fixed", "static_targets", "moving_target", "external"] = "fixed"
     elevation_bias_rad: Annotated[float, Field(description="found with the pose; for diagnosis")] = 0.0
     residual_rad: Annotated[float, Field(ge=0, description="rms angle between rays and targets")] = 0.0

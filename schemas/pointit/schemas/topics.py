@@ -394,7 +394,9 @@ PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE)
 def topic_of(key: str) -> Topic[Any] | None:
     """Return the row whose key pattern fits `key` (relative to the site), or none."""
     for topic in TOPICS:
-        name = topic.name_in(key)
-        if (name and topic.at(name) == key) or (not topic.placeholder and topic.key == key):
+        if not topic.placeholder:
+            if topic.key == key:
+                return topic
+        elif (name := topic.name_in(key)) == ANY or _NAME.match(name):
             return topic
     return None

@@ -1,0 +1,215 @@
+"""Messages to bytes and back, and everything that is not a message."""
+
+import contextlib
+import math
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from pointit.schemas import (
+    Cursor,
+    DecodeError,
+    ImuSample,
+    Message,
+    PointingRay,
+    Query,
+    TrackedObjects,
+    UserProfile,
+    decode,
+    encode,
+)
+from pointit.schemas.catalogue import all_kinds
+from tests.unit.schemas.strategies import messages
+
+KINDS = [pytest.param(kind, id=kind.__name__) for kind in all_kinds()]
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+def packed(**fields: Any) -> bytes:
+    return msgpack.packb({"stamp_ns": 1, "orientation_xyzw": UPRIGHT, **fields})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_every_message_survives_the_wire(kind: type[Message | Query], data: st.DataObject) -> None:
+    message = data.draw(messages(kind))
+    payload = encode(message)
+    back = decode(kind, payload)
+    assert back == message
+    assert encode(back) == payload
+    assert tuple(msgpack.unpackb(payload)) == tuple(kind.model_fields)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=60, deadline=None)
+@given(payload=st.binary(max_size=200), schema=st.text(max_size=20))
+def test_random_bytes_raise_nothing_but_decode_errors(
+    kind: type[Message | Query], payload: bytes, schema: str
+) -> None:
+    with contextlib.suppress(DecodeError):
+        decode(kind, payload, schema)
+
+
+json_like = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    values=st.dictionaries(
+        st.sampled_from(["stamp_ns", "seq", "tracker", "objects", "surprise"]), json_like, max_size=4
+    ),
+    schema=st.sampled_from(["", "TrackedObjects.v1", "TrackedObjects.v2"]),
+)
+def test_well_formed_nonsense_raises_nothing_but_decode_errors(values: dict[str, Any], schema: str) -> None:
+    with contextlib.suppress(DecodeError):
+        decode(TrackedObjects, msgpack.packb(values), schema)
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject) -> None:
+    payload = bytearray(encode(data.draw(messages(TrackedObjects))))
+    place = data.draw(st.integers(0, len(payload) - 1))
+    payload[place] ^= data.draw(st.integers(1, 255))
+    cut = data.draw(st.integers(0, len(payload)))
+    for damaged in (bytes(payload), bytes(payload[:cut])):
+        with contextlib.suppress(DecodeError):
+            decode(TrackedObjects, damaged)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        pytest.param(b"", id="nothing"),
+        pytest.param(b"\xc1", id="never used byte"),
+        pytest.param(b"\x91" * 1_000_000, id="arrays in arrays"),
+        pytest.param(b"\x81\xa1a" * 300_000, id="maps in maps"),
+        pytest.param(b"\xdd\xff\xff\xff\xff", id="array of 4 G"),
+        pytest.param(b"\xdf\xff\xff\xff\xff", id="map of 4 G"),
+        pytest.param(b"\xc6\xff\xff\xff\xff", id="bytes of 4 G"),
+        pytest.param(b"\xdb\xff\xff\xff\xff", id="text of 4 G"),
+        pytest.param(b"\xc9\xff\xff\xff\xff\x01", id="extension of 4 G"),
+        pytest.param(b"\xdd\x00\x10\x00\x00" + b"\xc0" * 0x100000, id="a million nils"),
+        pytest.param(b"\xd7\xff" + b"\xff" * 8, id="time stamp out of range"),
+        pytest.param(b"\x81\xc0\x01", id="nil as a field's name"),
+        pytest.param(b"\x81\x90\x01", id="array as a field's name"),
+        pytest.param(b"\x81\xa1\xff\x01", id="name that is not UTF-8"),
+        pytest.param(b"\x80\x80", id="two of them"),
+    ],
+)
+def test_bombs_and_rubbish_are_decode_errors(payload: bytes) -> None:
+    with pytest.raises(DecodeError, match=r"^ImuSample: .{5,200}$"):
+        decode(ImuSample, payload)
+
+
+def test_what_is_wrong_is_said_in_a_short_line() -> None:
+    objects = [{"id": str(number)} for number in range(20_000)]
+    with pytest.raises(DecodeError) as caught:
+        decode(TrackedObjects, msgpack.packb({"stamp_ns": 1, "objects": objects}))
+    assert str(caught.value).startswith(
+        "TrackedObjects: objects.0.kind: Field required (got {'id': '0'}), and"
+    )
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("fields", "complaint"),
+    [
+        ({"orientation_xyzw": (0.0, 0.0, 0.0, math.nan)}, r"orientation_xyzw\.3.*finite.*nan"),
+        ({"battery": math.inf}, r"battery.*inf"),
+        ({"acceleration_mps2": (0.0, -math.inf, 0.0)}, r"acceleration_mps2\.1.*finite.*-inf"),
+        ({"stamp_ns": 1.5}, r"stamp_ns.*integer.*1\.5"),
+        ({"stamp_ns": "1"}, r"stamp_ns.*integer.*'1'"),
+        ({"stamp_ns": True}, r"stamp_ns.*integer.*True"),
+        ({"stamp_ns": -1}, r"stamp_ns.*greater than or equal to 0.*-1"),
+        ({"seq": None}, r"seq.*integer.*None"),
+        ({"orientation_xyzw": (0.0, 0.0, 1.0)}, r"orientation_xyzw\.3.*required"),
+        ({"orientation_xyzw": (0.0, 0.0, 0.0, 1.0, 0.0)}, r"orientation_xyzw.*at most 4"),
+        ({"orientation_xyzw": "upright"}, r"orientation_xyzw.*tuple.*'upright'"),
+        ({"orientation_xyzw": (0.0, 0.0, 0.0, "1")}, r"orientation_xyzw\.3.*number.*'1'"),
+        ({"orientation_xyzw": (0.0, 0.0, 0.0, 1.01)}, r"orientation_xyzw: must have norm 1, has 1\.01"),
+        ({"orientation_xyzw": (0.0, 0.0, 0.0, 0.0)}, r"orientation_xyzw: must have norm 1, has 0"),
+        ({"battery": 1.01}, r"battery.*less than or equal to 1.*1\.01"),
+        ({"orientation_wxyz": UPRIGHT}, r"orientation_wxyz: Extra inputs"),
+    ],
+)
+def test_wrong_fields_are_refused_by_name(fields: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(DecodeError, match=f"^ImuSample: {complaint}"):
+        decode(ImuSample, packed(**fields))
+
+
+def test_a_missing_field_is_named() -> None:
+    with pytest.raises(DecodeError, match=r"^ImuSample: orientation_xyzw: Field required"):
+        decode(ImuSample, msgpack.packb({"stamp_ns": 1}))
+
+
+def test_whole_numbers_stand_for_floats() -> None:
+    sample = decode(ImuSample, packed(orientation_xyzw=(0, 0, 0, 1)))
+    assert sample.orientation_xyzw == UPRIGHT
+    assert all(type(value) is float for value in sample.orientation_xyzw)
+
+
+@pytest.mark.parametrize(
+    ("norm", "taken"), [(1.0009, True), (0.9991, True), (1.0011, False), (0.9989, False)]
+)
+def test_directions_have_norm_one_as_far_as_float32_has(norm: float, taken: bool) -> None:  # noqa: FBT001 - a table
+    fields: dict[str, Any] = {"stamp_ns": 1, "origin_m": (0.0, 0.0, 0.0), "direction": (0.0, norm, 0.0)}
+    if taken:
+        assert decode(PointingRay, msgpack.packb(fields)).direction == (0.0, norm, 0.0)
+    else:
+        with pytest.raises(DecodeError, match=r"direction: must have norm 1"):
+            decode(PointingRay, msgpack.packb(fields))
+
+
+@pytest.mark.parametrize("schema", ["ImuSample.v2", "ImuSample.v17"])
+def test_what_a_newer_sender_added_is_ignored(schema: str) -> None:
+    assert decode(ImuSample, packed(skin_temperature_k=307.0), schema) == decode(ImuSample, packed())
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [
+        "",
+        "ImuSample",
+        "ImuSample.v1",
+        "ImuSample.v0",
+        "ImuSample.v-2",
+        "ImuSample.v²",
+        "UserPose.v2",
+        ".v2",
+        pytest.param("ImuSample.v" + "9" * 5000, id="ImuSample.v999..."),
+    ],
+)
+def test_what_anyone_else_added_is_refused(schema: str) -> None:
+    with pytest.raises(DecodeError, match=r"skin_temperature_k: Extra inputs"):
+        decode(ImuSample, packed(skin_temperature_k=307.0), schema)
+
+
+def test_what_a_newer_sender_added_to_a_part_is_ignored_too() -> None:
+    payload = msgpack.packb({"stamp_ns": 1, "body": {"shoulder_to_wrist_m": 0.6, "ring_size_m": 0.02}})
+    assert decode(UserProfile, payload, "UserProfile.v2").body.shoulder_to_wrist_m == 0.6
+    with pytest.raises(DecodeError, match=r"body\.ring_size_m"):
+        decode(UserProfile, payload, "UserProfile.v1")
+
+
+def test_a_newer_sender_may_still_be_wrong() -> None:
+    with pytest.raises(DecodeError, match=r"battery"):
+        decode(ImuSample, packed(battery=2.0, skin_temperature_k=307.0), "ImuSample.v2")
+
+
+def test_messages_do_not_change() -> None:
+    cursor = Cursor(stamp_ns=1)
+    with pytest.raises(ValidationError, match="frozen"):
+        cursor.range_m = 2.0  # type: ignore[misc]  # pyright: ignore[reportAttributeAccessIssue] - the point
+    assert cursor.replace(range_m=2.0) == Cursor(stamp_ns=1, range_m=2.0)
+    with pytest.raises(ValidationError, match="range_m"):
+        cursor.replace(range_m=-2.0)

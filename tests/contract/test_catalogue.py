@@ -1,0 +1,102 @@
+"""The committed catalogue: equals what the code generates, and old samples are still read."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+
+from pointit.cli.schema import read_folder
+from pointit.schemas import Message, Query, catalogue, decode, encode
+from pointit.schemas.topics import REQUESTS, TOPICS
+
+FOLDER = Path(__file__).parents[2] / "schemas" / "catalogue"
+SAMPLES = [pytest.param(path, id=path.stem) for path in sorted((FOLDER / "samples").glob("*.msgpack"))]
+KINDS: dict[str, type[Message | Query]] = {kind.__name__: kind for kind in catalogue.all_kinds()}
+
+
+def test_the_committed_catalogue_is_what_the_code_says() -> None:
+    problems = catalogue.outdated(read_folder(FOLDER))
+    assert not problems, "; ".join(problems) + " -- then commit: `pointit schema --write` does the writing"
+
+
+def test_there_are_samples() -> None:
+    assert len(SAMPLES) >= len(KINDS) > 20
+
+
+@pytest.mark.parametrize("path", SAMPLES)
+def test_samples_of_every_version_are_still_read(path: Path) -> None:
+    name, _, version = path.stem.partition(".v")
+    payload = path.read_bytes()
+    message = decode(KINDS[name], payload, path.stem)
+    again = encode(message)
+    if int(version) == KINDS[name].version:
+        assert again == payload
+    else:
+        assert decode(KINDS[name], again) == message
+        assert _grown(msgpack.unpackb(payload), msgpack.unpackb(again))
+
+
+@pytest.mark.parametrize("kind", [pytest.param(kind, id=name) for name, kind in KINDS.items()])
+def test_samples_leave_no_field_out(kind: type[Message | Query]) -> None:
+    values = msgpack.unpackb((FOLDER / catalogue.sample_path(kind)).read_bytes())
+    assert list(values) == list(kind.model_fields)
+    assert not [name for name, value in values.items() if value is None or value in ("", [], b"")]
+
+
+def test_the_asyncapi_document_holds_together() -> None:
+    document = json.loads((FOLDER / "asyncapi.json").read_bytes())
+    assert document["asyncapi"].startswith("3.0.")
+    addresses = {channel["address"] for channel in document["channels"].values()}
+    assert addresses == {row.key for row in (*TOPICS, *REQUESTS)}
+    references = list(_references(document))
+    assert len(references) > 3 * len(addresses)
+    for reference in references:
+        file, _, pointer = reference.partition("#")
+        node = json.loads((FOLDER / file).read_bytes()) if file else document
+        for part in pointer.strip("/").split("/") if pointer else ():
+            node = node[part]
+        assert node
+
+
+def test_every_channel_says_how_it_is_delivered() -> None:
+    channels = json.loads((FOLDER / "asyncapi.json").read_bytes())["channels"]
+    imu, button = channels["users.user.imu"], channels["users.user.button"]
+    assert (imu["x-delivery"], imu["x-rate-hz"], button["x-delivery"]) == ("latest", 50, "event")
+    assert "imu-bridge" in imu["x-writers"]
+    assert list(imu["parameters"]) == ["user"]
+    assert channels["conveyor.add_package"]["x-server"] == "conveyor-sim"
+
+
+def test_requests_have_a_query_and_a_reply() -> None:
+    operations = json.loads((FOLDER / "asyncapi.json").read_bytes())["operations"]
+    answers = {name: each for name, each in operations.items() if "reply" in each}
+    assert len(answers) == len(REQUESTS)
+    add = answers["conveyor.add_package.answer"]
+    assert add["messages"] == [{"$ref": "#/channels/conveyor.add_package/messages/AddPackage"}]
+    assert add["reply"]["messages"] == [{"$ref": "#/channels/conveyor.add_package/messages/AddPackageReply"}]
+
+
+@pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in (*TOPICS, *REQUESTS)])
+def test_the_readme_lists_every_row(row: Any) -> None:
+    assert f"| `{row.key}` |" in (FOLDER / "README.md").read_text(encoding="utf-8")
+
+
+def _references(node: Any) -> list[str]:
+    if isinstance(node, dict):
+        return [
+            found
+            for key, value in node.items()
+            for found in ([value] if key == "$ref" else _references(value))
+        ]
+    return [found for item in node for found in _references(item)] if isinstance(node, list) else []
+
+
+def _grown(old: Any, new: Any) -> bool:
+    """Return whether `new` holds everything that `old` holds."""
+    if isinstance(old, dict):
+        return all(name in new and _grown(value, new[name]) for name, value in old.items())
+    if isinstance(old, list):
+        return len(old) == len(new) and all(map(_grown, old, new))
+    return bool(old == new)

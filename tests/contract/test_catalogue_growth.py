@@ -1,0 +1,201 @@
+"""Messages only grow: what a developer is told who changes one."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgpack
+import pytest
+from pydantic import Field
+
+from pointit.schemas import Message, Part, SchemaError, decode
+from pointit.schemas.asyncapi import Kind
+from pointit.schemas.catalogue import generate, outdated, renewed
+from pointit.schemas.growth import losses
+
+
+class Wheel(Part):
+    """A wheel."""
+
+    radius_m: Annotated[float, Field(gt=0, description="of the tyre")] = 0.3
+    title: str = ""
+
+
+class Cart(Message):
+    """Something that rolls."""
+
+    front: Wheel
+    wheels: tuple[Wheel, ...] = ()
+    mood: Literal["calm", "brisk"] = "calm"
+    place_m: tuple[float, float] = (0.0, 0.0)
+    driver: str | None = None
+
+
+COMMITTED = generate([Cart])
+
+
+def cart(version: int = 1, *, base: type[Message] = Message, doc: str = "", **fields: Any) -> Kind:
+    """Cart as somebody may change it: given fields are (annotation, default) or a bare annotation; None drops."""
+    now: dict[str, Any] = {
+        "front": Wheel,
+        "wheels": (tuple[Wheel, ...], ()),
+        "mood": (Literal["calm", "brisk"], "calm"),
+        "place_m": (tuple[float, float], (0.0, 0.0)),
+        "driver": (str | None, None),
+        **fields,
+    }
+    body: dict[str, Any] = {"__module__": __name__, "__doc__": doc, "version": version}
+    annotations: dict[str, Any] = {"version": ClassVar[int]}
+    for name, field in now.items():
+        if field is not None:
+            annotations[name] = field[0] if isinstance(field, tuple) else field
+            if isinstance(field, tuple):
+                body[name] = field[1]
+    return type(base)("Cart", (base,), {**body, "__annotations__": annotations})
+
+
+def part(**fields: Any) -> type[Part]:
+    """Wheel as somebody may change it."""
+    annotations = {"radius_m": Annotated[float, Field(gt=0)], "title": str}
+    body: dict[str, Any] = {"radius_m": 0.3, "title": ""}
+    for name, field in fields.items():
+        annotations[name] = field[0]
+        body[name] = field[1]
+    return type(Part)("Wheel", (Part,), {"__module__": __name__, **body, "__annotations__": annotations})
+
+
+def merged(*layers: Mapping[str, bytes]) -> dict[str, bytes]:
+    return {path: content for layer in layers for path, content in layer.items()}
+
+
+def test_an_unchanged_message_needs_nothing() -> None:
+    assert outdated(COMMITTED, [Cart]) == []
+    assert renewed(COMMITTED, [Cart]) == {}
+    assert losses(*[Cart.model_json_schema()] * 2) == []
+
+
+def test_a_missing_file_is_written_and_named() -> None:
+    committed = {path: content for path, content in COMMITTED.items() if path != "messages/Cart.v1.json"}
+    committed.pop("samples/Cart.v1.msgpack")
+    assert set(renewed(committed, [Cart])) == {"messages/Cart.v1.json", "samples/Cart.v1.msgpack"}
+    (problem,) = outdated(committed, [Cart])
+    assert "messages/Cart.v1.json, samples/Cart.v1.msgpack; run `pointit schema --write`" in problem
+
+
+def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
+    changed = cart(colour=(str, ""))
+    with pytest.raises(
+        SchemaError, match=r"^Cart\.v1 has changed.*raise `version` of Cart to 2 and run"
+    ) as caught:
+        renewed(COMMITTED, [changed])
+    assert "`pointit schema --write` again" in str(caught.value)
+    assert outdated(COMMITTED, [changed]) == [str(caught.value)]
+
+
+def test_an_added_field_of_a_part_asks_for_a_version_of_its_message() -> None:
+    changed = cart(front=part(spokes=(int, 0)), wheels=(tuple[part(spokes=(int, 0)), ...], ()))
+    assert "raise `version` of Cart to 2" in outdated(COMMITTED, [changed])[0]
+
+
+def test_a_raised_version_is_written_beside_the_old_one() -> None:
+    grown = cart(2, colour=(str, ""))
+    written = renewed(COMMITTED, [grown])
+    assert set(written) >= {"messages/Cart.v2.json", "samples/Cart.v2.msgpack"}
+    assert not {"messages/Cart.v1.json", "samples/Cart.v1.msgpack"} & set(written)
+    both = merged(COMMITTED, written)
+    assert outdated(both, [grown]) == []
+    assert (
+        "raise `version` of Cart to 3"
+        in outdated(both, [cart(2, colour=(str, ""), weight_kg=(float, 0.0))])[0]
+    )
+    old = decode(grown, COMMITTED["samples/Cart.v1.msgpack"], "Cart.v1")
+    assert msgpack.unpackb(COMMITTED["samples/Cart.v1.msgpack"])["stamp_ns"] == old.model_dump()["stamp_ns"]
+
+
+def test_an_added_part_field_is_growth_when_the_version_rises() -> None:
+    grown = part(spokes=(int, 0))
+    assert renewed(COMMITTED, [cart(2, front=grown, wheels=(tuple[grown, ...], ()))])
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize(
+    ("fields", "clause"),
+    [
+        ({"driver": None}, "the field driver is gone"),
+        ({"front": None}, "the field front is gone"),
+        ({"colour": str}, "the field colour is required now, give it a default"),
+        ({"mood": Literal["calm", "brisk"]}, "the field mood is required now"),
+        ({"mood": (Literal["calm", "brisk", "wild"], "calm")}, "the field mood changed (enum: "),
+        ({"driver": (int | None, None)}, "the field driver changed (type: 'string' before, 'integer' now)"),
+        ({"driver": (str, "")}, "the field driver changed"),
+        ({"place_m": (tuple[float, float, float], (0.0, 0.0, 0.0))}, "the field place_m changed"),
+        ({"place_m": (tuple[float, int], (0.0, 0))}, "the field place_m changed (type: 'number' before"),
+        ({"front": part(radius_m=(Annotated[float, Field(gt=1)], 2.0))}, "the field front.radius_m changed"),
+        ({"front": part(title=(bytes, b""))}, "the field front.title changed"),
+        ({"wheels": (tuple[part(title=(int, 0)), ...], ())}, "the field wheels.title changed"),
+    ],
+)
+def test_anything_else_is_a_new_message(version: int, fields: dict[str, Any], clause: str) -> None:
+    with pytest.raises(SchemaError) as caught:
+        renewed(COMMITTED, [cart(version, **fields)])
+    assert str(caught.value).startswith("Cart may only grow from Cart.v1, but the field ")
+    assert clause in str(caught.value)
+    assert str(caught.value).endswith("undo that, or make it a new message")
+
+
+def test_a_default_changes_with_a_version_only() -> None:
+    assert "raise `version` of Cart to 2" in outdated(COMMITTED, [cart(driver=(str | None, "me"))])[0]
+    assert renewed(COMMITTED, [cart(2, driver=(str | None, "me"))])
+
+
+def test_prose_may_change_at_any_time() -> None:
+    reworded = cart(doc="Something that rolls, or stands.")
+    assert set(renewed(COMMITTED, [reworded])) == {"messages/Cart.v1.json"}
+
+
+def test_samples_that_are_there_are_never_written_again() -> None:
+    committed = merged(COMMITTED, {"samples/Cart.v1.msgpack": b"as some older sender sent it"})
+    assert renewed(committed, [Cart]) == {}
+
+
+@pytest.mark.parametrize(
+    ("version", "sentence"),
+    [
+        (3, "Cart has version 3, but Cart.v1 is the newest: raise `version` by one"),
+        (0, "Cart has version 0, but Cart.v1 is committed: versions never go back"),
+    ],
+)
+def test_versions_rise_by_one(version: int, sentence: str) -> None:
+    assert outdated(COMMITTED, [cart(version)]) == [sentence]
+
+
+def test_a_message_does_not_vanish() -> None:
+    (problem,) = outdated(COMMITTED, [])
+    assert problem.startswith("Cart is in the catalogue and in no row of the topic table")
+
+
+@pytest.mark.parametrize(
+    ("lost", "sentence"),
+    [
+        ("samples/Cart.v1.msgpack", "messages/Cart.v1.json has lost its sample"),
+        ("messages/Cart.v1.json", "samples/Cart.v1.msgpack has lost its schema"),
+    ],
+)
+def test_old_versions_keep_both_files(lost: str, sentence: str) -> None:
+    grown = cart(2, colour=(str, ""))
+    both = merged(COMMITTED, renewed(COMMITTED, [grown]))
+    del both[lost]
+    assert any(problem.startswith(sentence) for problem in outdated(both, [grown]))
+
+
+def test_strange_files_are_named() -> None:
+    committed = merged(COMMITTED, {"messages/notes.txt": b"", "samples/Cart.v1.json": b"{}"})
+    assert outdated(committed, [Cart]) == [
+        "messages/notes.txt is no file of the catalogue: delete it",
+        "samples/Cart.v1.json is no file of the catalogue: delete it",
+    ]
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[]", b"3"])
+def test_a_broken_schema_file_is_named(content: bytes) -> None:
+    with pytest.raises(SchemaError, match=r"^messages/Cart\.v1\.json: is not .*restore it from git"):
+        outdated(merged(COMMITTED, {"messages/Cart.v1.json": content}), [Cart])

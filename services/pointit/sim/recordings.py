@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 UNIT_TOLERANCE = 0.01
 """How far the norm of a recorded quaternion may be from 1; it is then made 1."""
 
+_NOTHING: list[str] = []
 _TIME = "t"
 _ORIENTATION = ("qx", "qy", "qz", "qw")
 _ROBOT = ("robot_x", "robot_y", "robot_z")
@@ -54,7 +55,7 @@ def read_imu_csv(path: Path) -> ImuRecording:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.reader(file)
-            header = [name.strip() for name in next(rows, [])]
+            header = [name.strip() for name in next(rows, _NOTHING)]
             columns = _columns(path, header)
             values = _values(path, rows, columns)
     except OSError as error:

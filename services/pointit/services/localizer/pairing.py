@@ -1,0 +1,100 @@
+"""Rays and moving targets brought together by the time of their capture, whenever they arrive."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.schemas import PointingRay
+from pointit.schemas.base import Vec3
+from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer.sphere import Array
+
+Stamps = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+NS_PER_S = 1_000_000_000
+
+MAX_GAP_S = 0.5
+"""Between two reports of a target further apart in time, its place is not known."""
+
+MAX_RAYS = 8192
+"""A window holds no more, whatever the rate."""
+
+
+class RayWindow:
+    """The rays of the last `window_s`."""
+
+    def __init__(self, window_s: float) -> None:
+        self._window_ns = round(window_s * NS_PER_S)
+        self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
+
+    def __len__(self) -> int:
+        """Return the number of rays."""
+        return len(self._rays)
+
+    @property
+    def newest_ns(self) -> int:
+        """Return the newest ray's stamp; -1 when there is none."""
+        return self._rays[-1].stamp_ns if self._rays else -1
+
+    def add(self, ray: PointingRay) -> None:
+        """Take `ray` unless it is older than one already taken; forget what left the window."""
+        if ray.stamp_ns <= self.newest_ns:
+            return
+        self._rays.append(ray)
+        while self._rays[0].stamp_ns < ray.stamp_ns - self._window_ns:
+            self._rays.popleft()
+
+    def pointings(self, track: "Track") -> Pointings:
+        """Return the rays with the place of `track` at the time of each; those without one are left out."""
+        stamps = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
+        targets, known = track.at(stamps)
+        rays = [ray for ray, use in zip(self._rays, known, strict=True) if use]
+        stamps = stamps[known]
+        return Pointings(
+            (stamps - stamps[:1]).astype(np.float64) / NS_PER_S,
+            np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3),
+            np.array([ray.direction for ray in rays], dtype=np.float64).reshape(-1, 3),
+            targets[known],
+        )
+
+
+class Track:
+    """Where one target was during the last `window_s`."""
+
+    def __init__(self, window_s: float) -> None:
+        self._window_ns = round((window_s + 2.0 * MAX_GAP_S) * NS_PER_S)
+        self._places: deque[tuple[int, Vec3]] = deque(maxlen=MAX_RAYS)
+
+    @property
+    def newest_ns(self) -> int:
+        """Return the newest report's stamp; -1 when there is none."""
+        return self._places[-1][0] if self._places else -1
+
+    def add(self, stamp_ns: int, position_m: Vec3) -> None:
+        """Take the place at `stamp_ns` unless it is older than one already taken."""
+        if stamp_ns <= self.newest_ns:
+            return
+        self._places.append((stamp_ns, position_m))
+        while self._places[0][0] < stamp_ns - self._window_ns:
+            self._places.popleft()
+
+    def at(self, stamps_ns: Stamps) -> tuple[Array, Bools]:
+        """Return the places (n x 3) at `stamps_ns`, and which of them are known.
+
+        Linear between two reports; unknown before the first, after the last and in gaps.
+        """
+        places = np.zeros((len(stamps_ns), 3))
+        if len(self._places) < 2:
+            return places, np.zeros(len(stamps_ns), dtype=np.bool_)
+        origin_ns = self._places[0][0]  # as differences the nanoseconds fit into floats
+        times_s = np.array([stamp - origin_ns for stamp, _ in self._places]) / NS_PER_S
+        wanted_s = (stamps_ns - origin_ns) / NS_PER_S
+        reports = np.array([place for _, place in self._places])
+        for axis in range(3):
+            places[:, axis] = np.interp(wanted_s, times_s, reports[:, axis])
+        after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
+        known = (wanted_s >= times_s[0]) & (wanted_s <= times_s[-1])
+        known &= times_s[after] - times_s[after - 1] <= MAX_GAP_S
+        return places, known

@@ -41,6 +41,8 @@ class MovingTarget:
     _rays: RayWindow
     _tracks: dict[str, Track]
     _target_id: str
+    _tried_ns: int
+    """Stamp of the newest ray at the last try."""
     _span_s: float
     """Time of pointing in the window at the last try."""
     _accepted: bool
@@ -110,6 +112,7 @@ class MovingTarget:
         self._rays = RayWindow(self._following.window_s)
         self._tracks = {}
         self._target_id = self._following.target_id
+        self._tried_ns = -1
         self._span_s = 0.0
         self._accepted = False
 
@@ -118,7 +121,8 @@ class MovingTarget:
         if not self._tracks:
             which = self._following.target_id or "a robot"
             return Refusal(f"nobody says where {which} is; start what tracks it")
-        if not len(self._rays):
+        before_ns, self._tried_ns = self._tried_ns, self._rays.newest_ns
+        if self._tried_ns == before_ns:
             return Refusal("no rays come; check that the IMU is on and sends")
         for track_id, track in list(self._tracks.items()):  # those that left
             if track.newest_ns < self._rays.newest_ns - self._following.window_s * NS_PER_S:

@@ -1,0 +1,19 @@
+"""Parameters of robot-replay."""
+
+from pydantic import Field
+
+from pointit.runtime.config import Config
+
+
+class RobotReplayConfig(Config):
+    """Which recording, and when."""
+
+    recording: str = Field(
+        default="", description="CSV file with columns t (s), robot_x, robot_y, robot_z (m)"
+    )
+    start_ns: int = Field(
+        default=0,
+        ge=0,
+        description="time of the recording's first sample, Unix ns; 0: when the service starts",
+    )
+    robot_id: str = Field(default="robot", min_length=1, max_length=64, description="id of the robot")

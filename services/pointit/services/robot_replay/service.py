@@ -1,0 +1,54 @@
+"""Writes where the recorded robot is, at the times of the recording."""
+
+import asyncio
+import logging
+from pathlib import Path
+from typing import ClassVar
+
+from pointit.runtime import NS_PER_S, ConfigError, Context, Service, sleep
+from pointit.runtime.service import Scope
+from pointit.schemas.topics import OBJECTS
+from pointit.services.robot_replay.config import RobotReplayConfig
+from pointit.services.robot_replay.trajectory import Trajectory
+from pointit.sim.recordings import read_imu_csv
+
+log = logging.getLogger(__name__)
+
+
+class RobotReplay(Service[RobotReplayConfig]):
+    """Publishes the robot of a recording as a tracker would, sample by sample."""
+
+    NAME: ClassVar[str] = "robot-replay"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = RobotReplayConfig
+
+    def __init__(self, config: RobotReplayConfig, context: Context) -> None:
+        """Read the recording.
+
+        Raises:
+            ConfigError: it is not given, cannot be read, or has no robot.
+        """
+        super().__init__(config, context)
+        if not config.recording:
+            raise ConfigError(
+                "recording: is missing; name a CSV file with columns t, robot_x, robot_y, robot_z"
+            )
+        self._trajectory = Trajectory(read_imu_csv(Path(config.recording)), config.robot_id)
+        self._objects = self.bus.publisher(OBJECTS)
+
+    async def run(self) -> None:
+        """Send each report when it is due; what is past when this begins is left out; then wait."""
+        now_ns = self.clock.now_ns()
+        start_ns = self.config.start_ns or now_ns
+        for index, time_ns in enumerate(self._trajectory.times_ns):
+            due_ns = start_ns + time_ns
+            if due_ns < now_ns:
+                continue
+            while (wait_ns := due_ns - self.clock.now_ns()) > 0:
+                await sleep(self.clock, wait_ns / NS_PER_S)
+            self._objects.put(self._trajectory.report(index, start_ns))
+        log.info("%s is over", self.config.recording)
+        await asyncio.Event().wait()
+
+
+SERVICE = RobotReplay

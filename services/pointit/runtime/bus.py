@@ -25,7 +25,13 @@ Handler = Callable[[M, str], None]
 """Takes a message and what stands for the key's placeholder (empty where there is none)."""
 
 Server = Callable[[Q, str], Awaitable[R]]
-"""Takes a query and the placeholder's name; raises `RefusedError` with a sentence to refuse."""
+"""Takes a query and the placeholder's name; raises `RefusedError` with a sentence to refuse.
+
+Each answer is a task of its own that ends with what `serve` returned, not with a caller that gives up.
+"""
+
+MAX_IN_FLIGHT = 256
+"""Answers that one server works on at a time; further callers are refused at once."""
 
 
 @dataclass(slots=True)
@@ -83,7 +89,8 @@ class Bus(Protocol):
         """Call `handler(message, name)` for what arrives on `topic` (of one `name`, or of all).
 
         *latest* and *state* keep the newest a key until handled; *event* keeps `EVENT_CAPACITY` in order.
-        A reader of *state* gets the last value at once, when a writer that has put one is there.
+        A reader of *state* gets the last value at once, when a writer that has put one is there; a reader
+        of *event* gets what is put from now on.
         """
         ...
 
@@ -97,8 +104,10 @@ class Bus(Protocol):
         """Return the reply.
 
         Raises:
-            RefusedError: the server says why not.
+            RefusedError: the server says why not, or what went wrong in it.
             NoAnswerError: nobody serves it, or not within `timeout_s`.
+            RequestError: the reply is not the one of the table.
+            BusClosedError: the bus was closed meanwhile.
         """
         ...
 
@@ -108,6 +117,11 @@ class Bus(Protocol):
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` for everyone present now, and on every change."""
+        ...
+
+    @property
+    def trouble(self) -> str:
+        """Return one sentence on what is wrong with the bus itself; empty when nothing is."""
         ...
 
     async def close(self) -> None:

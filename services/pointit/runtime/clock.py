@@ -1,6 +1,7 @@
 """Time as services see it: the wall's, or a simulated one that runs faster or slower."""
 
 import asyncio
+import math
 import time
 from collections.abc import AsyncIterator
 from typing import Protocol
@@ -98,5 +99,6 @@ async def ticks(clock: Clock, rate_hz: float) -> AsyncIterator[int]:
     while True:
         yield clock.now_ns()
         period_s = 1.0 / (rate_hz * clock.speed)
-        due_s = max(due_s + period_s, loop.time() - period_s)
+        late_s = loop.time() - due_s
+        due_s += period_s * max(1, math.floor(late_s / period_s))  # on the grid: the last tick that is due
         await asyncio.sleep(max(0.0, due_s - loop.time()))

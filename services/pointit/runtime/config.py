@@ -3,6 +3,7 @@
 Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variables, options.
 """
 
+import datetime as dt
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,7 +48,9 @@ class Leaf:
             return "required"
         if isinstance(value, BaseModel):
             return str(value.model_dump(mode="json"))
-        return str(list(value) if isinstance(value, tuple) else value)
+        if isinstance(value, tuple):
+            return str(list(typing.cast("tuple[object, ...]", value)))
+        return "none" if value is None else str(value)
 
     @property
     def type_name(self) -> str:
@@ -84,7 +87,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: a mapping of names to values was expected, got {type(data).__name__}")
-    return {str(key): value for key, value in data.items()}
+    return {str(key): value for key, value in typing.cast("dict[object, Any]", data).items()}
 
 
 class Layers:
@@ -99,12 +102,16 @@ class Layers:
         self._merge(self.values, values, (), source)
 
     def add_text(self, path: Sequence[str], text: str, source: str) -> None:
-        """Lay one value on top, given as YAML text (`0.5`, `[1, 2]`, `red`)."""
+        """Lay one value on top, given as YAML text (`0.5`, `[1, 2]`, `red`).
+
+        A single word or number stays text, for the field to read: `no` may be a name, `7` an id.
+        """
         try:
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise ConfigError(f"{source}: is not a value ({text!r})") from error
-        nested: Any = value
+        is_word = isinstance(value, str | bool | int | float | dt.date)
+        nested: Any = text.strip() if is_word and text.lstrip()[0] not in "'\"" else value
         for name in reversed(path):
             nested = {name: nested}
         self.add(nested, source)
@@ -135,13 +142,11 @@ class Layers:
             key = str(raw)
             here = (*path, key)
             self._sources[here] = source
-            current = into.get(key)
-            if isinstance(value, Mapping) and isinstance(current, dict):
-                self._merge(current, typing.cast("Mapping[str, Any]", value), here, source)
-            elif isinstance(value, Mapping):
-                fresh: dict[str, Any] = {}
-                into[key] = fresh
-                self._merge(fresh, typing.cast("Mapping[str, Any]", value), here, source)
+            if isinstance(value, Mapping):
+                current = into.get(key)
+                below = typing.cast("dict[str, Any]", current) if isinstance(current, dict) else {}
+                into[key] = below
+                self._merge(below, typing.cast("Mapping[str, Any]", value), here, source)
             else:
                 into[key] = value
 

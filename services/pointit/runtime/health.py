@@ -1,5 +1,7 @@
 """A service's account of itself: its traffic, its times, its warnings, measured where it meets the bus."""
 
+import contextlib
+import math
 import os
 import socket
 import time
@@ -45,8 +47,11 @@ class _Times:
         self._count = 0
         if not values:
             return None
-        last = len(values) - 1
-        return Quantiles(p50_s=values[last // 2], p99_s=values[int(last * 0.99)])
+
+        def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
+            return values[math.ceil(share * len(values)) - 1]
+
+        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99))
 
 
 class _Meter:
@@ -103,7 +108,9 @@ class ServiceBus:
         self._steps = _Times()
         self._latency = _Times()
         self._declared: list[Closable] = []
+        self._tokens: list[Closable] = []
         self._warnings: dict[str, str] = {}
+        self._watch_errors = 0
         self._seq = 0
         self.served: set[str] = set()
         """Keys of the requests this service answers."""
@@ -156,20 +163,35 @@ class ServiceBus:
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed."""
         token = self._bus.announce(presence, name)
-        self._declared.append(token)
+        self._tokens.append(token)
         return token
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
-        watching = self._bus.watch(presence, handler)
+
+        def counted(name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+            try:
+                handler(name, present)
+            except Exception:
+                self._watch_errors += 1
+                raise
+
+        watching = self._bus.watch(presence, counted)
         self._declared.append(watching)
         return watching
 
+    @property
+    def trouble(self) -> str:
+        """Return what is wrong with the bus itself."""
+        return self._bus.trouble
+
     async def close(self) -> None:
-        """Undeclare everything of this service; the bus itself goes on."""
-        for declared in reversed(self._declared):
-            declared.close()
+        """Undeclare everything of this service, its presence last; the bus itself goes on."""
+        with contextlib.ExitStack() as stack:
+            for declared in (*self._tokens, *self._declared):
+                stack.callback(declared.close)
         self._declared.clear()
+        self._tokens.clear()
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`."""
@@ -185,7 +207,7 @@ class ServiceBus:
         span_s = max(now_s - self._reported_s, 1e-3)
         self._reported_s = now_s
         keys: list[KeyHealth] = []
-        errors = 0
+        errors = self._watch_errors
         for (key, direction), meter in self._meters.items():
             errors += meter.total("errors")
             keys.append(
@@ -201,6 +223,8 @@ class ServiceBus:
             )
             meter.count = 0
         self._seq += 1
+        trouble = (self.trouble,) if self.trouble else ()
+        warnings = (*trouble, *self._warnings.values())
         return Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,
@@ -214,8 +238,8 @@ class ServiceBus:
             step=self._steps.take(),
             latency=self._latency.take(),
             errors=errors,
-            status="degraded" if self._warnings else "ok",
-            warnings=tuple(self._warnings.values()),
+            status="degraded" if warnings else "ok",
+            warnings=warnings,
         )
 
     def health_publisher(self) -> Publisher[Health]:

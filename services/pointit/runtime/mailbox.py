@@ -8,6 +8,7 @@ import asyncio
 import collections
 import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -56,19 +57,20 @@ class Dispatcher:
             self._closed = True
 
     def _wake(self) -> None:
-        for _ in range(MAX_ROUNDS):
-            count = len(self._ready)
-            if not count:
-                break
-            for _ in range(count):
-                if self._closed:
-                    return
-                self._ready.popleft().drain()
-        # A thread that marked between the last look and this line saw us awake: look again afterwards.
-        self._awake = False
-        if self._ready:
-            self._awake = True
-            self._schedule()
+        try:
+            for _ in range(MAX_ROUNDS):
+                if not self._ready:
+                    break
+                for _ in range(len(self._ready)):
+                    if self._closed:
+                        return
+                    self._ready.popleft().drain()
+        finally:
+            # A thread that marked between the last look and this line saw us awake: look again afterwards.
+            self._awake = False
+            if self._ready and not self._closed:
+                self._awake = True
+                self._schedule()
 
 
 class Mailbox:
@@ -93,7 +95,9 @@ class Mailbox:
         self._keeps_newest = topic.delivery is not Delivery.EVENT
         self._newest: dict[str, Any] = {}
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
-        self._last_log_s = {"invalid": -LOG_PERIOD_S, "error": -LOG_PERIOD_S, "overflow": -LOG_PERIOD_S}
+        self._overflowed = 0
+        """How many had overflowed when it was last said."""
+        self._logged_s: dict[str, float] = {}
 
     def offer(self, name: str, item: Any) -> None:
         """Take `item`; from any thread, never blocks, never raises."""
@@ -116,16 +120,17 @@ class Mailbox:
 
     def drain(self) -> None:
         """Handle everything that is there; in the loop."""
-        dropped = self.traffic.dropped
         with self._lock:
             self._marked = False
+            dropped = self.traffic.dropped
             if self._keeps_newest:
                 batch = list(self._newest.items())
                 self._newest.clear()
             else:
                 batch = list(self._queue)
                 self._queue.clear()
-        if not self._keeps_newest and dropped and self._may_log("overflow"):
+        if not self._keeps_newest and dropped > self._overflowed and self._may_log("overflow"):
+            self._overflowed = dropped
             log.warning("%s: reader too slow, %d events lost so far", self.topic.key, dropped)
         for name, item in batch:
             if self._closed:
@@ -140,22 +145,39 @@ class Mailbox:
                 if self._may_log("error"):
                     log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
 
+    def reject(self, reason: object) -> None:
+        """Count what came and cannot be taken, and say why; from any thread."""
+        with self._lock:
+            self.traffic.invalid += 1
+        if self._may_log("invalid"):
+            log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
+
+    def lose(self, count: int) -> None:
+        """Count events that were sent and never came; from any thread."""
+        with self._lock:
+            self.traffic.lost += count
+        if self._may_log("lost"):
+            log.warning("%s: %d events never arrived so far", self.topic.key, self.traffic.lost)
+
     def close(self) -> None:
         """Handle nothing any more."""
         self._closed = True
+        with self._lock:
+            self._newest.clear()
+            self._queue.clear()
 
     def _open(self, item: Any) -> Message | None:
         try:
             return self._unpack(item) if self._unpack else None
         except DecodeError as error:
-            self.traffic.invalid += 1
-            if self._may_log("invalid"):
-                log.warning("%s: dropped, %s (%d so far)", self.topic.key, error, self.traffic.invalid)
-            return None
+            self.reject(error)
+        except Exception as error:  # noqa: BLE001 - whatever foreign bytes provoke, they stop nobody
+            self.reject(f"{type(error).__name__}: {error}")
+        return None
 
     def _may_log(self, what: str) -> bool:
-        now = asyncio.get_running_loop().time()
-        if now - self._last_log_s[what] < LOG_PERIOD_S:
+        now_s = time.monotonic()
+        if now_s - self._logged_s.get(what, -LOG_PERIOD_S) < LOG_PERIOD_S:
             return False
-        self._last_log_s[what] = now
+        self._logged_s[what] = now_s
         return True

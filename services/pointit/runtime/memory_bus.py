@@ -5,11 +5,20 @@ Several buses may share one `Exchange`; each stands for one participant.
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-from pointit.runtime.bus import REQUEST_TIMEOUT_S, AnyTopic, Closable, Handler, Server, Subscription, Traffic
-from pointit.runtime.errors import BusClosedError, NoAnswerError, RefusedError
+from pointit.runtime.bus import (
+    MAX_IN_FLIGHT,
+    REQUEST_TIMEOUT_S,
+    AnyTopic,
+    Closable,
+    Handler,
+    Server,
+    Subscription,
+    Traffic,
+)
+from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
 from pointit.runtime.mailbox import Dispatcher, Mailbox
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
@@ -17,6 +26,9 @@ from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
+
+CLOSE_PATIENCE_S = 1.0
+"""How long closing waits for servers to notice that they are cancelled."""
 
 log = logging.getLogger(__name__)
 
@@ -29,20 +41,21 @@ class Exchange:
         """By topic key: the wanted name (or `*`) and the mailbox."""
         self.states: dict[str, dict[str, Message]] = {}
         """By topic key and name: the last value whose writer is still there."""
-        self.servers: dict[str, list[tuple[str, Server[Any, Any]]]] = {}
+        self.desks: dict[str, list[Desk[Any, Any]]] = {}
+        """By request key: who answers."""
         self.present: dict[str, dict[str, int]] = {}
         """By presence key and name: how many announce it."""
-        self.watchers: dict[str, list[Callable[[str, bool], None]]] = {}
+        self.watchers: dict[str, list[Watcher]] = {}
 
     def readers_of(self, topic: AnyTopic) -> list[tuple[str, Mailbox]]:
         """Return the live list of readers, for writers to keep."""
         return self.readers.setdefault(topic.key, [])
 
-    def server_of(self, request: Request[Q, R], name: str) -> Server[Q, R] | None:
-        """Return who serves `request` for `name` in this process."""
-        for wanted, server in self.servers.get(request.key, ()):
-            if wanted in (ANY, name):
-                return server
+    def desk_of(self, request: Request[Q, R], name: str) -> "Desk[Q, R] | None":
+        """Return who answers `request` for `name` in this process."""
+        for desk in self.desks.get(request.key, ()):
+            if desk.wanted in (ANY, name):
+                return desk
         return None
 
 
@@ -67,15 +80,14 @@ class MemoryPublisher(Generic[M]):
 
     def __init__(self, bus: "MemoryBus", topic: Topic[M], name: str) -> None:
         topic.at(name)  # raises on a name that cannot stand in the key
-        self._bus = bus
         self._name = name
         self._readers = bus.exchange.readers_of(topic)
         self._is_state = topic.delivery is Delivery.STATE
         self._states = bus.exchange.states.setdefault(topic.key, {})
         self._message = topic.message
         self._last: M | None = None
-        self._declaration = Declaration(bus, self._undeclare)
         self._open = True
+        self._declaration = Declaration(bus, self._undeclare)
 
     def put(self, message: M) -> None:
         """Send `message`."""
@@ -104,15 +116,10 @@ class MailboxSubscription:
         if name != ANY:
             topic.at(name)
         self._mailbox = mailbox
-        readers = bus.exchange.readers_of(topic)
-        entry = (name, mailbox)
-        readers.append(entry)
-
-        def undo() -> None:
-            mailbox.close()
-            readers.remove(entry)
-
-        self._declaration = Declaration(bus, undo)
+        self._readers = bus.exchange.readers_of(topic)
+        self._entry = (name, mailbox)
+        self._readers.append(self._entry)
+        self._declaration = Declaration(bus, self._undeclare)
         if topic.delivery is Delivery.STATE:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
                 if name in (ANY, key):
@@ -127,6 +134,81 @@ class MailboxSubscription:
         """Undeclare; the handler does not run any more."""
         self._declaration.close()
 
+    def _undeclare(self) -> None:
+        self._mailbox.close()
+        self._readers.remove(self._entry)
+
+
+class Desk(Generic[Q, R]):
+    """Where one request is answered: each answer is a task that ends with the desk, not with its caller."""
+
+    def __init__(self, bus: "MemoryBus", request: Request[Q, R], server: Server[Q, R], name: str) -> None:
+        self.request = request
+        self.wanted = name if request.placeholder else ANY
+        self._bus = bus
+        self._server = server
+        self._answers: set[asyncio.Task[R]] = set()
+        self._desks = bus.exchange.desks.setdefault(request.key, [])
+        self._desks.append(self)
+        self._declaration = Declaration(bus, self._undeclare)
+
+    def start(self, query: Q, name: str) -> asyncio.Task[R]:
+        """Begin to answer `query`; the task raises nothing but `RefusedError`."""
+        task = self._bus.spawn(self._answer(query, name), f"serve {self.request.key}")
+        self._answers.add(task)
+        task.add_done_callback(self._answers.discard)
+        return task
+
+    def close(self) -> None:
+        """Answer no longer; callers that wait are told."""
+        self._declaration.close()
+
+    def _undeclare(self) -> None:
+        self._desks.remove(self)
+        for answer in self._answers:
+            answer.cancel()
+
+    async def _answer(self, query: Q, name: str) -> R:
+        server, key = self.request.server, self.request.key
+        if len(self._answers) > MAX_IN_FLIGHT:
+            raise RefusedError(f"{server} is busy with {MAX_IN_FLIGHT} other requests for {key}; ask later")
+        try:
+            reply = await self._server(query, name)
+            if not isinstance(reply, self.request.reply):
+                raise TypeError(f"the reply is a {type(reply).__name__}, not a {self.request.reply.__name__}")  # noqa: TRY301
+        except RefusedError:
+            raise
+        except PointItError as error:  # a sentence for a person already
+            raise RefusedError(str(error)) from error
+        except Exception as error:
+            log.exception("%s failed", key)
+            raise RefusedError(f"{server} failed on {key}: {type(error).__name__}: {error}") from error
+        return reply
+
+
+class Watcher:
+    """Tells a handler who is present, each change once."""
+
+    def __init__(self, presence: Presence, handler: Callable[[str, bool], None]) -> None:
+        self._presence = presence
+        self._handler = handler
+        self._known: set[str] = set()
+        self._open = True
+
+    def tell(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
+        if not self._open or present == (name in self._known):
+            return
+        (self._known.add if present else self._known.discard)(name)
+        try:
+            self._handler(name, present)
+        except Exception:  # a handler's fault must not stop the others
+            log.exception("watcher of %s failed", self._presence.key)
+
+    def close(self) -> None:
+        """Tell nothing any more."""
+        self._open = False
+
 
 class MemoryBus:
     """A participant of an exchange; see `pointit.runtime.bus.Bus` for the contract."""
@@ -136,8 +218,14 @@ class MemoryBus:
         self.exchange = exchange if exchange is not None else Exchange()
         self.declarations: set[Closable] = set()
         self.dispatcher = Dispatcher()
-        self._closed = False
-        self._calls: set[asyncio.Task[Any]] = set()
+        self._loop = asyncio.get_running_loop()
+        self._closed = self._loop.create_future()
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    @property
+    def trouble(self) -> str:
+        """Return nothing: this bus works or is closed."""
+        return ""
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
@@ -152,40 +240,19 @@ class MemoryBus:
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
         self._check_open()
-        servers = self.exchange.servers.setdefault(request.key, [])
-        entry = (name if request.placeholder else ANY, server)
-        servers.append(entry)
-        return Declaration(self, lambda: servers.remove(entry))
+        request.at(name)
+        return Desk(self, request, server, name)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
-        """Return the reply of whoever serves `request`."""
+        """Return the reply of whoever serves `request` in this process."""
         self._check_open()
         key = request.at(name)
-        server = self.exchange.server_of(request, name)
-        if server is None:
+        desk = self.exchange.desk_of(request, name)
+        if desk is None:
             raise no_answer(request, key)
-        return await self.in_time(request, key, answer(request, server, query, name), timeout_s)
-
-    async def in_time(
-        self, request: Request[Q, R], key: str, reply: Coroutine[Any, Any, R], timeout_s: float
-    ) -> R:
-        """Return what `reply` comes to; ends with the time-out, the caller or the bus."""
-        task = asyncio.create_task(reply, name=f"call {key}")
-        self._calls.add(task)
-        try:
-            await asyncio.wait({task}, timeout=timeout_s)
-            if task.cancelled():
-                raise BusClosedError(f"{key} was not answered: the bus is closed")
-            if not task.done():
-                raise no_answer(request, key, timeout_s)
-            return task.result()
-        finally:
-            self._calls.discard(task)
-            if not task.done():
-                task.cancel()
-                await asyncio.wait({task})
+        return await self._wait_for(desk.start(query, name), request, key, timeout_s)
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed."""
@@ -207,54 +274,71 @@ class MemoryBus:
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
-        loop = asyncio.get_running_loop()
-        live = True
-
-        def tell(name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
-            loop.call_soon(lambda: handler(name, present) if live else None)
-
+        watcher = Watcher(presence, handler)
         watchers = self.exchange.watchers.setdefault(presence.key, [])
-        watchers.append(tell)
+        watchers.append(watcher)
         for name in self.exchange.present.get(presence.key, {}):
-            tell(name, True)
+            self._loop.call_soon(watcher.tell, name, True)
 
         def undo() -> None:
-            nonlocal live
-            live = False
-            watchers.remove(tell)
+            watcher.close()
+            watchers.remove(watcher)
 
         return Declaration(self, undo)
 
     async def close(self) -> None:
         """Close everything that was declared here."""
-        self._closed = True
+        if self._closed.done():
+            return
+        self._closed.set_result(None)
         self.dispatcher.close()
         for declaration in list(self.declarations):
             declaration.close()
-        for call in list(self._calls):
-            call.cancel()
-        await asyncio.sleep(0)
+        tasks = self._tasks - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            _, left = await asyncio.wait(tasks, timeout=CLOSE_PATIENCE_S)
+            for task in left:
+                log.error("%s goes on although the bus is closed", task.get_name())
+
+    def spawn(self, work: Any, name: str) -> asyncio.Task[Any]:
+        """Run the coroutine `work` as a task that ends with the bus."""
+        task = self._loop.create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._forget)
+        return task
+
+    async def _wait_for(
+        self, reply: "asyncio.Task[R]", request: Request[Q, R], key: str, timeout_s: float
+    ) -> R:
+        """Return what `reply` comes to, unless the time or the bus ends before."""
+        await asyncio.wait({reply, self._closed}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+        if self._closed.done():
+            raise BusClosedError(f"{key} was not answered: the bus is closed")
+        if not reply.done():
+            raise no_answer(request, key, timeout_s)
+        if reply.cancelled():
+            raise RefusedError(shutting_down(request))
+        return reply.result()
+
+    def _forget(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled():
+            task.exception()  # seen: whoever asked may have gone
 
     def _tell(self, presence: Presence, name: str, *, present: bool) -> None:
-        for watcher in list(self.exchange.watchers.get(presence.key, ())):
-            watcher(name, present)
+        for watcher in self.exchange.watchers.get(presence.key, ()):
+            self._loop.call_soon(watcher.tell, name, present)
 
     def _check_open(self) -> None:
-        if self._closed:
+        if self._closed.done():
             raise BusClosedError("the bus is closed")
 
 
-async def answer(request: Request[Q, R], server: Server[Q, R], query: Q, name: str) -> R:
-    """Return the server's reply; whatever else it raises becomes a refusal that says so."""
-    try:
-        return await server(query, name)
-    except RefusedError:
-        raise
-    except Exception as error:
-        log.exception("%s failed", request.key)
-        raise RefusedError(
-            f"{request.server} failed on {request.key}: {type(error).__name__}: {error}"
-        ) from error
+def shutting_down(request: Request[Any, Any]) -> str:
+    """Return what a caller is told whose server ends."""
+    return f"{request.server} is shutting down"
 
 
 def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = None) -> NoAnswerError:

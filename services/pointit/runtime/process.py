@@ -7,7 +7,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Coroutine
+import typing
+from collections.abc import Callable, Coroutine, Generator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,17 +16,22 @@ import click
 
 from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
-from pointit.runtime.errors import BusError, ConfigError, PointItError
+from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.service import AnyService, Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.schemas import SchemaError
+from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
+EXIT_FAULT = 70
+"""An error that nobody foresaw (sysexits' EX_SOFTWARE)."""
+END_PATIENCE_S = 5.0
+"""After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
 SWITCH_INTERVAL_S = 0.0005
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
@@ -36,7 +42,11 @@ def main(service: type[AnyService]) -> NoReturn:
 
 
 def run_command(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
-    """Run a click command; errors become one sentence and an exit code, never a traceback."""
+    """Run a click command; errors become one sentence on standard error and an exit code.
+
+    0 done, or ended as asked; 1 it failed (nobody answers, an address is taken); 2 what was typed, a file or
+    a variable is wrong; 70 a fault of the program, whose traceback goes to the log; 130 Ctrl-C before work.
+    """
     try:
         result = command.main(args=arguments, standalone_mode=False)
     except click.exceptions.Abort:
@@ -47,9 +57,15 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
     except (ConfigError, SchemaError) as error:
         click.echo(f"Error: {error}", err=True)
         sys.exit(EXIT_USAGE)
-    except (PointItError, BusError) as error:
+    except PointItError as error:
         click.echo(f"Error: {error}", err=True)
         sys.exit(EXIT_FAILED)
+    except Exception as error:
+        log.critical("fault of the program", exc_info=error)
+        click.echo(
+            f"Error: a fault of PointIt itself ({type(error).__name__}: {error}), see the log", err=True
+        )
+        sys.exit(EXIT_FAULT)
     sys.exit(result if isinstance(result, int) else 0)
 
 
@@ -60,6 +76,8 @@ def service_command(service: type[AnyService]) -> click.Command:
     def callback(**options: Any) -> int:
         setup_logging(options["log_level"])
         user: str = options.get("user") or ""
+        if user:
+            check_name(user, "user")
         config = load_config(
             service,
             [options["config"]] if options["config"] else [],
@@ -181,10 +199,12 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
 
     def ask() -> None:
         nonlocal asked
-        asked = True
+        if not asked:
+            asked = True
+            cut_off.start()
         task.cancel()
 
-    with _signals(loop, ask):
+    with _signals(loop, ask), _cut_off(loop) as cut_off:
         try:
             return await task
         except asyncio.CancelledError:
@@ -197,22 +217,33 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
 
 def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
     """Return the error to tell the person: a sentence of ours if there is one."""
-    flat: list[BaseException] = []
-    stack: list[BaseException] = [group]
-    while stack:
-        error = stack.pop()
-        if isinstance(error, BaseExceptionGroup):
-            stack.extend(reversed(error.exceptions))
-        else:
-            flat.append(error)
-    for error in flat:
-        if isinstance(error, PointItError | SchemaError):
-            return error
-    return flat[0]
+    said = group.subgroup((PointItError, SchemaError))
+    error: BaseException = group if said is None else said
+    while isinstance(error, BaseExceptionGroup):
+        error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
+    return error
 
 
 @contextlib.contextmanager
-def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Any:
+def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
+    """Yield a timer that, once started, ends the process if what is inside takes too long to end."""
+
+    def end() -> None:
+        names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
+        sys.stderr.write(f"Error: did not end within {END_PATIENCE_S:g} s: {names}\n")
+        sys.stderr.flush()
+        os._exit(EXIT_FAILED)
+
+    timer = threading.Timer(END_PATIENCE_S, end)
+    timer.daemon = True
+    try:
+        yield timer
+    finally:
+        timer.cancel()
+
+
+@contextlib.contextmanager
+def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
     """Have SIGINT and SIGTERM call `ask` in the loop."""
     wanted = (signal.SIGINT, signal.SIGTERM)
     try:

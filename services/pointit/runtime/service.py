@@ -1,16 +1,19 @@
 """What a service is, and how one or many of them live and end together."""
 
 import asyncio
+import contextlib
 import logging
 from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus import Bus, Publisher
 from pointit.runtime.clock import Clock
 from pointit.runtime.config import Config
+from pointit.runtime.errors import BusClosedError
 from pointit.runtime.health import ServiceBus
+from pointit.schemas import Health
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, check_name
 
 log = logging.getLogger(__name__)
@@ -74,7 +77,11 @@ class Launch:
 
 
 async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
-    """Run one service until cancelled; whatever it raises ends it and is raised here."""
+    """Run one service until it ends, is cancelled or `bus` is closed.
+
+    Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
+    absence that nothing of it is left.
+    """
     kind = launch.service
     if launch.user:
         check_name(launch.user, "user")
@@ -90,16 +97,18 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
             work = group.create_task(service.run(), name=launch.instance)
             report = group.create_task(_report(view, health), name=f"{launch.instance} health")
             await asyncio.wait({work, report}, return_when=asyncio.FIRST_COMPLETED)
+            work.cancel()
             report.cancel()
     finally:
         await view.close()
         log.debug("%s ended", launch.instance)
 
 
-async def _report(view: ServiceBus, health: Any) -> None:
-    while True:
-        health.put(view.report())
-        await asyncio.sleep(HEALTH_PERIOD_S)
+async def _report(view: ServiceBus, health: Publisher[Health]) -> None:
+    with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
+        while True:
+            health.put(view.report())
+            await asyncio.sleep(HEALTH_PERIOD_S)
 
 
 async def run_services(launches: Sequence[Launch], bus: Bus, clock: Clock) -> None:

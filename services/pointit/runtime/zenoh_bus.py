@@ -2,11 +2,13 @@
 # (the stubs of zenoh leave return types out)
 """The bus on Zenoh: the in-process exchange for readers of this process, Zenoh for all others.
 
-Messages are encoded once a put and decoded once a process; readers of the same process get the frozen
-model itself. Zenoh's callbacks arrive on its threads and only fill mailboxes.
+Messages are encoded once a put (*latest*: only while somebody elsewhere reads) and decoded once a process;
+readers of the same process get the frozen model itself. Zenoh's callbacks arrive on its threads and only
+fill mailboxes.
 """
 
 import asyncio
+import functools
 import logging
 import os
 from collections.abc import Callable
@@ -17,21 +19,22 @@ from zenoh import ext
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus import REQUEST_TIMEOUT_S, AnyTopic, Closable, Handler, Server, Subscription
-from pointit.runtime.errors import BusClosedError, RefusedError
+from pointit.runtime.errors import RefusedError, RequestError
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import (
     Declaration,
+    Desk,
     MailboxSubscription,
     MemoryBus,
     MemoryPublisher,
-    answer,
+    Watcher,
     no_answer,
+    shutting_down,
 )
-from pointit.runtime.zenoh_session import Link, LinkWatch, open_session
-from pointit.schemas import DecodeError, Message, Query, Reply, decode, encode
-from pointit.schemas.base import Part
+from pointit.runtime.zenoh_session import Link, LinkWatch, close_session, open_session
+from pointit.schemas import DecodeError, Message, Query, Reply, SchemaError, decode, encode
 from pointit.schemas.codec import MEDIA_TYPE
-from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
+from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic, check_name
 
 log = logging.getLogger(__name__)
 
@@ -48,68 +51,111 @@ HEARTBEAT_S = 0.2
 EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
 """Waits between tries when nobody answered: a server that was just declared may not be known yet."""
 
-MAX_IN_FLIGHT = 64
-"""Requests that one server works on at a time."""
+PRIORITY = zenoh.Priority.DATA_HIGH
+"""Of states and events as they are put; what is fetched again from a writer's cache has another one."""
+
+NAMES = 1024
+"""Keys whose names a subscription remembers."""
 
 
 class _Undeclarable(Protocol):
     def undeclare(self) -> None: ...
 
 
-class _Writer(_Undeclarable, Protocol):
-    def put(self, payload: bytes, *, attachment: bytes | None = None) -> None: ...
-
-
 def _encoding(kind: type[Message] | type[Query]) -> zenoh.Encoding:
     return zenoh.Encoding(MEDIA_TYPE).with_schema(kind.schema_name())
 
 
-def _decode(kind: type[Any], sample: Any) -> Any:
-    return decode(kind, sample.payload.to_bytes(), str(sample.encoding).partition(";")[2])
+def _decode(kind: type[Any], payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:
+    schema = "" if encoding is None else str(encoding).partition(";")[2]
+    return decode(kind, b"" if payload is None else payload.to_bytes(), schema)
 
 
-class ZenohPublisher(MemoryPublisher[M]):
-    """Hands messages to this process's readers, and their bytes to Zenoh for the others."""
-
-    def __init__(self, bus: "ZenohBus", topic: Topic[M], name: str) -> None:
-        super().__init__(bus, topic, name)
-        self._attachment = None if topic.delivery is Delivery.LATEST else bus.identity
-        self._writer = _declare_writer(bus.session, topic, topic.at(name))
-        self._remote = Declaration(bus, self._writer.undeclare)
-
-    def put(self, message: M) -> None:
-        """Send `message`."""
-        super().put(message)
-        self._writer.put(encode(message), attachment=self._attachment)
-
-    def close(self) -> None:
-        """Undeclare; a state's last value goes with its writer."""
-        super().close()
-        self._remote.close()
+def _name_in(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
+    """Return the name in a key that somebody else wrote; raises `SchemaError` if it cannot be one."""
+    name = row.name_in(key)
+    if row.placeholder:
+        check_name(name, row.placeholder)
+    return name
 
 
-def _declare_writer(session: zenoh.Session, topic: AnyTopic, key: str) -> _Writer:
-    if topic.delivery is Delivery.LATEST:
-        return session.declare_publisher(
+class _LatestWriter:
+    """Sends the newest, and nothing at all while nobody elsewhere reads it."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
+        self._publisher = session.declare_publisher(
             key,
             encoding=_encoding(topic.message),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
             allowed_destination=zenoh.Locality.REMOTE,
         )
-    # BLOCK would let one stuck reader stop this process for seconds; what DROP loses is fetched again
-    # from the writer's cache, and what cannot be fetched is counted.
-    return ext.declare_advanced_publisher(
-        session,
-        key,
-        encoding=_encoding(topic.message),
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.DATA_HIGH,
-        allowed_destination=zenoh.Locality.REMOTE,
-        cache=ext.CacheConfig(1 if topic.delivery is Delivery.STATE else EVENT_CACHE),
-        sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
-        publisher_detection=True,
-    )
+        self._wanted = False
+        self._listener = self._publisher.declare_matching_listener(
+            Callback(self._on_matching, indirect=False)
+        )
+        status: Any = self._publisher.matching_status  # the stubs say bool, which it is not
+        if status.matching:  # never set False here: the listener may have spoken
+            self._wanted = True
+
+    def put(self, message: Message) -> None:
+        if self._wanted:
+            self._publisher.put(encode(message))
+
+    def undeclare(self) -> None:
+        self._listener.undeclare()
+        self._publisher.undeclare()
+
+    def _on_matching(self, status: zenoh.MatchingStatus) -> None:  # on Zenoh's thread
+        self._wanted = status.matching
+
+
+class _KeptWriter:
+    """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, identity: bytes) -> None:
+        self._identity = identity
+        # BLOCK would let one stuck reader stop this process for seconds; what DROP loses is fetched again
+        # from this cache, and what cannot be fetched is counted by the reader.
+        self._publisher = ext.declare_advanced_publisher(
+            session,
+            key,
+            encoding=_encoding(topic.message),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=PRIORITY,
+            allowed_destination=zenoh.Locality.REMOTE,
+            cache=ext.CacheConfig(1 if topic.delivery is Delivery.STATE else EVENT_CACHE),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
+            publisher_detection=True,
+        )
+
+    def put(self, message: Message) -> None:
+        self._publisher.put(encode(message), attachment=self._identity)
+
+    def undeclare(self) -> None:
+        self._publisher.undeclare()
+
+
+class ZenohPublisher(MemoryPublisher[M]):
+    """Hands messages to this process's readers, and their bytes to Zenoh for the others."""
+
+    def __init__(self, bus: "ZenohBus", topic: Topic[M], name: str) -> None:
+        key = topic.at(name)
+        self._writer = (
+            _LatestWriter(bus.session, topic, key)
+            if topic.delivery is Delivery.LATEST
+            else _KeptWriter(bus.session, topic, key, bus.identity)
+        )
+        super().__init__(bus, topic, name)
+
+    def put(self, message: M) -> None:
+        """Send `message`."""
+        super().put(message)
+        self._writer.put(message)
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        self._writer.undeclare()
 
 
 class ZenohSubscription(MailboxSubscription):
@@ -117,54 +163,117 @@ class ZenohSubscription(MailboxSubscription):
 
     def __init__(self, bus: "ZenohBus", topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
         super().__init__(bus, topic, mailbox, name)
-        identity = bus.identity
-
-        def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
-            if sample.kind != zenoh.SampleKind.PUT:
-                return
-            attachment = sample.attachment
-            if attachment is not None and attachment.to_bytes() == identity:
-                return  # our own state, fetched back from our own cache
-            mailbox.offer(topic.name_in(str(sample.key_expr)), sample)
-
-        key = topic.at(name) if topic.placeholder else topic.at()
-        remotes: list[_Undeclarable] = []
+        key = topic.at(name)
+        self._remotes: list[_Undeclarable] = []
+        self._name_in = functools.lru_cache(maxsize=NAMES)(functools.partial(_name_in, topic))
         if topic.delivery is Delivery.LATEST:
-            remotes.append(
+            self._remotes.append(
                 bus.session.declare_subscriber(
-                    key, Callback(on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+                    key, Callback(self._on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
                 )
             )
+            return
+        self._identity = bus.identity
+        self._began = bus.session.new_timestamp()
+        is_event = topic.delivery is Delivery.EVENT
+        subscriber = ext.declare_advanced_subscriber(
+            bus.session,
+            key,
+            Callback(self._on_event if is_event else self._on_state, indirect=False),
+            history=None if is_event else ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
+        self._remotes.append(subscriber)
+        if is_event:
+
+            def on_miss(miss: ext.Miss) -> None:
+                mailbox.lose(miss.nb)
+
+            self._remotes.insert(0, subscriber.sample_miss_listener(Callback(on_miss, indirect=False)))
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        for remote in self._remotes:
+            remote.undeclare()
+
+    # All three run on Zenoh's threads.
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        key = str(sample.key_expr)
+        try:
+            name = self._name_in(key)
+        except SchemaError as error:
+            self._mailbox.reject(error)
         else:
-            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
-            subscriber = ext.declare_advanced_subscriber(
-                bus.session,
-                key,
-                Callback(on_sample, indirect=False),
-                history=history if topic.delivery is Delivery.STATE else None,
-                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-                allowed_origin=zenoh.Locality.REMOTE,
-            )
-            remotes.append(subscriber)
-            if topic.delivery is Delivery.EVENT:
+            self._mailbox.offer(name, sample)
 
-                def on_miss(miss: ext.Miss) -> None:  # on Zenoh's thread
-                    mailbox.traffic.lost += miss.nb
-                    log.warning("%s: %d events never arrived", topic.key, miss.nb)
+    def _on_state(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        if attachment is not None and attachment.to_bytes() == self._identity:
+            return  # our own, fetched back from our own cache
+        self._on_sample(sample)
 
-                remotes.insert(0, subscriber.sample_miss_listener(Callback(on_miss, indirect=False)))
+    def _on_event(self, sample: zenoh.Sample) -> None:
+        # A writer that is heard for the first time makes Zenoh fetch everything it has kept: a button that
+        # was pressed a minute ago must not be pressed now. What comes live is taken whatever its clock says.
+        stamp = sample.timestamp
+        if sample.priority != PRIORITY and stamp is not None and not stamp >= self._began:
+            return
+        self._on_state(sample)
 
-        def undeclare() -> None:
-            mailbox.close()
-            for remote in remotes:
-                remote.undeclare()
 
-        self._remote = Declaration(bus, undeclare)
+class ZenohDesk(Desk[Q, R]):
+    """Answers this process's callers, and those of others."""
 
-    def close(self) -> None:
-        """Undeclare; the handler does not run any more."""
-        super().close()
-        self._remote.close()
+    def __init__(self, bus: "ZenohBus", request: Request[Q, R], server: Server[Q, R], name: str) -> None:
+        super().__init__(bus, request, server, name)
+        self._loop = asyncio.get_running_loop()
+        self._open = True
+        self._queryable = bus.session.declare_queryable(
+            request.at(name),
+            Callback(self._on_query, indirect=False),
+            complete=True,
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
+
+    def _undeclare(self) -> None:
+        self._open = False
+        super()._undeclare()
+        self._queryable.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's thread
+        try:
+            self._loop.call_soon_threadsafe(self._receive, query)
+        except RuntimeError:  # the loop is gone
+            query.drop()
+
+    def _receive(self, query: zenoh.Query) -> None:
+        if not self._open:
+            query.drop()
+            return
+        try:
+            name = _name_in(self.request, str(query.key_expr))
+            asked = _decode(self.request.query, query.payload, query.encoding)
+        except SchemaError as error:
+            with query:
+                query.reply_err(str(error).encode())
+        else:
+            self.start(asked, name).add_done_callback(functools.partial(self._reply, query))
+
+    def _reply(self, query: zenoh.Query, answer: asyncio.Task[R]) -> None:
+        with query:  # dropped in every case: otherwise the caller waits for its time-out
+            if answer.cancelled():
+                query.reply_err(shutting_down(self.request).encode())
+                return
+            error = answer.exception()
+            if error is None:
+                payload = encode(answer.result())
+                query.reply(str(query.key_expr), payload, encoding=_encoding(self.request.reply))
+            else:
+                query.reply_err(str(error).encode())
 
 
 class ZenohBus(MemoryBus):
@@ -176,17 +285,23 @@ class ZenohBus(MemoryBus):
         self.session = session
         self.link = link
         self.identity = os.urandom(8)
-        self.connected = True
-        self._loop = asyncio.get_running_loop()
-        self._replies: set[asyncio.Task[None]] = set()
-        if link.connect:
-            watch = LinkWatch(session, link, self._link_changed)
-            Declaration(self, watch.close)
+        """Marks what this bus has put, to be known when it comes back from a cache."""
+        self._watch = LinkWatch(session, link) if link.connect else None
 
     @classmethod
     async def open(cls, link: Link, *, patience_s: float | None = None) -> "ZenohBus":
         """Return a bus that has joined `link`; see `open_session` for what is raised."""
         return cls(await open_session(link, patience_s=patience_s), link)
+
+    @property
+    def connected(self) -> bool:
+        """Return whether there is a router, for a bus that needs one."""
+        return self._watch is None or self._watch.up
+
+    @property
+    def trouble(self) -> str:
+        """Return that the router is lost, if it is."""
+        return "" if self._watch is None else self._watch.trouble
 
     def publisher(self, topic: Topic[M], name: str = "") -> ZenohPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
@@ -197,68 +312,30 @@ class ZenohBus(MemoryBus):
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
 
-        def unpack(sample: Any) -> Message:
-            message: Message = _decode(topic.message, sample)
+        def unpack(sample: zenoh.Sample) -> Message:
+            message: Message = _decode(topic.message, sample.payload, sample.encoding)
             return message
 
         return ZenohSubscription(self, topic, Mailbox(topic, handler, self.dispatcher, unpack), name)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
-        local = super().serve(request, server, name)
-        slots = asyncio.Semaphore(MAX_IN_FLIGHT)
-
-        async def reply(query: zenoh.Query) -> None:
-            with query:  # dropped in every case: otherwise the caller waits for its time-out
-                key = str(query.key_expr)
-                try:
-                    payload = query.payload
-                    asked = decode(request.query, payload.to_bytes() if payload is not None else b"")
-                    async with slots:
-                        done = await answer(request, server, asked, request.name_in(key))
-                    query.reply(key, encode(done), encoding=_encoding(request.reply))
-                except (RefusedError, DecodeError) as error:
-                    query.reply_err(str(error).encode())
-                except asyncio.CancelledError:
-                    query.reply_err(f"{request.server} is shutting down".encode())
-                    raise
-
-        def start(query: zenoh.Query) -> None:
-            if self._closed:
-                query.drop()
-                return
-            task = self._loop.create_task(reply(query), name=f"serve {request.key}")
-            self._replies.add(task)
-            task.add_done_callback(self._replies.discard)
-
-        def on_query(query: zenoh.Query) -> None:  # on Zenoh's thread
-            try:
-                self._loop.call_soon_threadsafe(start, query)
-            except RuntimeError:  # the loop is gone
-                query.drop()
-
-        queryable = self.session.declare_queryable(
-            request.at(name) if request.placeholder else request.at(),
-            Callback(on_query, indirect=False),
-            complete=True,
-            allowed_origin=zenoh.Locality.REMOTE,
-        )
-
-        def undo() -> None:
-            local.close()
-            queryable.undeclare()
-
-        return Declaration(self, undo)
+        self._check_open()
+        return ZenohDesk(self, request, server, name)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
         """Return the reply of whoever serves `request`, in this process or another."""
         self._check_open()
-        key = request.at(name)
-        if self.exchange.server_of(request, name) is not None:
+        if self.exchange.desk_of(request, name) is not None:
             return await super().call(request, query, name, timeout_s=timeout_s)
-        return await self.in_time(request, key, self._ask(request, key, query, timeout_s), timeout_s)
+        key = request.at(name)
+        reply = self.spawn(self._ask(request, key, query, timeout_s), f"call {key}")
+        try:
+            return await self._wait_for(reply, request, key, timeout_s)
+        finally:
+            reply.cancel()
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed, or until this process dies."""
@@ -268,61 +345,57 @@ class ZenohBus(MemoryBus):
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
-        known: set[str] = set()
-        live = True
-
-        def tell(name: str, present: bool) -> None:  # noqa: FBT001
-            if live and present != (name in known):
-                (known.add if present else known.discard)(name)
-                handler(name, present)
+        watcher = Watcher(presence, handler)
 
         def on_change(sample: zenoh.Sample) -> None:  # on Zenoh's thread
-            name = presence.name_in(str(sample.key_expr))
             try:
-                self._loop.call_soon_threadsafe(tell, name, sample.kind == zenoh.SampleKind.PUT)
+                name = _name_in(presence, str(sample.key_expr))
+                self._loop.call_soon_threadsafe(watcher.tell, name, sample.kind == zenoh.SampleKind.PUT)
+            except SchemaError as error:
+                log.debug("not a presence: %s", error)
             except RuntimeError:  # the loop is gone
-                log.debug("presence of %s changed after the loop ended", name)
+                watcher.close()
 
         subscriber = self.session.liveliness().declare_subscriber(
             presence.at(ANY), Callback(on_change, indirect=False), history=True
         )
 
         def undo() -> None:
-            nonlocal live
-            live = False
+            watcher.close()
             subscriber.undeclare()
 
         return Declaration(self, undo)
 
     async def close(self) -> None:
         """Close everything that was declared here, and the session."""
-        if self._closed:
+        if self._closed.done():
             return
-        for task in list(self._replies):
-            task.cancel()
-        if self._replies:
-            await asyncio.gather(*self._replies, return_exceptions=True)
+        if self._watch is not None:
+            self._watch.close()
         await super().close()
-        await asyncio.to_thread(self.session.close)
+        await close_session(self.session)
 
     async def _ask(self, request: Request[Q, R], key: str, query: Q, timeout_s: float) -> R:
         """Ask over Zenoh; an empty answer is tried again: the server may just be arriving."""
         for wait_s in (*EMPTY_RETRY_S, None):
-            replies = await self._get(key, query, timeout_s)
-            for reply in replies:
+            for reply in await self._get(key, query, timeout_s):
                 if reply.ok is not None:
-                    result: R = _decode(request.reply, reply.ok)
+                    try:
+                        result: R = _decode(request.reply, reply.ok.payload, reply.ok.encoding)
+                    except DecodeError as error:
+                        raise RequestError(
+                            f"{request.server} sent a broken reply to {key}: {error}"
+                        ) from error
                     return result
-            for reply in replies:
                 if reply.err is not None:
                     reason = reply.err.payload.to_bytes().decode(errors="replace")
-                    if reason != "Timeout":
+                    if reason != "Timeout":  # Zenoh's own word for it
                         raise RefusedError(reason)
             if wait_s is not None:
                 await asyncio.sleep(wait_s)
         raise no_answer(request, key)
 
-    async def _get(self, key: str, query: Part, timeout_s: float) -> list[zenoh.Reply]:
+    async def _get(self, key: str, query: Query, timeout_s: float) -> list[zenoh.Reply]:
         done = asyncio.Event()
         replies: list[zenoh.Reply] = []
 
@@ -337,6 +410,7 @@ class ZenohBus(MemoryBus):
             key,
             Callback(replies.append, finish, indirect=False),
             payload=encode(query),
+            encoding=_encoding(type(query)),
             timeout=timeout_s,
             cancellation_token=token,
         )
@@ -346,10 +420,3 @@ class ZenohBus(MemoryBus):
             self._loop.run_in_executor(None, token.cancel)
             raise
         return replies
-
-    def _link_changed(self, up: bool) -> None:  # noqa: FBT001
-        self.connected = up
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise BusClosedError("the bus is closed")

@@ -3,16 +3,18 @@
 """Opening and watching the one Zenoh session of a process."""
 
 import asyncio
+import contextlib
 import json
 import logging
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import zenoh
+from zenoh.handlers import Callback
 
 from pointit.runtime.errors import ConnectError, ListenError
+from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +46,9 @@ def configuration(link: Link) -> zenoh.Config:
 
     Raises:
         ConnectError: an endpoint is not one.
+        KeyNameError: the site's name cannot stand in a key.
     """
+    check_name(link.site, "site")
     config = zenoh.Config()
     if link.router:
         mode = "router"
@@ -119,6 +123,11 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
             return session
 
 
+async def close_session(session: zenoh.Session) -> None:
+    """Close `session`; in a thread, because it waits for the callbacks that run."""
+    await asyncio.to_thread(session.close)
+
+
 async def _open_in_thread(config: zenoh.Config) -> zenoh.Session:
     """Open in a daemon thread: cancelling neither blocks the exit nor leaves a session open."""
     loop = asyncio.get_running_loop()
@@ -151,18 +160,30 @@ async def _open_in_thread(config: zenoh.Config) -> zenoh.Session:
 
 
 class LinkWatch:
-    """Says once that the link is down and once that it is up again."""
+    """Knows whether a client has its router; says once that it is lost and once that it is back."""
 
-    def __init__(self, session: zenoh.Session, link: Link, on_change: Callable[[bool], None]) -> None:
-        """Watch the transports of `session`; `on_change(up)` runs in the loop. Only clients have a link."""
+    def __init__(self, session: zenoh.Session, link: Link) -> None:
+        """Watch the transports of `session`, which is connected now."""
         self._loop = asyncio.get_running_loop()
-        self._where = ", ".join(link.connect)
-        self._on_change = on_change
-        self._up = True
+        self._where = " or ".join(link.connect)
+        self._zids = {str(transport.zid) for transport in session.info.transports()}
+        self._lost_s: float | None = None
         self._open = True
         self._listener = session.info.declare_transport_events_listener(
-            zenoh.handlers.Callback(self._event, indirect=False)
+            Callback(self._on_event, indirect=False), history=True
         )
+
+    @property
+    def up(self) -> bool:
+        """Return whether there is a router."""
+        return self._lost_s is None
+
+    @property
+    def trouble(self) -> str:
+        """Return one sentence while the router is lost."""
+        if self._lost_s is None:
+            return ""
+        return f"router at {self._where} lost {self._loop.time() - self._lost_s:.0f} s ago; trying again"
 
     def close(self) -> None:
         """Say nothing any more."""
@@ -170,22 +191,23 @@ class LinkWatch:
             self._open = False
             self._listener.undeclare()
 
-    def _event(self, event: zenoh.TransportEvent) -> None:
+    def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
         up = event.kind == zenoh.SampleKind.PUT
-        try:
-            self._loop.call_soon_threadsafe(self._tell, up)
-        except RuntimeError:  # the loop is gone
-            self._open = False
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), up)
 
-    def _tell(self, up: bool) -> None:  # noqa: FBT001
-        if not self._open or up == self._up:
+    def _count(self, zid: str, up: bool) -> None:  # noqa: FBT001
+        if not self._open:
             return
-        self._up = up
-        if up:
+        (self._zids.add if up else self._zids.discard)(zid)
+        if bool(self._zids) == self.up:
+            return
+        if self._zids:
+            self._lost_s = None
             log.info("router at %s is back", self._where)
         else:
+            self._lost_s = self._loop.time()
             log.warning("router at %s is lost; trying again until it is back", self._where)
-        self._on_change(up)
 
 
 def _short(error: Exception) -> str:

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import msgpack
 import pytest
@@ -84,19 +84,24 @@ def test_the_readme_lists_every_row(row: Any) -> None:
 
 
 def _references(node: Any) -> list[str]:
-    if isinstance(node, dict):
-        return [
-            found
-            for key, value in node.items()
-            for found in ([value] if key == "$ref" else _references(value))
-        ]
-    return [found for item in node for found in _references(item)] if isinstance(node, list) else []
+    if _is_object(node):
+        own = [node["$ref"]] if "$ref" in node else []
+        return own + [reference for each in node.values() for reference in _references(each)]
+    return [reference for each in node for reference in _references(each)] if _is_list(node) else []
 
 
 def _grown(old: Any, new: Any) -> bool:
     """Return whether `new` holds everything that `old` holds."""
-    if isinstance(old, dict):
+    if _is_object(old):
         return all(name in new and _grown(value, new[name]) for name, value in old.items())
-    if isinstance(old, list):
+    if _is_list(old):
         return len(old) == len(new) and all(map(_grown, old, new))
     return bool(old == new)
+
+
+def _is_object(value: Any) -> TypeGuard[dict[str, Any]]:
+    return isinstance(value, dict)
+
+
+def _is_list(value: Any) -> TypeGuard[list[Any]]:
+    return isinstance(value, list)

@@ -1,14 +1,13 @@
 """Messages only grow: what a developer is told who changes one."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import msgpack
 import pytest
-from pydantic import Field
+from pydantic import Field, create_model
 
 from pointit.schemas import Message, Part, SchemaError, decode
-from pointit.schemas.asyncapi import Kind
 from pointit.schemas.catalogue import generate, outdated, renewed
 from pointit.schemas.growth import losses
 
@@ -33,34 +32,31 @@ class Cart(Message):
 COMMITTED = generate([Cart])
 
 
-def cart(version: int = 1, *, base: type[Message] = Message, doc: str = "", **fields: Any) -> Kind:
-    """Cart as somebody may change it: given fields are (annotation, default) or a bare annotation; None drops."""
+def cart(version: int = 1, *, doc: str | None = None, **fields: Any) -> type[Message]:
+    """Cart as somebody may change it: fields are (annotation, default), `...` requires one, None drops it."""
     now: dict[str, Any] = {
-        "front": Wheel,
+        "front": (Wheel, ...),
         "wheels": (tuple[Wheel, ...], ()),
         "mood": (Literal["calm", "brisk"], "calm"),
         "place_m": (tuple[float, float], (0.0, 0.0)),
         "driver": (str | None, None),
         **fields,
     }
-    body: dict[str, Any] = {"__module__": __name__, "__doc__": doc, "version": version}
-    annotations: dict[str, Any] = {"version": ClassVar[int]}
-    for name, field in now.items():
-        if field is not None:
-            annotations[name] = field[0] if isinstance(field, tuple) else field
-            if isinstance(field, tuple):
-                body[name] = field[1]
-    return type(base)("Cart", (base,), {**body, "__annotations__": annotations})
+    kept = {name: field for name, field in now.items() if field is not None}
+    kind: type[Message] = create_model("Cart", __base__=Message, __doc__=doc or Cart.__doc__, **kept)
+    kind.version = version
+    return kind
 
 
-def part(**fields: Any) -> type[Part]:
+def part(**fields: Any) -> Any:
     """Wheel as somebody may change it."""
-    annotations = {"radius_m": Annotated[float, Field(gt=0)], "title": str}
-    body: dict[str, Any] = {"radius_m": 0.3, "title": ""}
-    for name, field in fields.items():
-        annotations[name] = field[0]
-        body[name] = field[1]
-    return type(Part)("Wheel", (Part,), {"__module__": __name__, **body, "__annotations__": annotations})
+    now: dict[str, Any] = {"radius_m": (Annotated[float, Field(gt=0)], 0.3), "title": (str, ""), **fields}
+    return create_model("Wheel", __base__=Part, **now)
+
+
+def several(kind: Any) -> Any:
+    """The annotation of any number of `kind`."""
+    return tuple.__class_getitem__((kind, ...))
 
 
 def merged(*layers: Mapping[str, bytes]) -> dict[str, bytes]:
@@ -92,7 +88,7 @@ def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
 
 
 def test_an_added_field_of_a_part_asks_for_a_version_of_its_message() -> None:
-    changed = cart(front=part(spokes=(int, 0)), wheels=(tuple[part(spokes=(int, 0)), ...], ()))
+    changed = cart(front=(part(spokes=(int, 0)), ...), wheels=(several(part(spokes=(int, 0))), ()))
     assert "raise `version` of Cart to 2" in outdated(COMMITTED, [changed])[0]
 
 
@@ -113,7 +109,7 @@ def test_a_raised_version_is_written_beside_the_old_one() -> None:
 
 def test_an_added_part_field_is_growth_when_the_version_rises() -> None:
     grown = part(spokes=(int, 0))
-    assert renewed(COMMITTED, [cart(2, front=grown, wheels=(tuple[grown, ...], ()))])
+    assert renewed(COMMITTED, [cart(2, front=(grown, ...), wheels=(several(grown), ()))])
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -122,16 +118,19 @@ def test_an_added_part_field_is_growth_when_the_version_rises() -> None:
     [
         ({"driver": None}, "the field driver is gone"),
         ({"front": None}, "the field front is gone"),
-        ({"colour": str}, "the field colour is required now, give it a default"),
-        ({"mood": Literal["calm", "brisk"]}, "the field mood is required now"),
+        ({"colour": (str, ...)}, "the field colour is required now, give it a default"),
+        ({"mood": (Literal["calm", "brisk"], ...)}, "the field mood is required now"),
         ({"mood": (Literal["calm", "brisk", "wild"], "calm")}, "the field mood changed (enum: "),
         ({"driver": (int | None, None)}, "the field driver changed (type: 'string' before, 'integer' now)"),
         ({"driver": (str, "")}, "the field driver changed"),
         ({"place_m": (tuple[float, float, float], (0.0, 0.0, 0.0))}, "the field place_m changed"),
         ({"place_m": (tuple[float, int], (0.0, 0))}, "the field place_m changed (type: 'number' before"),
-        ({"front": part(radius_m=(Annotated[float, Field(gt=1)], 2.0))}, "the field front.radius_m changed"),
-        ({"front": part(title=(bytes, b""))}, "the field front.title changed"),
-        ({"wheels": (tuple[part(title=(int, 0)), ...], ())}, "the field wheels.title changed"),
+        (
+            {"front": (part(radius_m=(Annotated[float, Field(gt=1)], 2.0)), ...)},
+            "the field front.radius_m changed",
+        ),
+        ({"front": (part(title=(bytes, b"")), ...)}, "the field front.title changed"),
+        ({"wheels": (several(part(title=(int, 0))), ())}, "the field wheels.title changed"),
     ],
 )
 def test_anything_else_is_a_new_message(version: int, fields: dict[str, Any], clause: str) -> None:

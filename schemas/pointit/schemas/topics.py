@@ -4,124 +4,55 @@ Keys are relative to the site's namespace, `pointit/<site>`. A key has at most o
 Nothing else in the code base spells a key: services name the rows of this table.
 """
 
-import re
-from dataclasses import dataclass
-from enum import Enum
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from pointit.schemas import environment, person, pointing, requests, selection, system
-from pointit.schemas.base import Message, Query, Reply
-from pointit.schemas.errors import KeyNameError
+from pointit.schemas.rows import ANY, NAME, STALE_PERIODS, Delivery, Presence, Request, Topic, check_name
 
-M = TypeVar("M", bound=Message)
-Q = TypeVar("Q", bound=Query)
-R = TypeVar("R", bound=Reply)
-
-ANY = "*"
-"""Stands for every name of a placeholder when subscribing."""
-
-STALE_PERIODS = 10
-"""A topic is stale when nothing came for this many of its nominal periods."""
-
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}\Z")
-_PLACEHOLDER = re.compile(r"\{(\w+)\}")
-
-
-class Delivery(Enum):
-    """What a writer promises and a reader gets."""
-
-    LATEST = "latest"
-    """Newest wins: never queues, never blocks the sender."""
-    EVENT = "event"
-    """Reliable and ordered; an overflow is counted and reported, never silent."""
-    STATE = "state"
-    """Reliable; whoever joins late gets the last value at once."""
-
-
-class _Keyed:
-    """A key pattern with at most one placeholder."""
-
-    key: str
-
-    @property
-    def placeholder(self) -> str:
-        """Return the placeholder's name, `user` of `users/{user}/imu`; empty when there is none."""
-        found = _PLACEHOLDER.search(self.key)
-        return found.group(1) if found else ""
-
-    def at(self, name: str = "") -> str:
-        """Return the key for `name`, or for all names when it is `*`.
-
-        Raises:
-            KeyNameError: `name` is missing, not wanted, or cannot stand in a key.
-        """
-        placeholder = self.placeholder
-        if not placeholder:
-            if name not in ("", ANY):
-                raise KeyNameError(f"{self.key} takes no name, got {name!r}")
-            return self.key
-        if name != ANY:
-            check_name(name, placeholder)
-        return self.key.replace("{" + placeholder + "}", name)
-
-    def name_in(self, key: str) -> str:
-        """Return what stands for the placeholder in `key`; empty when there is none or it is another key."""
-        head, _, tail = self.key.partition("{" + self.placeholder + "}")
-        if not self.placeholder or not (key.startswith(head) and key.endswith(tail)):
-            return ""
-        return key[len(head) : len(key) - len(tail)]
-
-
-def check_name(name: str, what: str = "name") -> str:
-    """Return `name` if it can stand in a key.
-
-    Raises:
-        KeyNameError: says which characters may be used.
-    """
-    if not _NAME.match(name):
-        raise KeyNameError(
-            f"{what} {name!r}: use 1 to 64 letters, digits, '_', '-' or '.', no leading '-' or '.'"
-        )
-    return name
-
-
-@dataclass(frozen=True, kw_only=True)
-class Topic(_Keyed, Generic[M]):
-    """A row of the table."""
-
-    key: str
-    message: type[M]
-    delivery: Delivery
-    rate_hz: float | None
-    """Nominal rate; none where messages come on change."""
-    writers: tuple[str, ...]
-    """Processes that may write it, as in the registry; `external`: a foreign tracker may too."""
-    about: str
-
-    @property
-    def stale_after_s(self) -> float | None:
-        """Return the age at which the newest message is no longer to be trusted, in seconds."""
-        return None if self.rate_hz is None else STALE_PERIODS / self.rate_hz
-
-
-@dataclass(frozen=True, kw_only=True)
-class Request(_Keyed, Generic[Q, R]):
-    """Something that can be asked, who answers, and with what."""
-
-    key: str
-    query: type[Q]
-    reply: type[R]
-    server: str
-    about: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Presence(_Keyed):
-    """A token that exists exactly as long as its owner."""
-
-    key: str
-    about: str
-
+__all__ = [
+    "ADD_PACKAGE",
+    "ANY",
+    "BUTTON",
+    "CANCEL_LOCALIZATION",
+    "CLEAR_SELECTION",
+    "CLOCK",
+    "CONVEYOR_STATE",
+    "CURSOR",
+    "DEPLOYMENT",
+    "FEEDBACK",
+    "HEALTH",
+    "HOVER",
+    "IMU",
+    "INTERACTION",
+    "LAMP_COLOR",
+    "LOCALIZATION",
+    "MAP",
+    "OBJECTS",
+    "POSE",
+    "PRESENCES",
+    "PROFILE",
+    "RAY",
+    "REQUESTS",
+    "RESET_CONVEYOR",
+    "SELECTION",
+    "SELECTION_EVENTS",
+    "SERVICE_ALIVE",
+    "SET_BRIGHTNESS",
+    "SET_POSE",
+    "SET_SPEED",
+    "SET_YAW_ORIGIN",
+    "STALE_PERIODS",
+    "START_LOCALIZATION",
+    "STRIPS_FRAME",
+    "TOPICS",
+    "USER_ALIVE",
+    "Delivery",
+    "Presence",
+    "Request",
+    "Topic",
+    "check_name",
+    "topic_of",
+]
 
 _LATEST, _EVENT, _STATE = Delivery.LATEST, Delivery.EVENT, Delivery.STATE
 
@@ -397,6 +328,6 @@ def topic_of(key: str) -> Topic[Any] | None:
         if not topic.placeholder:
             if topic.key == key:
                 return topic
-        elif (name := topic.name_in(key)) == ANY or _NAME.match(name):
+        elif (name := topic.name_in(key)) == ANY or NAME.match(name):
             return topic
     return None

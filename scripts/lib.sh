@@ -1,0 +1,95 @@
+# Shared by the scripts beside it: finds a Python and keeps .venv up to date with pyproject.toml.
+# shellcheck shell=bash
+
+ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+VENV="$ROOT/.venv"
+PYTHON="$VENV/bin/python"
+
+say() { printf '%s\n' "$*" >&2; }
+
+die() {
+    say "${0##*/}: $*"
+    exit 1
+}
+
+is_new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
+
+# Prints the newest Python that will do, or nothing.
+find_python() {
+    local candidate
+    for candidate in python3.13 python3.12 python3.11 python3; do
+        if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
+            command -v "$candidate"
+            return
+        fi
+    done
+}
+
+# quietly SENTENCE COMMAND...: runs it without a word; says SENTENCE when it takes more than two seconds,
+# and leaves its output in $LOG.
+quietly() {
+    local sentence=$1 tenths=0 job status=0
+    shift
+    LOG="$(mktemp)"
+    "$@" >"$LOG" 2>&1 </dev/null &
+    job=$!
+    # a background job of a script ignores Ctrl-C, so it is ended here
+    trap 'kill "$job" 2>/dev/null || true; exit 130' INT TERM
+    while kill -0 "$job" 2>/dev/null; do
+        sleep 0.1
+        tenths=$((tenths + 1))
+        if [ "$tenths" -eq 20 ]; then say "$sentence"; fi
+    done
+    wait "$job" || status=$?
+    trap - INT TERM
+    return "$status"
+}
+
+make_venv() {
+    local python
+    python="$(find_python)"
+    if command -v uv >/dev/null; then
+        # uv fetches a Python by itself where there is none
+        quietly "Making .venv ..." uv venv --quiet --python "${python:-3.12}" "$VENV" && return
+    elif [ -z "$python" ]; then
+        die "PointIt needs Python 3.11 or newer and found none; install python3.11 or newer and run this again"
+    elif quietly "Making .venv ..." "$python" -m venv "$VENV"; then
+        return
+    fi
+    rm -rf "$VENV"
+    if grep -q 'ensurepip\|No module named venv' "$LOG"; then
+        die "$python cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv"
+    fi
+    tail -n 20 "$LOG" >&2
+    die ".venv could not be made; what was said stands above"
+}
+
+install() {
+    local target=$1 sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..."
+    if command -v uv >/dev/null; then
+        quietly "$sentence" uv pip install --quiet --python "$PYTHON" -e "$target"
+    else
+        # an environment that uv made has no pip
+        "$PYTHON" -m pip --version >/dev/null 2>&1 || "$PYTHON" -m ensurepip >/dev/null 2>&1 || true
+        quietly "$sentence" "$PYTHON" -m pip install --quiet --disable-pip-version-check -e "$target"
+    fi
+}
+
+# ensure_venv [dev]: .venv is there, with PointIt and (dev) what tests and checks need.
+ensure_venv() {
+    local extra=${1:-} stamp wanted
+    wanted="$ROOT $(cksum <"$ROOT/pyproject.toml")"
+    for stamp in "$VENV/.installed${extra:+-$extra}" "$VENV/.installed-dev"; do
+        if [ -x "$PYTHON" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then return; fi
+    done
+    if [ -e "$VENV" ] && ! is_new_enough "$PYTHON"; then
+        say "The Python of .venv is gone or older than 3.11: making .venv anew"
+        rm -rf "$VENV"
+    fi
+    if [ ! -e "$VENV" ]; then make_venv; fi
+    if ! install "$ROOT${extra:+[$extra]}"; then
+        tail -n 20 "$LOG" >&2
+        die "PointIt could not be installed into .venv; what was said stands above"
+    fi
+    printf '%s\n' "$wanted" >"$VENV/.installed${extra:+-$extra}"
+}

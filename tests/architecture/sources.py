@@ -1,0 +1,79 @@
+"""The sources under test: which files there are, and what stands in them."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+NAMESPACES = tuple(
+    folder
+    for folder in (ROOT / "schemas/pointit", ROOT / "services/pointit", ROOT / "bridges/pointit")
+    if folder.is_dir()
+)
+"""The portions of the namespace `pointit`; what is installed."""
+
+ROOMS = tuple(
+    room
+    for namespace in NAMESPACES
+    for room in sorted(namespace.iterdir())
+    if room.is_dir() and room.name != "__pycache__"
+)
+
+
+@cache
+def shipped() -> tuple[Path, ...]:
+    """Every module that is installed."""
+    return tuple(path for namespace in NAMESPACES for path in sorted(namespace.rglob("*.py")))
+
+
+@cache
+def all_modules() -> tuple[Path, ...]:
+    """Every module of the repository."""
+    others = [path for folder in ("tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
+    return (*shipped(), *others)
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def shown(path: Path, node: ast.expr | ast.stmt | None = None) -> str:
+    """A place as an editor takes it, `services/pointit/cli/main.py:12`."""
+    line = f":{node.lineno}" if node is not None else ""
+    return f"{path.relative_to(ROOT)}{line}"
+
+
+def importers(module: str, paths: tuple[Path, ...]) -> Iterator[str]:
+    """Places that import `module` or something of it, in whatever form and at whatever depth."""
+    for path in paths:
+        for node in ast.walk(tree(path)):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            elif isinstance(node, ast.Call) and _is_dynamic_import(node):
+                names = [str(each.value) for each in node.args[:1] if isinstance(each, ast.Constant)]
+            for name in names:
+                if name == module or name.startswith(f"{module}."):
+                    assert isinstance(node, ast.stmt | ast.expr)
+                    yield shown(path, node)
+
+
+def literals(path: Path) -> Iterator[ast.Constant]:
+    """String literals of a module, pieces of f-strings among them, docstrings not."""
+    prose = {
+        id(node.value)
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    }
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in prose:
+            yield node
+
+
+def _is_dynamic_import(node: ast.Call) -> bool:
+    name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+    return name in ("import_module", "__import__")

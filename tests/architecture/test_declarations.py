@@ -1,0 +1,65 @@
+"""A running service reads, writes and answers what its row of the process table says."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.runtime import Config, Context, Exchange, MemoryBus
+from pointit.runtime.health import ServiceBus
+from pointit.services.registry import PROCESSES, Process
+from tests.support.bench import ManualClock
+
+RECORDING = """\
+t,qw,qx,qy,qz,robot_x,robot_y,robot_z
+0.00,1.0,0.0,0.0,0.0,1.0,2.0,1.5
+0.02,1.0,0.0,0.0,0.0,1.1,2.0,1.5
+"""
+
+
+def with_a_recording(kind: type[Config], folder: Path) -> Config:
+    path = folder / "recording.csv"
+    path.write_text(RECORDING, encoding="utf-8")
+    return kind.model_validate({"recording": str(path)})
+
+
+CONFIGURATIONS: dict[str, Callable[[type[Config], Path], Config]] = {"robot-replay": with_a_recording}
+"""For services that do not start without being told something."""
+
+
+def configuration(row: Process, folder: Path) -> Config:
+    kind: type[Config] = row.load().CONFIG
+    return CONFIGURATIONS[row.name](kind, folder) if row.name in CONFIGURATIONS else kind()
+
+
+@pytest.mark.parametrize("row", [pytest.param(row, id=row.name) for row in PROCESSES])
+async def test_a_service_declares_what_its_row_says(row: Process, tmp_path: Path) -> None:
+    bus, clock = MemoryBus(Exchange()), ManualClock()
+    user = "anna" if row.scope == "user" else ""
+    view = ServiceBus(bus, clock, row.name, row.name, user)
+    service = row.load()(configuration(row, tmp_path), Context(bus=view, clock=clock, user=user))
+    life = asyncio.create_task(service.run())
+    try:
+        for _ in range(20):
+            await asyncio.sleep(0)
+        if life.done():
+            life.result()
+        assert_within(row.name, "reads", view.reads, row.reads)
+        assert_within(row.name, "writes", view.writes, row.writes)
+        assert view.served == {request.key for request in row.serves}, f"{row.name} answers something else"
+        assert view.writes, f"{row.name} declares no writer in its constructor or at the start of run()"
+    finally:
+        life.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await life
+        await view.close()
+        await bus.close()
+
+
+def assert_within(name: str, verb: str, declared: set[str], row: tuple[Any, ...]) -> None:
+    """A row may list more than is declared at the start (what is read or written later), never less."""
+    undeclared = declared - {topic.key for topic in row}
+    assert not undeclared, f"{name} {verb} {sorted(undeclared)}, but its row in the registry does not say so"

@@ -1,0 +1,207 @@
+"""The rules of the house that no type checker sees: rooms, tables, keys, doors."""
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.runtime import Config, Service
+from pointit.schemas.topics import REQUESTS, TOPICS, Topic
+from pointit.services.registry import PROCESSES, Process
+from tests.architecture import keys, sources
+from tests.architecture.sources import ROOT, shown
+
+SERVICES = ROOT / "services/pointit/services"
+FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
+OUTSIDERS = {"cli", "external", "every service"}
+"""Writers that are no row of the process table."""
+
+DEVICES = {
+    "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py"},
+    "led-driver": {"expander.py"},
+}
+"""Modules beside `service.py` that wait for devices or time; no cores."""
+
+LONGEST = 400
+
+NAMES = {row.name for row in PROCESSES}
+rows = pytest.mark.parametrize("row", [pytest.param(row, id=row.name) for row in PROCESSES])
+topics = pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])
+
+
+def test_namespace_roots_have_no_init() -> None:
+    assert len(sources.NAMESPACES) >= 2
+    for namespace in sources.NAMESPACES:
+        assert not (namespace / "__init__.py").exists(), (
+            f"{shown(namespace)}/__init__.py hides the other roots"
+        )
+
+
+def test_every_room_is_typed_and_a_package() -> None:
+    assert len(sources.ROOMS) >= 6
+    lacking = [
+        f"{shown(room)}/{name}"
+        for room in sources.ROOMS
+        for name in ("__init__.py", "py.typed")
+        if not (room / name).is_file()
+    ]
+    assert not lacking
+
+
+def test_every_service_folder_is_in_the_registry_and_vice_versa() -> None:
+    folders = {
+        folder.name for folder in SERVICES.iterdir() if folder.is_dir() and folder.name != "__pycache__"
+    }
+    assert folders == {row.package.rpartition(".")[2] for row in PROCESSES}
+
+
+@rows
+def test_every_service_has_the_four_files_and_a_core(row: Process) -> None:
+    folder = SERVICES / row.package.rpartition(".")[2]
+    modules = {path.name for path in folder.glob("*.py")}
+    assert modules >= FOUR_FILES
+    assert modules - FOUR_FILES, f"{shown(folder)} has no core: the module named after its idea"
+
+
+@rows
+def test_every_service_is_what_its_row_says(row: Process) -> None:
+    service = row.load()
+    assert issubclass(service, Service)
+    assert row.name == service.NAME
+    assert row.scope == service.SCOPE
+    assert issubclass(service.CONFIG, Config)
+
+
+@rows
+def test_every_main_is_the_same_five_lines(row: Process) -> None:
+    statements = sources.tree(SERVICES / row.package.rpartition(".")[2] / "__main__.py").body[1:]
+    assert [ast.unparse(statement) for statement in statements] == [
+        "from pointit.runtime.process import main",
+        f"from {row.package}.service import SERVICE",
+        "main(SERVICE)",
+    ]
+
+
+@rows
+def test_every_parameter_is_described(row: Process) -> None:
+    def undescribed(kind: type[Any], prefix: str) -> list[str]:
+        lacking: list[str] = []
+        for name, field in kind.model_fields.items():
+            inner = field.annotation
+            if isinstance(inner, type) and issubclass(inner, Config):
+                lacking += undescribed(inner, f"{prefix}{name}.")
+            elif not field.description:
+                lacking.append(f"{prefix}{name}")
+        return lacking
+
+    assert undescribed(row.load().CONFIG, "") == []
+
+
+@rows
+def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
+    folder = SERVICES / row.package.rpartition(".")[2]
+    shells = FOUR_FILES | DEVICES.get(row.name, set())
+    assert shells <= {path.name for path in folder.glob("*.py")}, "DEVICES names what is not there"
+    cores = tuple(path for path in sorted(folder.rglob("*.py")) if path.name not in shells)
+    doors = ("asyncio", "threading", "time", "logging", "serial", "pointit.runtime")
+    harmless = set(sources.importers("pointit.runtime.config", cores))
+    harmless |= set(sources.importers("pointit.runtime.errors", cores))
+    found = {place for module in doors for place in sources.importers(module, cores)}
+    assert not found - harmless, f"{row.name}: a core gets inputs and the time, and returns messages"
+
+
+@rows
+def test_every_reader_has_a_writer(row: Process) -> None:
+    for topic in row.reads:
+        written_by = [other.name for other in PROCESSES if topic in other.writes]
+        assert written_by or OUTSIDERS & set(topic.writers), f"{row.name} reads {topic.key}, nobody writes it"
+
+
+@topics
+def test_the_tables_agree_on_who_writes(topic: Topic[Any]) -> None:
+    assert set(topic.writers) <= NAMES | OUTSIDERS
+    assert {row.name for row in PROCESSES if topic in row.writes} == set(topic.writers) - OUTSIDERS
+
+
+@pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in REQUESTS])
+def test_the_tables_agree_on_who_answers(request_row: Any) -> None:
+    assert [row.name for row in PROCESSES if request_row in row.serves] == [request_row.server]
+
+
+def test_only_the_runtime_imports_zenoh() -> None:
+    runtime = ROOT / "services/pointit/runtime"
+    others = tuple(path for path in sources.shipped() if runtime not in path.parents)
+    assert list(sources.importers("zenoh", others)) == []
+    assert list(sources.importers("zenoh", sources.shipped())), "this test looks past zenoh"
+
+
+def test_only_the_codec_imports_msgpack() -> None:
+    assert {place.partition(":")[0] for place in sources.importers("msgpack", sources.shipped())} == {
+        "schemas/pointit/schemas/codec.py"
+    }
+
+
+def test_services_do_not_import_the_registry_or_each_other() -> None:
+    for row in PROCESSES:
+        name = row.package.rpartition(".")[2]
+        mine = tuple(sorted((SERVICES / name).rglob("*.py")))
+        others = ["pointit.services.registry", *(each.package for each in PROCESSES if each is not row)]
+        assert [place for other in others for place in sources.importers(other, mine)] == []
+
+
+def test_keys_stand_in_the_topic_table_only() -> None:
+    find = keys.finder(keys.patterns())
+    table = ROOT / "schemas/pointit/schemas/topics.py"
+    found = [
+        f"{shown(path, literal)} {literal.value!r}"
+        for path in sources.shipped()
+        if path != table
+        for literal in sources.literals(path)
+        if find.search(str(literal.value))
+    ]
+    assert not found, "use the rows of pointit.schemas.topics, `IMU.at(user)`: " + "; ".join(found)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("users/anna/imu", "users/", "pointit/lab/users/anna/ray", "@/users/*/imu", "selection/events"),
+        *(
+            "leds/brightness",
+            "leds/1/color",
+            "strips/frame",
+            "conveyor/state",
+            "conveyor/reset",
+            "health/pui",
+        ),
+        *("deployment/x", "alive/services/", "alive/users/anna", "localizer/anna/start", "selector/x/clear"),
+        *("imu/anna/set_yaw_origin", "see users/{user}/imu"),
+    ],
+)
+def test_keys_are_recognized(text: str) -> None:
+    assert keys.finder(keys.patterns()).search(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "map",
+        "objects",
+        "strips and/or frames",
+        "/imu",
+        "on users/ or off",
+        "maps/lab.yaml",
+        "superusers/x",
+        "1/leds",
+    ],
+)
+def test_everyday_text_is_no_key(text: str) -> None:
+    assert not keys.finder(keys.patterns()).search(text)
+
+
+@pytest.mark.parametrize("path", [pytest.param(path, id=shown(path)) for path in sources.all_modules()])
+def test_every_module_is_short_and_says_what_it_is(path: Path) -> None:
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= LONGEST, f"{shown(path)} has {lines} lines; split it by idea"
+    assert ast.get_docstring(sources.tree(path)), f"{shown(path)} does not say what it is"

@@ -1,0 +1,230 @@
+"""The scripts on machines that lack something; stand-ins for Python and uv write down what is asked."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.architecture.sources import ROOT
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
+
+TOOLS = ("bash", "env", "dirname", "cksum", "cat", "rm", "mktemp", "sleep", "grep", "tail", "chmod", "mkdir")
+
+PYTHON = """#!/bin/sh
+echo "python $*" >> "$CALLS"
+case "$1" in
+    -c) exit "${OLD:-0}" ;;
+esac
+case "$1 $2" in
+    "-m venv")
+        if [ -n "${NO_VENV:-}" ]; then echo "$NO_VENV"; exit 1; fi
+        mkdir -p "$3/bin"
+        cat "$SELF" > "$3/bin/python"
+        printf '#!/bin/sh\\necho "pointit $*" >> "$CALLS"\\n' > "$3/bin/pointit"
+        chmod +x "$3/bin/python" "$3/bin/pointit" ;;
+    "-m pip") if [ -n "${NO_NET:-}" ] && [ "$3" = install ]; then echo "$NO_NET"; exit 1; fi ;;
+esac
+"""
+
+UV = """#!/bin/sh
+echo "uv $*" >> "$CALLS"
+if [ "$1" = venv ]; then
+    for folder in "$@"; do :; done
+    python3 -m venv "$folder"
+fi
+"""
+
+
+class Machine:
+    """A checkout and a PATH with nothing but what it is given."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / "a checkout"
+        self.bin = folder / "bin"
+        self.calls_file = folder / "calls"
+        self.root.mkdir()
+        self.bin.mkdir()
+        shutil.copytree(ROOT / "scripts", self.root / "scripts")
+        shutil.copy(ROOT / "pyproject.toml", self.root)
+        for tool in TOOLS:
+            found = shutil.which(tool)
+            assert found is not None
+            (self.bin / tool).symlink_to(found)
+
+    def add(self, name: str, text: str) -> None:
+        path = self.bin / name
+        path.write_text(text, encoding="utf-8")
+        path.chmod(0o755)
+
+    def run(self, script: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        self.calls_file.write_text("")
+        return subprocess.run(
+            [self.root / "scripts" / script, *arguments],
+            env={
+                "PATH": str(self.bin),
+                "CALLS": str(self.calls_file),
+                "SELF": str(self.bin / "python3"),
+                "HOME": str(self.root),
+                **environment,
+            },
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=30,
+        )
+
+    @property
+    def calls(self) -> list[str]:
+        return [call for call in self.calls_file.read_text().splitlines() if not call.startswith("python -c")]
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
+
+
+@pytest.mark.parametrize("script", ["demo", "test", "check"])
+def test_without_a_python_one_sentence_says_so(machine: Machine, script: str) -> None:
+    done = machine.run(script)
+    assert done.returncode == 1
+    assert done.stderr == (
+        f"{script}: PointIt needs Python 3.11 or newer and found none; "
+        "install python3.11 or newer and run this again\n"
+    )
+
+
+def test_an_old_python_is_no_python(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    done = machine.run("demo", OLD="1")
+    assert "needs Python 3.11 or newer" in done.stderr
+
+
+def test_the_demo_installs_once_and_runs_scenario_3(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    assert machine.run("demo").returncode == 0
+    install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}"
+    assert machine.calls == [
+        f"python -m venv {machine.root}/.venv",
+        "python -m pip --version",
+        install,
+        "pointit run scenario_3",
+    ]
+    assert machine.run("demo", "--duration", "20").returncode == 0
+    assert machine.calls == ["pointit run scenario_3 --duration 20"]
+    with (machine.root / "pyproject.toml").open("a") as file:
+        file.write("# changed\n")
+    assert machine.run("demo").returncode == 0
+    assert machine.calls[1:] == [install, "pointit run scenario_3"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("scenario_2",),
+        ("scenario_2", "--seed", "1"),
+        ("--seed", "1", "scenario_2"),
+        ("replay",),
+        ("my room.yaml",),
+    ],
+)
+def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: tuple[str, ...]) -> None:
+    machine.add("python3", PYTHON)
+    assert machine.run("demo", *arguments).returncode == 0
+    assert machine.calls[-1] == " ".join(("pointit run", *arguments))
+
+
+def test_tests_need_more_than_the_demo_and_the_demo_less(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    machine.run("demo")
+    assert machine.run("test", "-q", "tests/unit").returncode == 0
+    assert machine.calls[1:] == [
+        f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}[dev]",
+        "python -m pytest -q tests/unit",
+    ]
+    with (machine.root / "pyproject.toml").open("a") as file:
+        file.write("# changed\n")
+    machine.run("test")
+    machine.run("demo")
+    assert machine.calls == ["pointit run scenario_3"]
+
+
+def test_a_moved_checkout_is_installed_again(machine: Machine, tmp_path: Path) -> None:
+    machine.add("python3", PYTHON)
+    machine.run("demo")
+    machine.root = machine.root.rename(tmp_path / "elsewhere")
+    machine.run("demo")
+    assert machine.calls[-2].endswith(f"-e {machine.root}")
+
+
+def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    machine.add("uv", UV)
+    assert machine.run("demo").returncode == 0
+    assert machine.calls == [
+        f"uv venv --quiet --python {machine.bin}/python3 {machine.root}/.venv",
+        f"python -m venv {machine.root}/.venv",
+        f"uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}",
+        "pointit run scenario_3",
+    ]
+
+
+def test_debian_without_its_venv_package_is_told_what_to_install(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    done = machine.run("demo", NO_VENV="The virtual environment was not created: ensurepip is not available.")
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "apt install python3-venv" in done.stderr
+    assert not (machine.root / ".venv").exists()
+
+
+def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    done = machine.run("demo", NO_NET="no route to the index")
+    assert done.returncode == 1
+    assert done.stderr.startswith("no route to the index\n")
+    assert "could not be installed" in done.stderr
+    assert machine.run("demo").returncode == 0
+    assert machine.calls[-1] == "pointit run scenario_3"
+
+
+def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:
+    machine.add("python3", PYTHON.replace('"-m pip")', '"-m pip") [ "$3" = install ] && sleep 2.5;'))
+    assert "Installing PointIt into .venv" in machine.run("demo").stderr
+    assert machine.run("demo").stderr == ""
+
+
+def test_a_venv_whose_python_is_gone_is_made_anew(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    machine.run("demo")
+    (machine.root / ".venv" / "bin" / "python").unlink()
+    done = machine.run("demo")
+    assert done.returncode == 0
+    assert "making .venv anew" in done.stderr
+    assert machine.calls[0].startswith("python -m venv")
+
+
+def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    machine.run("test")
+    for name, status in {"ruff": 0, "mypy": 1, "pyright": 0, "lint-imports": 3}.items():
+        tool = machine.root / ".venv" / "bin" / name
+        tool.write_text(f'#!/bin/sh\necho "{name} complains"\nexit {status}\n', encoding="utf-8")
+        tool.chmod(0o755)
+    done = machine.run("check")
+    assert done.returncode == 1
+    assert done.stderr == "failed: mypy,lint-imports\n"
+    assert [line.split()[0] for line in done.stdout.splitlines() if line.startswith(("ok", "FAILED"))] == [
+        *("ok", "ok", "FAILED", "ok", "FAILED", "ok")
+    ]
+    assert "mypy complains" in done.stdout
+    assert "ruff complains" not in done.stdout
+    assert machine.calls == ["pointit schema --check"]
+
+
+def test_all_scripts_are_executable_and_parse() -> None:
+    for script in (*(ROOT / "scripts").iterdir(), ROOT / ".ci" / "run"):
+        assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - whichever bash
+        assert script.suffix == ".sh" or os.access(script, os.X_OK), f"{script} is not executable"

@@ -1,0 +1,134 @@
+"""How commands show what they found: tables for people, JSON for programs, lines for pipes."""
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import click
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+Row = Mapping[str, Any]
+
+PIPE_WIDTH = 1000
+"""Columns when no terminal limits them: one line a row, for grep."""
+
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C ended before it had its answer."""
+
+json_option = click.option("--json", "as_json", is_flag=True, help="JSON instead of text, for programs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A named table; its columns are the keys of its rows."""
+
+    name: str
+    """The key in JSON."""
+    about: str
+    rows: tuple[Row, ...]
+
+
+def show(sections: Sequence[Section], *, as_json: bool) -> None:
+    """Print `sections` as tables, or as one JSON object of lists."""
+    if as_json:
+        print_json({section.name: section.rows for section in sections})
+        return
+    screen = console()
+    for section in sections:
+        print_table(screen, section)
+
+
+def print_table(screen: Console, section: Section) -> None:
+    """Print one section as a table under its title."""
+    columns = list(section.rows[0]) if section.rows else []
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        title=f"{section.name.capitalize()}: {section.about}",
+        title_justify="left",
+        title_style="bold",
+        pad_edge=False,
+    )
+    for column in columns:
+        numeric = all(isinstance(row[column], int | float | None) for row in section.rows)
+        table.add_column(
+            column.replace("_", " "), justify="right" if numeric else "left", overflow="fold", min_width=4
+        )
+    for row in section.rows:
+        table.add_row(*(cell(row[column]) for column in columns))
+    screen.print(table)
+
+
+def cell(value: Any) -> Text:
+    """Return `value` as a cell; text is taken as it is, braces and brackets included."""
+    if isinstance(value, Text):
+        return value
+    if value is None or value in ("", (), []):
+        return Text("-", style="dim")
+    if isinstance(value, float):
+        return Text(f"{value:.4g}")
+    if isinstance(value, list | tuple):
+        items = cast("Sequence[Any]", value)
+        return Text(", ".join(str(item) for item in items))
+    return Text(str(value))
+
+
+def console() -> Console:
+    """Return a console on standard output, as wide as the terminal or as the rows need."""
+    return Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
+
+
+def print_json(value: Any, *, indent: int | None = 2) -> None:
+    """Print `value` as JSON; bytes become hexadecimal text."""
+    click.echo(to_json(value, indent=indent))
+
+
+def to_json(value: Any, *, indent: int | None = None) -> str:
+    """Return `value` as JSON; bytes become hexadecimal text."""
+    return json.dumps(value, indent=indent, default=_plain, ensure_ascii=False)
+
+
+def to_line(value: Any) -> str:
+    """Return `value` on one line, as YAML's flow style: numbers rounded to six digits, bytes counted."""
+    if isinstance(value, Mapping):
+        pairs = cast("Mapping[str, Any]", value).items()
+        return "{" + ", ".join(f"{key}: {to_line(inner)}" for key, inner in pairs if inner is not None) + "}"
+    if isinstance(value, list | tuple):
+        items = cast("Sequence[Any]", value)
+        return "[" + ", ".join(to_line(item) for item in items) + "]"
+    if isinstance(value, bytes):
+        return f"<{len(value)} bytes>"
+    if isinstance(value, float):
+        return _number(value)
+    return json.dumps(value, ensure_ascii=False)
+
+
+def write_line(line: str) -> bool:
+    """Write `line` and flush; false when the reader of the pipe has left, which is no error."""
+    try:
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Python flushes once more at exit and would complain then.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return False
+    return True
+
+
+def _number(value: float) -> str:
+    text = f"{value:.6g}"
+    if "e" in text:
+        digits, _, exponent = text.partition("e")
+        return f"{digits if '.' in digits else digits + '.0'}e{exponent}"  # YAML wants the point
+    return text if "." in text else text + ".0"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.hex()
+    raise TypeError(f"cannot be shown as JSON: {type(value).__name__}")

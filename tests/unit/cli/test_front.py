@@ -1,0 +1,122 @@
+"""The front page, the lazy groups, and what a typo gets."""
+
+import importlib.metadata
+import subprocess
+import sys
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.main import COMMANDS, EXAMPLES, command
+from pointit.services.registry import PROCESSES, process
+
+
+def invoke(*arguments: str) -> tuple[int, str]:
+    """Return exit code and everything printed."""
+    result = CliRunner().invoke(command, list(arguments), prog_name="pointit")
+    return result.exit_code, result.output
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
+def test_the_front_page_teaches(arguments: tuple[str, ...]) -> None:
+    code, text = invoke(*arguments)
+    assert code == 0
+    lines = text.splitlines()
+    for name, about, _ in COMMANDS:
+        assert sum(line.split() == [name, *about.split()] for line in lines) == 1, name
+    assert len(EXAMPLES) == 3
+    for example, _ in EXAMPLES:
+        assert example in text
+    assert "Begin with `pointit run`" in text
+
+
+def test_the_version_is_the_distributions() -> None:
+    assert invoke("--version") == (0, f"pointit {importlib.metadata.version('pointit')}\n")
+
+
+@pytest.mark.parametrize("name", [name for name, _, _ in COMMANDS if name not in ("router", "schema")])
+def test_every_command_of_the_table_is_there_and_documents_itself(name: str) -> None:
+    code, text = invoke(name, "--help")
+    assert code == 0
+    assert text.startswith(f"Usage: pointit {name}")
+
+
+@pytest.mark.parametrize("name", ["topics", "echo", "hz", "doctor", "list", "service"])
+def test_what_reports_takes_json(name: str) -> None:
+    assert "--json" in invoke(name, "--help")[1]
+
+
+def test_an_unknown_command_gets_one_sentence_with_the_near_ones() -> None:
+    assert invoke("toppics") == (2, "Error: no command 'toppics'; did you mean topics?\n")
+    code, text = invoke("xyzzy")
+    assert code == 2
+    assert all(name in text for name, _, _ in COMMANDS)
+
+
+def loaded_after(*arguments: str) -> set[str]:
+    """Return the modules a fresh interpreter has loaded after the command."""
+    script = (
+        "import sys, io, contextlib\n"
+        "from pointit.cli.main import command\n"
+        "with contextlib.redirect_stdout(io.StringIO()):\n"
+        f"    command.main({list(arguments)!r}, standalone_mode=False)\n"
+        "print(*sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
+    )
+    return set(done.stdout.split())
+
+
+def test_the_front_page_loads_no_command() -> None:
+    loaded = loaded_after("--help")
+    assert not loaded & {where.partition(":")[0] for _, _, where in COMMANDS}
+    assert not loaded & {"zenoh", "pydantic", "rich", "numpy", "scipy"}
+
+
+@pytest.mark.parametrize("name", ["topics", "list"])
+def test_tables_load_neither_network_nor_numerics(name: str) -> None:
+    assert not loaded_after(name) & {"zenoh", "scipy", "numpy", "serial", "yaml"}
+
+
+def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:
+    assert invoke("service", "pointin") == (2, "Error: no service 'pointin'; did you mean pointing?\n")
+    assert "conveyor-sim" in invoke("service", "xyzzy")[1]
+
+
+def test_a_service_documents_every_parameter_with_type_unit_and_default() -> None:
+    code, text = invoke("service", "pointing", "--help")
+    assert code == 0
+    told = " ".join(text.split())
+    assert "--stale-after-s <float> samples older than this make no ray, s [default: 0.2]" in told
+    assert "--user" in told
+
+
+def test_a_services_help_is_that_of_its_module() -> None:
+    own = CliRunner().invoke(command, ["service", "pointing", "--help"], prog_name="pointit").output
+    script = [sys.executable, "-m", process("pointing").package, "--help"]
+    module = subprocess.run(script, capture_output=True, text=True, check=True, timeout=30).stdout
+    own_words, module_words = (text.partition("[OPTIONS]")[2].split() for text in (own, module))
+    own_words.remove("-h,")  # the short form is the front's
+    assert own_words == module_words
+
+
+def test_underscores_do_for_hyphens() -> None:
+    group = command.get_command(click.Context(command), "service")
+    assert isinstance(group, click.Group)
+    ctx = click.Context(group)
+    assert [group.list_commands(ctx)[0]] == [PROCESSES[0].name]
+    with pytest.raises(click.ClickException, match="led-driver"):
+        group.resolve_command(ctx, ["lead_driver"])
+
+
+def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
+    script = [sys.executable, "-m", "pointit.cli", "service", "pointing", "--user", "anna"]
+    done = subprocess.run(
+        [*script, "--stale-after-s", "soon"], capture_output=True, text=True, check=False, timeout=30
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")
+    assert "'soon'" in done.stderr
+    assert done.stderr.count("\n") == 1

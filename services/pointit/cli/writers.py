@@ -1,0 +1,47 @@
+"""Who writes a topic, as far as presence tells; pure."""
+
+from collections.abc import Collection, Iterable
+
+from pointit.runtime.bus import AnyTopic
+from pointit.schemas.topics import ANY, HEALTH
+from pointit.services.registry import PROCESSES, Process
+
+_ROWS: dict[str, Process] = {row.name: row for row in PROCESSES}
+
+
+def split(instance: str) -> tuple[str, str]:
+    """Return service and user of an instance: `pointing.anna` is `pointing` of `anna`."""
+    service, _, user = instance.partition(".")
+    return service, user
+
+
+def instance_of(service: str, user: str = "") -> str:
+    """Return the name under which a service is present."""
+    return f"{service}.{user}" if user else service
+
+
+def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
+    """Return the instances among `present` that may write `topic` at `name` (`*` or empty: at any)."""
+    if topic is HEALTH:
+        return sorted(instance for instance in present if name in (ANY, "", instance))
+    found: list[str] = []
+    for instance in present:
+        service, user = split(instance)
+        other = topic.placeholder == "user" and user and name not in (ANY, "", user)
+        if service in topic.writers and not other:
+            found.append(instance)
+    return sorted(found)
+
+
+def why_silent(topic: AnyTopic, name: str, present: Collection[str]) -> str:
+    """Return one clause on who should write `topic` at `name`, whether they run, and what to do."""
+    there = present_writers(topic, name, present)
+    if there:
+        return f"{', '.join(there)} can write it and runs; does `pointit doctor` find something wrong?"
+    services = [writer for writer in topic.writers if writer in _ROWS]
+    if not services:
+        return f"it is written by {' or '.join(topic.writers)}"
+    user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
+    row = _ROWS[services[0]]
+    command = f"pointit service {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
+    return f"nobody is present who writes it ({' or '.join(topic.writers)}); start it with `{command}`"

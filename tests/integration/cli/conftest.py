@@ -1,0 +1,25 @@
+"""A site on a free port for every test."""
+
+from collections.abc import AsyncIterator
+
+import pytest_asyncio
+
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas.topics import SERVICE_ALIVE
+from tests.support.cli_site import Site, free_endpoint
+
+
+@pytest_asyncio.fixture
+async def site() -> AsyncIterator[Site]:
+    endpoint = free_endpoint()
+    site = Site(bus=await ZenohBus.open(Link(listen=(endpoint,))), endpoint=endpoint)
+
+    def on_presence(instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (site.present.add if here else site.present.discard)(instance)
+
+    site.bus.watch(SERVICE_ALIVE, on_presence)
+    try:
+        yield site
+    finally:
+        await site.stop()

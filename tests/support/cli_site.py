@@ -1,0 +1,114 @@
+"""A site on a free port in this process, and the command line in processes of its own."""
+
+import asyncio
+import contextlib
+import signal
+import socket
+import sys
+import time
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass, field
+
+from pointit.runtime.clock import WallClock
+from pointit.runtime.service import AnyService, Launch, run_service
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.schemas import ImuSample
+from pointit.schemas.topics import IMU
+from tests.support.bench import until
+
+PATIENCE_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ended:
+    """A command that ended."""
+
+    code: int
+    out: str
+    err: str
+    took_s: float
+
+
+@dataclass
+class Site:
+    """The listening end of the bus: what `pointit run` would be."""
+
+    bus: ZenohBus
+    endpoint: str
+    present: set[str] = field(default_factory=set)
+    _tasks: list[asyncio.Task[None]] = field(default_factory=list[asyncio.Task[None]])
+
+    def start(self, service: type[AnyService], user: str = "") -> None:
+        launch = Launch(service=service, config=service.CONFIG(), user=user)
+        self._tasks.append(asyncio.create_task(run_service(launch, self.bus, WallClock())))
+
+    def feed_imu(self, user: str, rate_hz: float = 50) -> asyncio.Task[None]:
+        """Put a level arm's orientation until the end, or until the task is cancelled."""
+        self._tasks.append(asyncio.create_task(self._feed(user, 1 / rate_hz)))
+        return self._tasks[-1]
+
+    async def _feed(self, user: str, period_s: float) -> None:
+        publisher = self.bus.publisher(IMU, user)
+        seq = 0
+        while True:
+            seq += 1
+            publisher.put(ImuSample(stamp_ns=time.time_ns(), seq=seq, orientation_xyzw=(0.0, 0.0, 0.0, 1.0)))
+            await asyncio.sleep(period_s)
+
+    @contextlib.asynccontextmanager
+    async def python(self, *arguments: str) -> AsyncGenerator[asyncio.subprocess.Process]:
+        """Run `python …` on this site; it is killed at the end of the block."""
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *arguments,
+            "--connect",
+            self.endpoint,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
+        try:
+            yield process
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.communicate()
+
+    def command(self, *arguments: str) -> contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process]:
+        """Start `pointit …`."""
+        return self.python("-m", "pointit.cli", *arguments)
+
+    async def pointit(self, *arguments: str) -> Ended:
+        """Run `pointit …` to its end."""
+        began_s = time.monotonic()
+        async with self.command(*arguments) as process, asyncio.timeout(PATIENCE_S):
+            out, err = await process.communicate()
+            code = await process.wait()
+        return Ended(code=code, out=out.decode(), err=err.decode(), took_s=time.monotonic() - began_s)
+
+    async def arrived(self, instance: str) -> None:
+        await until(lambda: instance in self.present, PATIENCE_S, f"{instance} is present")
+
+    async def stop(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.bus.close()
+
+
+async def interrupt(process: asyncio.subprocess.Process) -> tuple[int, float]:
+    """Send what Ctrl-C sends; return the exit code and how long it took."""
+    began_s = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    code = await asyncio.wait_for(process.wait(), PATIENCE_S)
+    return code, time.monotonic() - began_s
+
+
+async def next_line(stream: asyncio.StreamReader | None) -> str:
+    assert stream is not None
+    return (await asyncio.wait_for(stream.readline(), PATIENCE_S)).decode()
+
+
+def free_endpoint() -> str:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+    return f"tcp/127.0.0.1:{port}"

@@ -1,0 +1,40 @@
+"""Who writes a topic, and what the person is told when nothing comes."""
+
+import pytest
+
+from pointit.cli.writers import instance_of, present_writers, split, why_silent
+from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY
+
+PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}
+
+
+@pytest.mark.parametrize("parts", [("pui", ""), ("pointing", "anna"), ("user-sim", "a.b-c")])
+def test_instances_are_taken_apart_as_they_are_put_together(parts: tuple[str, str]) -> None:
+    assert split(instance_of(*parts)) == parts
+
+
+def test_a_persons_topic_is_written_by_their_own_services() -> None:
+    assert present_writers(RAY, "anna", PRESENT) == ["pointing.anna"]
+    assert present_writers(RAY, "*", PRESENT) == ["pointing.anna", "pointing.ben"]
+    assert present_writers(IMU, "*", PRESENT) == ["imu-bridge.ben", "user-sim.anna"]
+    assert present_writers(RAY, "eve", PRESENT) == []
+
+
+def test_a_site_service_writes_for_everybody() -> None:
+    assert present_writers(CURSOR, "anna", PRESENT) == ["pui"]
+    assert present_writers(MAP, "", PRESENT) == ["pui"]
+
+
+def test_everybody_writes_their_own_health() -> None:
+    assert present_writers(HEALTH, "pui", PRESENT) == ["pui"]
+    assert present_writers(HEALTH, "selector", PRESENT) == []
+    assert set(present_writers(HEALTH, "*", PRESENT)) == PRESENT
+
+
+def test_silence_is_explained() -> None:
+    assert "pointing.anna can write it and runs" in why_silent(RAY, "anna", PRESENT)
+    assert "`pointit service pointing --user eve`" in why_silent(RAY, "eve", PRESENT)
+    assert "`pointit service pointing --user NAME`" in why_silent(RAY, "*", ())
+    assert "`pointit service pui`" in why_silent(MAP, "", ())
+    assert "(localizer or external)" in why_silent(POSE, "anna", ())
+    assert why_silent(CLOCK, "", ()) == "it is written by cli"

@@ -1,0 +1,173 @@
+"""What is wrong with a running site, from what its services say about themselves; pure."""
+
+from collections.abc import Iterator, Sequence
+
+from pointit.cli.observation import Finding, Observation, Report
+from pointit.cli.staleness import stale_inputs
+from pointit.schemas import Health
+from pointit.schemas.topics import TOPICS, Delivery
+
+SLOW_S = 0.1
+"""Latency from capture to output, 99th percentile, above which pointing feels detached from the hand."""
+
+_EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.EVENT)
+
+
+def diagnose(seen: Observation) -> list[Finding]:
+    """Return what is wrong, the worst first."""
+    findings = [*_presence(seen), *_reports(seen), *stale_inputs(seen)]
+    order = ("error", "warning", "note")
+    return sorted(findings, key=lambda finding: (order.index(finding.severity), finding.service))
+
+
+def is_healthy(findings: Sequence[Finding]) -> bool:
+    """Return whether nothing is wrong now; notes are about the past."""
+    return all(finding.severity == "note" for finding in findings)
+
+
+def _presence(seen: Observation) -> Iterator[Finding]:
+    expected = seen.expected
+    if not seen.present and not expected:
+        yield Finding(
+            severity="error",
+            code="empty",
+            service="",
+            sentence="somebody answers, but no service runs on this site",
+            remedy="start with `pointit run`, or name the right site with --site",
+        )
+    for instance, remedy in expected.items():
+        if instance not in seen.present:
+            yield Finding(
+                severity="error",
+                code="absent",
+                service=instance,
+                sentence="should run and does not",
+                remedy=remedy,
+            )
+    for instance in seen.left - seen.present - expected.keys():
+        yield Finding(
+            severity="warning",
+            code="left",
+            service=instance,
+            sentence="was there and has left: ended, killed, stopped or cut off",
+            remedy=_restart(instance),
+        )
+    for instance in seen.present:
+        if seen.is_silent(instance):
+            health = seen.newest(instance)
+            process = f"process {health.pid}" if health else "its process"
+            yield Finding(
+                severity="error",
+                code="silent",
+                service=instance,
+                sentence=f"is present but has not reported for {seen.silence_s(instance):.0f} s: "
+                "is it stopped or overloaded?",
+                remedy=f"look at {process} (stopped: `kill -CONT`); else "
+                + expected.get(instance, _restart(instance)),
+            )
+
+
+def _reports(seen: Observation) -> Iterator[Finding]:
+    for instance, reports in seen.reports.items():
+        if instance not in seen.present or not reports:
+            continue
+        health = reports[-1].health
+        yield from _twice(seen, instance, reports)
+        yield from _counters(instance, reports[0].health, health)
+        for sentence in health.warnings:
+            yield Finding(
+                severity="warning",
+                code="warning",
+                service=instance,
+                sentence=sentence,
+                remedy="it says so itself; its log tells more",
+            )
+        if health.status == "degraded" and not health.warnings:
+            yield Finding(
+                severity="warning",
+                code="degraded",
+                service=instance,
+                sentence="calls itself degraded without saying why",
+                remedy="look at its log",
+            )
+        if health.latency is not None and health.latency.p99_s > SLOW_S:
+            yield Finding(
+                severity="warning",
+                code="slow",
+                service=instance,
+                sentence=f"its output is {health.latency.p99_s * 1e3:.0f} ms behind the person "
+                f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)",
+                remedy="is the machine overloaded, or are two machines' clocks apart?",
+            )
+
+
+def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Iterator[Finding]:
+    """Find two processes under one name; one that was only restarted is younger than our look."""
+    watched_s = seen.now_s - seen.began_s
+    ages_s = {
+        (report.health.host, report.health.pid): report.health.uptime_s + seen.now_s - report.received_s
+        for report in reports
+    }
+    if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
+        pids = " and ".join(f"{pid} on {host or '?'}" for host, pid in sorted(ages_s))
+        yield Finding(
+            severity="error",
+            code="twice",
+            service=instance,
+            sentence=f"runs more than once: processes {pids}",
+            remedy="end all but one, or give each person their own --user",
+        )
+
+
+def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
+    """Find what should be 0: an error while it grows, a note afterwards."""
+    before = {(key.key, key.direction): key for key in first.keys}
+    for key in last.keys:
+        old = before.get((key.key, key.direction), key)
+        pattern = key.key
+        counts = [
+            (
+                key.invalid,
+                old.invalid,
+                f"messages on {pattern} were not what they should be, and were dropped",
+                "a writer of another version? `pointit --version` on both machines",
+            ),
+            (
+                key.lost,
+                old.lost,
+                f"events on {pattern} never arrived",
+                "the network loses more than can be fetched again: look at the link between the machines",
+            ),
+        ]
+        if pattern in _EVENTS:  # of the others only the newest counts
+            counts.append(
+                (
+                    key.dropped,
+                    old.dropped,
+                    f"events on {pattern} were dropped: it reads too slowly",
+                    "is its machine overloaded?",
+                )
+            )
+        for now, then, sentence, remedy in counts:
+            yield from _counter(instance, now, then, sentence, remedy)
+    yield from _counter(
+        instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
+    )
+
+
+def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> Iterator[Finding]:
+    if not now:
+        return
+    growing = now > then
+    yield Finding(
+        severity="error" if growing else "note",
+        code="failing" if growing else "failed",
+        service=instance,
+        sentence=f"{now} {sentence}" + (", and it goes on" if growing else ", not any more"),
+        remedy=remedy,
+    )
+
+
+def _restart(instance: str) -> str:
+    service, _, user = instance.partition(".")
+    return f"if it should run: pointit service {service}" + (f" --user {user}" if user else "")

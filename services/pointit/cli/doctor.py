@@ -1,0 +1,217 @@
+"""`pointit doctor`: what runs, what is stale, what is wrong, what to do."""
+
+import asyncio
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import click
+from rich.text import Text
+
+from pointit.cli.diagnosis import diagnose, is_healthy
+from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.observation import SILENT_S, Finding, Observation, Report
+from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
+from pointit.cli.writers import split
+from pointit.runtime.bus import Bus
+from pointit.runtime.errors import ConnectError
+from pointit.runtime.process import EXIT_FAILED, run_async
+from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
+from pointit.schemas.topics import CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
+
+LEAST_S = 1.2
+"""Listen at least so long: whoever reports once a second is heard."""
+
+LONGEST_S = SILENT_S + 0.4
+"""Listen no longer: whoever was not heard by then is silent."""
+
+STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
+
+
+@click.command("doctor", params=site_options())
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(min=0),
+    default=PATIENCE_S,
+    show_default=True,
+    help="how long to look for somebody who answers, s",
+)
+@json_option
+def command(*, timeout_s: float, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    """Say what runs on a site, what is stale, what is wrong and what to do.
+
+    It listens for one to three seconds. The exit code is 0 when all is well, 1 when something is wrong (notes
+    about what was wrong once do not count), 130 when Ctrl-C ended it before it knew.
+    """
+    quiet()
+    look = _Look()
+    try:
+        run_async(_listen(look, site, connect, timeout_s))
+    except ConnectError:
+        finding = Finding(
+            severity="error",
+            code="unreachable",
+            service="",
+            sentence=f"nothing runs at {', '.join(connect)}",
+            remedy="start with `pointit run`, or say with --connect where it runs",
+        )
+        return _show(Observation(began_s=0.0, now_s=0.0), [finding], site, as_json=as_json)
+    if look.seen is None:
+        return INTERRUPTED
+    return _show(look.seen, diagnose(look.seen), site, as_json=as_json)
+
+
+class _Look:
+    """Gathers what the bus shows until every service was heard twice."""
+
+    def __init__(self) -> None:
+        self.seen: Observation | None = None
+        self._began_s = time.monotonic()
+        self._news = asyncio.Event()
+        self._present: set[str] = set()
+        self._ever: set[str] = set()
+        self._reports: dict[str, list[Report]] = {}
+        self._deployments: dict[str, Deployment] = {}
+        self._speed = 1.0
+
+    async def watch(self, bus: Bus) -> None:
+        """Look until there is enough to tell; then `seen` holds it."""
+        self._began_s = time.monotonic()
+        bus.subscribe(CLOCK, self._on_clock)
+        bus.subscribe(DEPLOYMENT, self._on_deployment)
+        bus.subscribe(HEALTH, self._on_health)
+        bus.watch(SERVICE_ALIVE, self._on_presence)
+        await asyncio.sleep(LEAST_S)
+        end_s = self._began_s + LONGEST_S
+        while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:
+            self._news.clear()
+            try:
+                await asyncio.wait_for(self._news.wait(), left_s)
+            except TimeoutError:
+                break
+        self.seen = Observation(
+            began_s=self._began_s,
+            now_s=time.monotonic(),
+            present=frozenset(self._present),
+            left=frozenset(self._ever - self._present),
+            reports=self._reports,
+            deployments=self._deployments,
+            speed=self._speed,
+        )
+
+    def _is_enough(self) -> bool:
+        return all(len(self._reports.get(instance, ())) >= 2 for instance in self._present)
+
+    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self._present.add if present else self._present.discard)(instance)
+        self._ever.add(instance)
+        self._news.set()
+
+    def _on_health(self, health: Health, instance: str) -> None:
+        self._reports.setdefault(instance, []).append(Report(received_s=time.monotonic(), health=health))
+        self._news.set()
+
+    def _on_deployment(self, deployment: Deployment, name: str) -> None:
+        self._deployments[name] = deployment
+
+    def _on_clock(self, tick: ClockTick, _name: str) -> None:
+        self._speed = tick.speed
+
+
+async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
+    async with joined(site, connect, patience_s=timeout_s) as bus:
+        await look.watch(bus)
+    return 0
+
+
+def _show(seen: Observation, findings: list[Finding], site: str, *, as_json: bool) -> int:
+    healthy = is_healthy(findings)
+    instances = sorted(seen.present | seen.expected.keys())
+    if as_json:
+        print_json(
+            {
+                "site": site,
+                "healthy": healthy,
+                "services": [_record(seen, instance) for instance in instances],
+                "findings": [asdict(finding) for finding in findings],
+                "deployments": {name: item.model_dump() for name, item in seen.deployments.items()},
+            }
+        )
+        return 0 if healthy else EXIT_FAILED
+    screen = console()
+    if instances:
+        rows = tuple(_row(seen, instance, findings) for instance in instances)
+        print_table(screen, Section(name="services", about=f"of site {site}", rows=rows))
+    for finding in findings:
+        who = f"{finding.service}: " if finding.service else ""
+        screen.print(
+            Text.assemble(
+                (f"{finding.severity}: ", STYLES[finding.severity]),
+                f"{who}{finding.sentence}\n    -> {finding.remedy}",
+            )
+        )
+    if healthy:
+        screen.print(Text(f"all is well: {len(instances)} services run", style="green"))
+    return 0 if healthy else EXIT_FAILED
+
+
+def _record(seen: Observation, instance: str) -> Row:
+    health = seen.newest(instance)
+    service, user = split(instance)
+    return {
+        "instance": instance,
+        "service": service,
+        "user": user,
+        "present": instance in seen.present,
+        "expected": instance in seen.expected,
+        "health": health.model_dump() if health is not None else None,
+    }
+
+
+def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
+    health = seen.newest(instance) if instance in seen.present else None
+    service, user = split(instance)
+    return {
+        "service": service,
+        "user": user,
+        "pid": health.pid if health else None,
+        "host": health.host if health else None,
+        "up": _span(health.uptime_s) if health else None,
+        "in_hz": _rates(health, "in"),
+        "out_hz": _rates(health, "out"),
+        "step_ms": _quantiles(health.step) if health else None,
+        "latency_ms": _quantiles(health.latency) if health else None,
+        "status": _status(instance, findings),
+    }
+
+
+def _status(instance: str, findings: Sequence[Finding]) -> Text:
+    """Return the worst that was found about `instance`, in a word."""
+    for finding in findings:
+        if finding.service == instance and finding.severity != "note":
+            return Text(finding.code, style=STYLES[finding.severity])
+    return Text("ok", style="green")
+
+
+def _rates(health: Health | None, direction: str) -> str:
+    """Return what flows, `imu 50, ray 50`, by the last part of the keys."""
+    keys: list[KeyHealth] = [
+        key for key in (health.keys if health else ()) if key.direction == direction and key.rate_hz > 0
+    ]
+    return ", ".join(f"{key.key.rpartition('/')[2]} {key.rate_hz:.0f}" for key in keys)
+
+
+def _quantiles(times: Quantiles | None) -> str:
+    """Return median and 99th percentile in ms."""
+    return "" if times is None else f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
+
+
+def _span(seconds: float) -> str:
+    """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
+    value: Any
+    for value, unit in ((seconds / 3600, "h"), (seconds / 60, "min")):
+        if value >= 1:
+            return f"{value:.0f} {unit}"
+    return f"{seconds:.0f} s"

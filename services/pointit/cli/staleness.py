@@ -1,0 +1,71 @@
+"""Which services wait in vain for input that somebody should write; pure."""
+
+from collections.abc import Iterator, Sequence
+
+from pointit.cli.observation import Finding, Observation
+from pointit.cli.writers import present_writers
+from pointit.runtime.bus import AnyTopic
+from pointit.schemas import Health, KeyHealth
+from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
+
+GRACE_S = 3.0
+"""A service this young need not have heard everybody yet."""
+
+PAUSES = (CURSOR, HOVER)
+"""Topics with a rate that rest, rightly, while nobody points."""
+
+_BY_KEY: dict[str, AnyTopic] = {topic.key: topic for topic in TOPICS}
+
+
+def stale_inputs(seen: Observation) -> Iterator[Finding]:
+    """Find inputs that somebody present should write and that are old; the first cause only."""
+    stale: dict[str, list[tuple[AnyTopic, KeyHealth, list[str]]]] = {}
+    for instance, health in ((instance, seen.newest(instance)) for instance in seen.present):
+        for topic, key in _rated(health, "in"):
+            if health is None or not _is_old(key, topic, seen, health.uptime_s):
+                continue
+            writers = present_writers(topic, health.user or ANY, seen.present - {instance})
+            if writers and (topic not in PAUSES or _written(seen, topic, writers)):
+                stale.setdefault(instance, []).append((topic, key, writers))
+    for instance, inputs in stale.items():
+        for topic, key, writers in inputs:
+            if _written(seen, topic, writers):
+                remedy = f"{writers[0]} does write it: what is between the two? A link, an access rule?"
+            elif any(writer in stale or seen.is_silent(writer) for writer in writers):
+                continue  # the writer's own trouble is the cause
+            else:
+                remedy = f"look at {writers[0]}: has its device, recording or input ended?"
+            age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
+            yield Finding(
+                severity="error",
+                code="stale",
+                service=instance,
+                sentence=f"its input {topic.key} {age}, though {' and '.join(writers)} should write it",
+                remedy=remedy,
+            )
+
+
+def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s: float) -> bool:
+    if key is None or topic.stale_after_s is None:
+        return False
+    if key.age_s is None:
+        return uptime_s > GRACE_S
+    return key.age_s > topic.stale_after_s / min(seen.speed, 1.0)
+
+
+def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
+    """Return whether one of `writers` reports to have just written `topic`."""
+    for writer in writers:
+        health = seen.newest(writer)
+        for other, key in _rated(health, "out"):
+            if other is topic and key.age_s is not None and not _is_old(key, topic, seen, 0.0):
+                return True
+    return False
+
+
+def _rated(health: Health | None, direction: str) -> Iterator[tuple[AnyTopic, KeyHealth]]:
+    """Yield the topics with a nominal rate that a service reads or writes."""
+    for key in health.keys if health is not None else ():
+        topic = _BY_KEY.get(key.key)
+        if topic is not None and topic.rate_hz is not None and key.direction == direction:
+            yield topic, key

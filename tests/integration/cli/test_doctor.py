@@ -1,0 +1,170 @@
+"""`pointit doctor` against real services, also killed and stopped ones."""
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import AsyncGenerator
+from typing import Any, ClassVar
+
+from pointit.runtime import Config, Context, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import Deployment, ExpectedService, PointingRay
+from pointit.schemas.topics import DEPLOYMENT, IMU, RAY
+from pointit.services.pointing.service import Pointing
+from tests.support.bench import until
+from tests.support.cli_site import Ended, Site, interrupt
+
+POINTING = ("-m", "pointit.services.pointing", "--user", "anna")
+
+
+def expect(site: Site, *services: ExpectedService) -> None:
+    site.bus.publisher(DEPLOYMENT, "test").put(Deployment(stamp_ns=1, name="test", services=services))
+
+
+def findings(ended: Ended) -> list[tuple[str, str]]:
+    """Return code and service of what was found."""
+    return [(finding["code"], finding["service"]) for finding in json.loads(ended.out)["findings"]]
+
+
+@contextlib.asynccontextmanager
+async def pointing_process(site: Site) -> AsyncGenerator[asyncio.subprocess.Process]:
+    """Run pointing of anna by itself, expected to be there, with input."""
+    site.feed_imu("anna")
+    expect(site, ExpectedService(service="pointing", user="anna", command=("python", *POINTING)))
+    async with site.python(*POINTING) as process:
+        await site.arrived("pointing.anna")
+        yield process
+
+
+async def test_all_is_well(site: Site) -> None:
+    async with pointing_process(site) as process:
+        ended = await site.pointit("doctor", "--json")
+        assert ended.code == 0, ended.out
+        assert ended.took_s < 5
+        report: dict[str, Any] = json.loads(ended.out)
+        assert report["healthy"] is True
+        assert report["findings"] == []
+        (service,) = report["services"]
+        assert service["instance"] == "pointing.anna"
+        assert service["present"]
+        assert service["expected"]
+        assert service["health"]["pid"] == process.pid
+        assert report["deployments"]["test"]["services"][0]["command"] == ["python", *POINTING]
+        text = await site.pointit("doctor")
+        assert text.code == 0
+        assert text.out.rstrip().endswith("all is well: 1 services run")
+        (row,) = (line for line in text.out.splitlines() if line.split()[:1] == ["pointing"])
+        assert row.split()[1:3] == ["anna", str(process.pid)]
+        assert row.split()[-1] == "ok"
+
+
+async def test_an_expected_service_that_is_absent(site: Site) -> None:
+    site.start(Pointing, "anna")
+    expect(site, ExpectedService(service="pui", command=(sys.executable, "-m", "pui of mine")))
+    ended = await site.pointit("doctor")
+    assert ended.code == 1
+    assert "error: pui: should run and does not" in ended.out
+    assert f"start it again: {sys.executable} -m 'pui of mine'" in ended.out
+
+
+async def test_a_killed_service_is_noticed_within_five_seconds_and_its_restart_heals(site: Site) -> None:
+    async with pointing_process(site) as process:
+        process.kill()
+        killed_s = time.monotonic()
+        ended = await site.pointit("doctor", "--json")
+        assert time.monotonic() - killed_s < 5
+        assert ended.code == 1
+        assert findings(ended) == [("absent", "pointing.anna")]
+    async with site.python(*POINTING):
+        await site.arrived("pointing.anna")
+        ended = await site.pointit("doctor", "--json")
+        assert (ended.code, findings(ended)) == (0, [])
+
+
+async def test_a_stopped_service_is_noticed_within_five_seconds(site: Site) -> None:
+    async with pointing_process(site) as process:
+        os.kill(process.pid, signal.SIGSTOP)
+        stopped_s = time.monotonic()
+        try:
+            ended = await site.pointit("doctor", "--json")
+        finally:
+            os.kill(process.pid, signal.SIGCONT)
+        assert time.monotonic() - stopped_s < 5
+        assert ended.code == 1
+        # its token lives as long as its lease, about as long as a silence is believed
+        assert findings(ended) in ([("absent", "pointing.anna")], [("silent", "pointing.anna")])
+
+
+class DryBridge(Service[Config]):
+    """Should write the IMU, and does not."""
+
+    NAME: ClassVar[str] = "imu-bridge"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = Config
+
+    def __init__(self, config: Config, context: Context) -> None:
+        super().__init__(config, context)
+        self.bus.publisher(IMU, self.user)
+
+
+async def test_a_source_that_ran_dry(site: Site) -> None:
+    rays: list[PointingRay] = []
+    site.bus.subscribe(RAY, lambda ray, _user: rays.append(ray))
+    site.start(DryBridge, "anna")
+    site.start(Pointing, "anna")
+    feeding = site.feed_imu("anna")
+    await until(lambda: bool(rays))
+    feeding.cancel()
+    ended = await site.pointit("doctor", "--json")
+    assert (ended.code, findings(ended)) == (1, [("stale", "pointing.anna")])
+    assert "imu-bridge.anna" in json.loads(ended.out)["findings"][0]["sentence"]
+
+
+async def test_bytes_that_are_no_message(site: Site) -> None:
+    async with pointing_process(site):
+        key = IMU.at("anna")
+        stop = asyncio.Event()
+
+        async def spoil() -> None:
+            while not stop.is_set():
+                site.bus.session.put(key, b"\xc1")
+                await asyncio.sleep(0.05)
+
+        spoiling = asyncio.create_task(spoil())
+        try:
+            ended = await site.pointit("doctor", "--json")
+        finally:
+            stop.set()
+            await spoiling
+        assert ended.code == 1
+        assert ("failing", "pointing.anna") in findings(ended)
+
+
+async def test_nothing_runs_there(site: Site) -> None:
+    await site.stop()
+    ended = await site.pointit("doctor", "--timeout", "0.1")
+    assert ended.code == 1
+    assert f"nothing runs at {site.endpoint}" in ended.out
+    assert "`pointit run`" in ended.out
+    assert ended.err == ""
+    parsed = json.loads((await site.pointit("doctor", "--timeout", "0.1", "--json")).out)
+    assert parsed["healthy"] is False
+    assert parsed["findings"][0]["code"] == "unreachable"
+
+
+async def test_nobody_on_this_site(site: Site) -> None:
+    site.start(Pointing, "anna")
+    ended = await site.pointit("doctor", "--json", "--site", "elsewhere")
+    assert (ended.code, findings(ended)) == (1, [("empty", "")])
+
+
+async def test_ctrl_c_before_the_answer_is_no_answer(site: Site) -> None:
+    async with site.command("doctor") as process:
+        await until(lambda: bool(site.bus.session.info.transports()), 20, "doctor is connected")
+        code, took_s = await interrupt(process)
+        assert code == 130
+        assert took_s < 2

@@ -1,0 +1,251 @@
+"""One test for each thing that can be found, and one for a site that is well."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from pointit.cli.diagnosis import diagnose, is_healthy
+from pointit.cli.observation import Finding, Observation, Report
+from pointit.cli.writers import split
+from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
+from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
+
+NOW_S = 103.0
+BEGAN_S = 100.0
+
+
+def key(topic: Topic[Any], direction: str, age_s: float | None = 0.01, **counts: int) -> KeyHealth:
+    return KeyHealth.model_validate(
+        {"key": topic.key, "direction": direction, "rate_hz": 50.0, "age_s": age_s, **counts}
+    )
+
+
+def health(instance: str, *keys: KeyHealth, **fields: Any) -> Health:
+    service, user = split(instance)
+    values: dict[str, Any] = {"pid": 7, "uptime_s": 60.0, **fields}
+    return Health.model_validate(
+        {"stamp_ns": 0, "service": service, "user": user, "instance": instance, "keys": keys, **values}
+    )
+
+
+def observation(*newest: Health, before: Sequence[Health] = (), **fields: Any) -> Observation:
+    """Return what is seen when `newest` report just now and `before` a second earlier."""
+    reports: dict[str, list[Report]] = {}
+    for time_s, messages in ((NOW_S - 1.1, before), (NOW_S - 0.1, newest)):
+        for message in messages:
+            reports.setdefault(message.instance, []).append(Report(received_s=time_s, health=message))
+    values: dict[str, Any] = {"present": frozenset(reports), **fields}
+    return Observation(began_s=BEGAN_S, now_s=NOW_S, reports=reports, **values)
+
+
+def deployment(*services: ExpectedService) -> dict[str, Deployment]:
+    return {"lab": Deployment(stamp_ns=0, name="scenario_3", services=services)}
+
+
+def only(seen: Observation) -> Finding:
+    """Return the one finding."""
+    (finding,) = diagnose(seen)
+    assert is_healthy([finding]) == (finding.severity == "note")
+    return finding
+
+
+WELL = (
+    health("user-sim.anna", key(IMU, "out"), key(CURSOR, "in")),
+    health("pointing.anna", key(IMU, "in"), key(RAY, "out"), latency=Quantiles(p50_s=0.001, p99_s=0.1)),
+    health("pui", key(RAY, "in"), key(CURSOR, "out")),
+    health("selector", key(CURSOR, "in"), key(HOVER, "out"), key(FEEDBACK, "out")),
+)
+
+
+def test_a_site_that_is_well() -> None:
+    expected = deployment(ExpectedService(service="pointing", user="anna"), ExpectedService(service="pui"))
+    assert diagnose(observation(*WELL, before=WELL, deployments=expected)) == []
+    assert is_healthy([])
+
+
+def test_empty() -> None:
+    finding = only(observation())
+    assert (finding.code, finding.severity) == ("empty", "error")
+    assert "`pointit run`" in finding.remedy
+
+
+def test_absent_with_the_command_that_starts_it_again() -> None:
+    gone = ExpectedService(service="pointing", user="anna", command=("python", "-m", "x", "--user", "a b"))
+    finding = only(observation(WELL[2], deployments=deployment(gone)))
+    assert (finding.code, finding.severity, finding.service) == ("absent", "error", "pointing.anna")
+    assert finding.remedy == "start it again: python -m x --user 'a b'"
+
+
+def test_absent_counts_even_when_it_reported_just_before() -> None:
+    seen = observation(
+        health("pui"), deployments=deployment(ExpectedService(service="pui")), present=frozenset[str]()
+    )
+    assert only(seen).code == "absent"
+
+
+def test_absent_without_a_command_of_its_own() -> None:
+    finding = only(observation(WELL[2], deployments=deployment(ExpectedService(service="selector"))))
+    assert "the process that started scenario_3" in finding.remedy
+
+
+def test_left_while_we_looked() -> None:
+    finding = only(observation(WELL[2], left=frozenset({"selector"})))
+    assert (finding.code, finding.severity, finding.service) == ("left", "warning", "selector")
+    assert "pointit service selector" in finding.remedy
+
+
+def test_who_left_and_was_expected_is_absent_only() -> None:
+    gone = deployment(ExpectedService(service="selector"))
+    assert only(observation(WELL[2], left=frozenset({"selector"}), deployments=gone)).code == "absent"
+
+
+def test_silent_from_the_beginning() -> None:
+    seen = observation(present=frozenset({"pui"}))
+    assert not diagnose(seen)  # three seconds are not more than three seconds
+    later = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.1, present=frozenset({"pui"}))
+    finding = only(later)
+    assert (finding.code, finding.severity, finding.service) == ("silent", "error", "pui")
+    assert "stopped or overloaded" in finding.sentence
+
+
+def test_silent_after_a_report_names_the_process() -> None:
+    reports = {"pui": [Report(received_s=BEGAN_S, health=health("pui", pid=4711))]}
+    seen = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.5, present=frozenset({"pui"}), reports=reports)
+    assert "process 4711" in only(seen).remedy
+
+
+def test_twice_under_one_name() -> None:
+    seen = observation(health("pui", pid=8), before=[health("pui", pid=7)])
+    finding = only(seen)
+    assert (finding.code, finding.severity) == ("twice", "error")
+    assert "7 on ?" in finding.sentence
+    assert "8 on ?" in finding.sentence
+
+
+def test_restarted_is_not_twice() -> None:
+    assert not diagnose(observation(health("pui", pid=8, uptime_s=0.5), before=[health("pui", pid=7)]))
+
+
+@pytest.mark.parametrize("age_s", [0.5, None])
+def test_stale_input_though_the_writer_runs(age_s: float | None) -> None:
+    source = health("user-sim.anna", key(IMU, "out", age_s))
+    reader = health("pointing.anna", key(IMU, "in", age_s))
+    finding = only(observation(source, reader))
+    assert (finding.code, finding.severity, finding.service) == ("stale", "error", "pointing.anna")
+    assert "user-sim.anna" in finding.sentence
+    assert "has its device, recording or input ended?" in finding.remedy
+
+
+def test_stale_input_that_is_written_is_lost_in_between() -> None:
+    finding = only(
+        observation(health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 0.5)))
+    )
+    assert "does write it: what is between the two?" in finding.remedy
+
+
+def test_stale_is_said_of_the_first_cause_only() -> None:
+    finding = only(
+        observation(
+            health("user-sim.anna", key(IMU, "out", 9.0)),
+            health("pointing.anna", key(IMU, "in", 9.0), key(RAY, "out", 9.0)),
+            health("pui", key(RAY, "in", 9.0), key(CURSOR, "out", 9.0)),
+        )
+    )
+    assert finding.service == "pointing.anna"
+
+
+def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
+    reports = {"pui": [Report(received_s=BEGAN_S + 3, health=health("pui", key(RAY, "in", 3.0)))]}
+    seen = Observation(
+        began_s=BEGAN_S,
+        now_s=BEGAN_S + 3.4,
+        present=frozenset({"pui", "pointing.anna"}),
+        reports=reports,
+    )
+    assert only(seen).code == "silent"
+
+
+@pytest.mark.parametrize(
+    ("writer", "reader"),
+    [
+        (None, health("pointing.anna", key(IMU, "in", 9.0))),  # nobody is there who should write
+        (health("user-sim.ben", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 9.0))),  # not hers
+        (health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 0.19))),  # fresh
+        (
+            health("user-sim.anna", key(IMU, "out")),
+            health("pointing.anna", key(IMU, "in", None), uptime_s=1.0),  # has just begun
+        ),
+        (health("pui", key(CURSOR, "out", 9.0)), health("selector", key(CURSOR, "in", 9.0))),  # nobody points
+        (
+            health("selector", key(FEEDBACK, "out", 9.0)),
+            health("supervisor.anna", key(FEEDBACK, "in", 9.0)),  # comes on occasion
+        ),
+    ],
+)
+def test_old_input_that_is_no_fault(writer: Health | None, reader: Health) -> None:
+    assert not diagnose(observation(*([writer] if writer else []), reader))
+
+
+def test_a_cursor_that_is_written_and_does_not_arrive_is_a_fault() -> None:
+    finding = only(observation(health("pui", key(CURSOR, "out")), health("selector", key(CURSOR, "in", 9.0))))
+    assert (finding.code, finding.service) == ("stale", "selector")
+
+
+def test_slow_simulations_have_slow_rates() -> None:
+    pair = (health("user-sim.anna", key(IMU, "out", 1.0)), health("pointing.anna", key(IMU, "in", 1.0)))
+    assert only(observation(*pair, speed=1.0)).code == "stale"
+    assert not diagnose(observation(*pair, speed=0.1))
+
+
+@pytest.mark.parametrize(
+    ("topic", "counter"), [(IMU, "invalid"), (FEEDBACK, "lost"), (FEEDBACK, "dropped"), (IMU, "lost")]
+)
+def test_counters_are_an_error_while_they_grow_and_a_note_afterwards(topic: Topic[Any], counter: str) -> None:
+    five, six = (health("pui", key(topic, "in", **{counter: count})) for count in (5, 6))
+    growing = only(observation(six, before=[five]))
+    assert (growing.code, growing.severity) == ("failing", "error")
+    assert growing.sentence.startswith("6 ")
+    assert topic.key in growing.sentence
+    assert growing.sentence.endswith("and it goes on")
+    past = only(observation(six, before=[six]))
+    assert (past.code, past.severity) == ("failed", "note")
+
+
+def test_only_the_newest_counts_elsewhere_so_drops_are_no_fault() -> None:
+    assert not diagnose(observation(health("pui", key(IMU, "in", dropped=9))))
+
+
+def test_handlers_that_raise() -> None:
+    seen = observation(health("pui", errors=2), before=[health("pui", errors=1)])
+    assert (only(seen).code, only(seen).severity) == ("failing", "error")
+    assert "traceback" in only(seen).remedy
+
+
+def test_warnings_are_the_services_own_words() -> None:
+    seen = observation(health("pui", status="degraded", warnings=("the map is empty; name one",)))
+    finding = only(seen)
+    assert (finding.code, finding.severity) == ("warning", "warning")
+    assert finding.sentence == "the map is empty; name one"
+
+
+def test_degraded_without_a_word() -> None:
+    assert only(observation(health("pui", status="degraded"))).code == "degraded"
+
+
+def test_slow() -> None:
+    finding = only(observation(health("pui", latency=Quantiles(p50_s=0.05, p99_s=0.151))))
+    assert (finding.code, finding.severity) == ("slow", "warning")
+    assert "151 ms" in finding.sentence
+
+
+def test_the_worst_comes_first() -> None:
+    seen = observation(
+        health("pui", key(IMU, "in", invalid=1), status="degraded"),
+        deployments=deployment(ExpectedService(service="selector")),
+    )
+    assert [finding.severity for finding in diagnose(seen)] == ["error", "warning", "note"]
+
+
+def test_unknown_services_are_just_listed() -> None:
+    assert not diagnose(observation(health("espresso"), health("milk.anna")))

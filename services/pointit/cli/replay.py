@@ -89,7 +89,8 @@ async def replay(
             click.echo(_line(row))
 
     def on_progress(message: Localization, _user: str) -> None:
-        progress[:] = [message]
+        if message.stamp_ns < start_ns + length_s * NS_PER_S:  # afterwards it only says that no rays come
+            progress[:] = [message]
 
     bus = await ZenohBus.open(Link())
     try:

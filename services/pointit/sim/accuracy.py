@@ -1,16 +1,16 @@
 """How far poses that were found by pointing are from where motion capture saw the person."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import UserPose
+from pointit.schemas import UserPose, explain
 from pointit.sim.recordings import ImuRecording
 
 NS_PER_S = 1_000_000_000
@@ -23,6 +23,8 @@ INDEX = "index.json"
 
 REFERENCE_YAW = "ref_yaw_deg_human_minus_world"
 """In the index: azimuth in {H} minus azimuth in {W} of the same direction, degrees."""
+
+_ENTRIES = TypeAdapter(list[dict[str, Any]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,15 +54,12 @@ def reference_yaw_deg(recording: Path) -> float | None:
     if not index.exists():
         return None
     try:
-        entries: Any = json.loads(index.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{index}: is not readable JSON ({error})") from error
-    if not isinstance(entries, list):
-        raise ConfigError(f"{index}: a list of recordings was expected, got {type(entries).__name__}")
-    listed = [
-        cast("dict[str, Any]", entry) for entry in cast("list[Any]", entries) if isinstance(entry, dict)
-    ]
-    value = next((entry.get(REFERENCE_YAW) for entry in listed if entry.get("file") == recording.name), None)
+        entries = _ENTRIES.validate_json(index.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{index}: cannot be read ({error.strerror or error})") from error
+    except ValidationError as error:
+        raise ConfigError(f"{index}: a JSON list of objects was expected; {explain(error)}") from error
+    value = next((entry.get(REFERENCE_YAW) for entry in entries if entry.get("file") == recording.name), None)
     if value is None:
         return None
     if not isinstance(value, int | float):

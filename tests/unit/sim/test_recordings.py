@@ -1,0 +1,80 @@
+"""Reading recordings: what is read, and the sentence for every fault."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pointit.runtime import ConfigError
+from pointit.sim.recordings import read_imu_csv
+from tests.support.data import data_file
+
+HEADER = "t,qw,qx,qy,qz"
+ROBOT = ",robot_x,robot_y,robot_z"
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "person.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_columns_in_any_order_with_time_from_zero(tmp_path: Path) -> None:
+    text = "note,qx,qy,qz,qw,t,robot_z,robot_y,robot_x\nhi,0,0,0,1,7.5,3,2,1\nho,0,0,0.6,0.8,7.75,6,5,4\n\n"
+    recording = read_imu_csv(write(tmp_path, text))
+    assert recording.t_s.tolist() == [0.0, 0.25]
+    assert recording.duration_s == 0.25
+    assert np.allclose(recording.orientation_xyzw, [[0, 0, 0, 1], [0, 0, 0.6, 0.8]])
+    assert recording.robot_m is not None
+    assert recording.robot_m.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert recording.head_m is None
+
+
+def test_rounded_quaternions_are_made_unit(tmp_path: Path) -> None:
+    recording = read_imu_csv(write(tmp_path, HEADER + "\n0,1.005,0,0,0\n"))
+    assert np.allclose(np.linalg.norm(recording.orientation_xyzw, axis=1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("", ["line 1", "'t'", "missing", "nothing"]),
+        ("t,qw,qx,qy\n0,1,0,0\n", ["line 1", "'qz'", "missing", "t, qw, qx, qy"]),
+        (HEADER + ",robot_x\n0,1,0,0,0,1\n", ["line 1", "'robot_y'", "missing"]),
+        (HEADER + ",qx\n0,1,0,0,0,0\n", ["line 1", "'qx'", "more than once"]),
+        (HEADER + "\n", ["line 1", "no samples"]),
+        (HEADER + "\n0,1,0,0,0\n1,1,zero,0,0\n", ["line 3", "'qx'", "'zero'"]),
+        (HEADER + "\n0,1,0,0,0\n1,1,nan,0,0\n", ["line 3", "'qx'", "'nan'"]),
+        (HEADER + "\n0,1,0,0,0\ninf,1,0,0,0\n", ["line 3", "'t'", "'inf'"]),
+        (HEADER + "\n0,1,0\n", ["line 2", "'qy'", "''"]),
+        (HEADER + ROBOT + "\n0,1,0,0,0,1,,3\n", ["line 2", "'robot_y'", "''"]),
+        (HEADER + "\n0,1,0,0,0\n1,0.5,0,0,0\n", ["line 3", "norm 0.5"]),
+        (HEADER + "\n0,1,0,0,0\n\n2,1,0,0,0\n1,1,0,0,0\n", ["line 5", "'t'", "backwards", "1 after 2"]),
+    ],
+)
+def test_faults_name_file_line_column_and_value(tmp_path: Path, text: str, parts: list[str]) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        read_imu_csv(path)
+    sentence = str(caught.value)
+    for part in [str(path), *parts]:
+        assert part in sentence, sentence
+    assert "\n" not in sentence
+
+
+def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_imu_csv(tmp_path / "none.csv")
+    binary = tmp_path / "binary.csv"
+    binary.write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(ConfigError, match="not a CSV text file"):
+        read_imu_csv(binary)
+
+
+def test_a_published_recording() -> None:
+    recording = read_imu_csv(data_file("recordings/motion_relloc/triangle-s3.csv"))
+    assert len(recording.t_s) == 1185
+    assert recording.duration_s == pytest.approx(39.4658, abs=1e-3)
+    assert recording.robot_m is not None
+    assert recording.head_m is not None
+    assert recording.head_m[:, 2].mean() == pytest.approx(1.82, abs=0.01)

@@ -1,0 +1,1 @@
+"""Cursors that rest on objects to selections."""

@@ -1,0 +1,111 @@
+"""The paper's two ways to select by staying on an object (§III-D), with a latch (pointing.md §6)."""
+
+import math
+from collections import Counter, deque
+from typing import Literal
+
+NS_PER_S = 1_000_000_000
+
+Method = Literal["hold", "fraction"]
+
+
+class Dwell:
+    """Watches what one person's cursor is on, and says when staying there toggles an object.
+
+    Time is cut into timesteps of the cursors' stamps; a timestep's object is the last one hovered in it,
+    and a timestep without any cursor is one with nothing hovered. When a timestep is over, the window is
+    the last `window_s / timestep_s` of them:
+
+    - `hold`: the same object at every timestep of the window toggles; one flicker starts it anew.
+    - `fraction`: an object hovered at `fraction` of the window's timesteps, or more, toggles.
+
+    A toggle empties the window and latches its object: until it was not hovered for `release_s`, timesteps
+    on it count as nothing hovered.
+    """
+
+    def __init__(
+        self,
+        method: Method = "hold",
+        *,
+        window_s: float = 0.8,
+        timestep_s: float = 0.1,
+        fraction: float = 0.8,
+        release_s: float = 0.5,
+    ) -> None:
+        self._holds = method == "hold"
+        self._step_ns = round(timestep_s * NS_PER_S)
+        self.window = max(1, round(window_s / timestep_s))
+        """Timesteps in the window."""
+        self.needed = self.window if self._holds else max(1, math.ceil(fraction * self.window - 1e-9))
+        """Timesteps of the window that must be on the object."""
+        self.release = max(1, math.ceil(release_s / timestep_s - 1e-9))
+        """Timesteps off a toggled object before it counts again."""
+        self._steps: deque[str | None] = deque(maxlen=self.window)
+        self._away: dict[str, int] = {}
+        """Latched objects, and for how many timesteps they have not been hovered."""
+        self._index: int | None = None
+        self._stamp_ns = 0
+        self._object: str | None = None
+
+    def step(self, stamp_ns: int, object_id: str | None) -> str | None:
+        """Take what the cursor of `stamp_ns` is on; return the object to toggle now, or none.
+
+        Cursors out of order are left out; a stamp more than a window back starts everything anew.
+        """
+        index = stamp_ns // self._step_ns
+        if self._index is None or index < self._index - self.window:
+            self._steps.clear()
+            self._away.clear()
+        elif stamp_ns < self._stamp_ns:
+            return None
+        toggled = self._pass(index - self._index) if self._index is not None else None
+        self._index, self._stamp_ns, self._object = index, stamp_ns, object_id
+        return toggled
+
+    def progress(self, object_id: str | None) -> float:
+        """Return how far `object_id` has come towards its toggle, 0 to 1."""
+        if object_id is None:
+            return 0.0
+        if not self._holds:
+            return min(self._steps.count(object_id) / self.needed, len(self._steps) / self.window)
+        streak = 0
+        for hovered in reversed(self._steps):
+            if hovered != object_id:
+                break
+            streak += 1
+        return streak / self.window
+
+    def _pass(self, timesteps: int) -> str | None:
+        """End the current timestep and the `timesteps` - 1 without a cursor after it."""
+        if timesteps <= 0:
+            return None
+        if timesteps > self.release:  # too long ago to act on: the person was gone
+            self._steps.extend([None] * self.window)
+            self._away.clear()
+            return None
+        toggled = self._end(self._object)
+        for _ in range(timesteps - 1):
+            toggled = self._end(None) or toggled
+        return toggled
+
+    def _end(self, hovered: str | None) -> str | None:
+        """End a timestep in which `hovered` was the last object; return what it toggles."""
+        for latched, away in list(self._away.items()):
+            if latched == hovered:
+                self._away[latched] = 0
+            elif away + 1 >= self.release:
+                del self._away[latched]
+            else:
+                self._away[latched] = away + 1
+        self._steps.append(None if hovered in self._away else hovered)
+        if len(self._steps) < self.window:
+            return None
+        counts = Counter(step for step in reversed(self._steps) if step is not None)
+        if not counts:
+            return None
+        object_id, count = counts.most_common(1)[0]  # of equal ones the latest
+        if count < self.needed:
+            return None
+        self._steps.clear()
+        self._away[object_id] = 0
+        return object_id

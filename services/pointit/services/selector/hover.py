@@ -1,0 +1,127 @@
+"""Which object lies under a cursor: compared where it was when the cursor was captured."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Cursor, TrackedObject, TrackedObjects
+
+Array = NDArray[np.float64]
+
+NS_PER_S = 1_000_000_000
+LINES = ("strip", "belt")
+"""Surfaces with an arc length; everything else is compared in space."""
+
+
+class _OnLine:
+    """Objects on one strip or belt."""
+
+    def __init__(self, objects: Sequence[TrackedObject], margin_m: float) -> None:
+        self.objects = objects
+        self._positions_m: Array = np.array([o.surface_position_m for o in objects])
+        self._speeds_mps: Array = np.array([o.surface_speed_mps for o in objects])
+        self._reaches_m: Array = np.array([o.length_m / 2.0 + margin_m for o in objects])
+
+    def nearest(self, position_m: float, elapsed_s: float) -> tuple[float, TrackedObject] | None:
+        gaps_m = np.abs(self._positions_m + self._speeds_mps * elapsed_s - position_m)
+        return _closest(gaps_m, self._reaches_m, self.objects)
+
+
+class _InSpace:
+    """Objects that are on no line: robots, free things."""
+
+    def __init__(self, objects: Sequence[TrackedObject], margin_m: float) -> None:
+        self.objects = objects
+        self._positions_m: Array = np.array([o.position_m for o in objects])
+        self._velocities_mps: Array = np.array([o.velocity_mps for o in objects])
+        self._reaches_m: Array = np.array([o.length_m / 2.0 + margin_m for o in objects])
+
+    def nearest(self, point_m: Vec3, elapsed_s: float) -> tuple[float, TrackedObject] | None:
+        offsets_m = self._positions_m + self._velocities_mps * elapsed_s - np.asarray(point_m)
+        return _closest(np.linalg.norm(offsets_m, axis=1), self._reaches_m, self.objects)
+
+
+class _Listing:
+    """What one tracker last said."""
+
+    def __init__(self, message: TrackedObjects, margin_m: float) -> None:
+        self.stamp_ns = message.stamp_ns
+        self.kinds = {o.id: o.kind for o in message.objects}
+        lines: dict[tuple[str, str], list[TrackedObject]] = {}
+        free: list[TrackedObject] = []
+        for tracked in message.objects:
+            if tracked.surface in LINES:
+                lines.setdefault((tracked.surface, tracked.surface_id), []).append(tracked)
+            else:
+                free.append(tracked)
+        self.lines = {line: _OnLine(objects, margin_m) for line, objects in lines.items()}
+        self.free = _InSpace(free, margin_m) if free else None
+
+
+class Whereabouts:
+    """Knows where every tracker's objects are and which of them a cursor is on."""
+
+    def __init__(self, *, margin_m: float = 0.05, stale_after_s: float = 1.0) -> None:
+        self._margin_m = margin_m
+        self._stale_ns = int(stale_after_s * NS_PER_S)
+        self._trackers: dict[str, _Listing] = {}
+        self._kinds: dict[str, str] = {}
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        """Return the ids of all objects that are there, with their kinds."""
+        return self._kinds
+
+    def update(self, message: TrackedObjects) -> None:
+        """Take a tracker's list in place of its last one."""
+        self._trackers[message.tracker] = _Listing(message, self._margin_m)
+        self._kinds = {
+            object_id: kind
+            for listing in self._trackers.values()
+            for object_id, kind in listing.kinds.items()
+        }
+
+    def silent(self, now_ns: int) -> list[str]:
+        """Return the trackers whose last list is too far from `now_ns` to be used."""
+        return [name for name, listing in self._trackers.items() if not self._fits(listing, now_ns)]
+
+    def under(self, cursor: Cursor) -> TrackedObject | None:
+        """Return the object whose centre is nearest to `cursor`, within half its length and the margin.
+
+        Objects are moved on with their speed to the cursor's stamp. Those on a strip or belt count only
+        for cursors on the same one, by arc length; all others by their distance to the cursor's point.
+        """
+        best: tuple[float, TrackedObject] | None = None
+        for listing in self._trackers.values():
+            if not self._fits(listing, cursor.stamp_ns):
+                continue
+            elapsed_s = (cursor.stamp_ns - listing.stamp_ns) / NS_PER_S
+            line = listing.lines.get((cursor.surface, cursor.surface_id))
+            if line is not None:
+                best = _nearer(best, line.nearest(cursor.position_m, elapsed_s))
+            if listing.free is not None and cursor.point_m is not None:
+                best = _nearer(best, listing.free.nearest(cursor.point_m, elapsed_s))
+        return None if best is None else best[1]
+
+    def _fits(self, listing: _Listing, stamp_ns: int) -> bool:
+        return abs(stamp_ns - listing.stamp_ns) <= self._stale_ns
+
+
+def _closest(
+    gaps_m: Array, reaches_m: Array, objects: Sequence[TrackedObject]
+) -> tuple[float, TrackedObject] | None:
+    within_m = np.where(gaps_m <= reaches_m, gaps_m, math.inf)
+    index = int(np.argmin(within_m))
+    gap_m = float(within_m[index])
+    return None if gap_m == math.inf else (gap_m, objects[index])
+
+
+def _nearer(
+    a: tuple[float, TrackedObject] | None, b: tuple[float, TrackedObject] | None
+) -> tuple[float, TrackedObject] | None:
+    if a is None or b is None:
+        return b if a is None else a
+    return b if b[0] < a[0] else a

@@ -1,0 +1,123 @@
+"""What is under a cursor: on lines, in space, moving, of several trackers."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.schemas import Cursor, TrackedObject, TrackedObjects
+from pointit.services.selector.hover import Whereabouts
+
+S = 1_000_000_000
+
+
+def on_strip(
+    object_id: str, position_m: float, *, speed_mps: float = 0.0, strip: str = "0", length_m: float = 0.3
+) -> TrackedObject:
+    return TrackedObject(
+        id=object_id,
+        kind="red",
+        position_m=(position_m, 0.0, 0.0),
+        length_m=length_m,
+        surface="strip",
+        surface_id=strip,
+        surface_position_m=position_m,
+        surface_speed_mps=speed_mps,
+    )
+
+
+def listing(*objects: TrackedObject, stamp_ns: int = S, tracker: str = "") -> TrackedObjects:
+    return TrackedObjects(stamp_ns=stamp_ns, tracker=tracker, objects=objects)
+
+
+def cursor(position_m: float, *, stamp_ns: int = S, strip: str = "0") -> Cursor:
+    return Cursor(
+        stamp_ns=stamp_ns,
+        surface="strip",
+        surface_id=strip,
+        point_m=(position_m, 0.0, 0.0),
+        position_m=position_m,
+    )
+
+
+def under(whereabouts: Whereabouts, at: Cursor) -> str | None:
+    found = whereabouts.under(at)
+    return None if found is None else found.id
+
+
+@pytest.mark.parametrize(
+    ("position_m", "expected"), [(0.79, None), (0.81, "a"), (1.0, "a"), (1.19, "a"), (1.21, None)]
+)
+def test_half_the_length_and_the_margin_count(position_m: float, expected: str | None) -> None:
+    whereabouts = Whereabouts(margin_m=0.05)
+    whereabouts.update(listing(on_strip("a", 1.0)))
+    assert under(whereabouts, cursor(position_m)) == expected
+
+
+def test_the_nearest_centre_wins() -> None:
+    whereabouts = Whereabouts(margin_m=0.5)
+    whereabouts.update(listing(on_strip("a", 1.0), on_strip("b", 1.3)))
+    assert under(whereabouts, cursor(1.14)) == "a"
+    assert under(whereabouts, cursor(1.16)) == "b"
+
+
+def test_other_surfaces_do_not_count() -> None:
+    whereabouts = Whereabouts()
+    whereabouts.update(listing(on_strip("a", 1.0, strip="1")))
+    assert under(whereabouts, cursor(1.0)) is None
+    assert under(whereabouts, cursor(1.0, strip="1")) == "a"
+    assert under(whereabouts, Cursor(stamp_ns=S)) is None
+    belt = Cursor(stamp_ns=S, surface="belt", surface_id="1", point_m=(1.0, 0.0, 0.0), position_m=1.0)
+    assert under(whereabouts, belt) is None
+
+
+@given(st.floats(-2, 2), st.floats(-0.5, 0.5))
+def test_objects_are_taken_where_they_were_at_the_cursors_time(speed_mps: float, age_s: float) -> None:
+    whereabouts = Whereabouts(margin_m=0.0)
+    whereabouts.update(listing(on_strip("a", 2.0, speed_mps=speed_mps, length_m=0.02)))
+    stamp_ns = S + round(age_s * S)
+    assert under(whereabouts, cursor(2.0 + speed_mps * age_s, stamp_ns=stamp_ns)) == "a"
+    assert under(whereabouts, cursor(2.0 + speed_mps * age_s + 0.02, stamp_ns=stamp_ns)) is None
+
+
+@given(st.lists(st.floats(0, 5), min_size=1, max_size=30), st.floats(0, 5))
+def test_arrays_find_what_looking_at_each_finds(positions_m: list[float], at_m: float) -> None:
+    whereabouts = Whereabouts(margin_m=0.05)
+    whereabouts.update(listing(*(on_strip(str(i), p) for i, p in enumerate(positions_m))))
+    gaps = {str(i): abs(p - at_m) for i, p in enumerate(positions_m)}
+    best = min(gaps, key=lambda object_id: gaps[object_id])
+    assert under(whereabouts, cursor(at_m)) == (best if gaps[best] <= 0.3 / 2 + 0.05 else None)
+
+
+def test_free_objects_count_by_their_distance_to_the_point() -> None:
+    robot = TrackedObject(
+        id="robot",
+        kind="robot",
+        position_m=(1.0, 0.3, 0.0),
+        velocity_mps=(0.0, -0.5, 0.0),
+        length_m=0.2,
+    )
+    whereabouts = Whereabouts(margin_m=0.05)
+    whereabouts.update(listing(robot))
+    assert under(whereabouts, cursor(1.0)) is None
+    assert under(whereabouts, cursor(1.0, stamp_ns=S + S // 2)) == "robot"
+    assert under(whereabouts, Cursor(stamp_ns=S + S // 2)) is None
+
+
+def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
+    whereabouts = Whereabouts(margin_m=0.3)
+    whereabouts.update(listing(on_strip("a", 1.0), tracker="one"))
+    whereabouts.update(listing(on_strip("b", 1.2), tracker="two"))
+    assert under(whereabouts, cursor(1.15)) == "b"
+    assert under(whereabouts, cursor(1.05)) == "a"
+    whereabouts.update(listing(tracker="two"))
+    assert under(whereabouts, cursor(1.15)) == "a"
+    assert whereabouts.kinds == {"a": "red"}
+
+
+def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
+    whereabouts = Whereabouts(stale_after_s=1.0)
+    whereabouts.update(listing(on_strip("a", 1.0), tracker="one"))
+    assert under(whereabouts, cursor(1.0, stamp_ns=2 * S)) == "a"
+    assert whereabouts.silent(2 * S) == []
+    assert under(whereabouts, cursor(1.0, stamp_ns=2 * S + 1)) is None
+    assert whereabouts.silent(2 * S + 1) == ["one"]

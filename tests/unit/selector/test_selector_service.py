@@ -1,0 +1,174 @@
+"""The selector on a bus: from cursors to hovers, selections, events and cues."""
+
+import pytest
+
+from pointit.runtime import ConfigError, Context
+from pointit.runtime.config import Layers
+from pointit.runtime.health import ServiceBus
+from pointit.schemas import ClearSelection, Cursor, TrackedObject, TrackedObjects
+from pointit.schemas.topics import (
+    CLEAR_SELECTION,
+    CURSOR,
+    FEEDBACK,
+    HOVER,
+    OBJECTS,
+    SELECTION,
+    SELECTION_EVENTS,
+)
+from pointit.services.registry import process
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.service import Selector
+from tests.support.bench import Bench, ManualClock, memory_bench
+
+
+def strip_object(object_id: str, position_m: float) -> TrackedObject:
+    return TrackedObject(
+        id=object_id,
+        kind="red",
+        position_m=(position_m, 0.0, 0.9),
+        length_m=0.3,
+        surface="strip",
+        surface_id="0",
+        surface_position_m=position_m,
+    )
+
+
+def objects(clock: ManualClock, *ids: str) -> TrackedObjects:
+    return TrackedObjects(
+        stamp_ns=clock.now_ns(),
+        tracker="conveyor-sim",
+        objects=tuple(strip_object(object_id, ord(object_id) - ord("a") + 1.0) for object_id in ids),
+    )
+
+
+async def stay(bench: Bench, clock: ManualClock, user: str, position_m: float, *ids: str) -> None:
+    """Keep the cursor there for a second at 25 Hz, with `ids` listed at 1, 2, … m."""
+    for _ in range(25):
+        clock.advance(0.04)
+        bench.put(OBJECTS, objects(clock, *ids))
+        await bench.settle(3)
+        at = Cursor(
+            stamp_ns=clock.now_ns(),
+            surface="strip",
+            surface_id="0",
+            point_m=(position_m, 0.0, 0.9),
+            position_m=position_m,
+        )
+        bench.put(CURSOR, at, user)
+        await bench.settle(3)
+
+
+async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        selections, events = bench.collect(SELECTION), bench.collect(SELECTION_EVENTS)
+        hovers, cues = bench.collect(HOVER, "anna"), bench.collect(FEEDBACK, "anna")
+        bench.start(Selector)
+        await bench.settle()
+        assert [s.objects for s in selections] == [
+            ()
+        ]  # who joins late knows at once that nothing is selected
+        await stay(bench, clock, "anna", 2.05, "a", "b")
+        assert [(e.event, e.object_id, e.kind, e.user) for e in events] == [("selected", "b", "red", "anna")]
+        assert [(o.id, o.user) for o in selections[-1].objects] == [("b", "anna")]
+        assert [cue.cue for cue in cues] == ["selected"]
+        assert len(hovers) == 25
+        assert hovers[-1].stamp_ns == clock.now_ns()
+        assert {hover.object_id for hover in hovers} == {"b"}
+        rising = [hover.progress for hover in hovers if hover.stamp_ns < events[0].stamp_ns]
+        assert rising == sorted(rising)
+        assert rising[0] == 0.0
+        assert rising[-1] > 0.8
+
+        bench.put(OBJECTS, objects(clock, "a"))
+        await bench.settle()
+        assert selections[-1].objects == ()
+        assert len(events) == 1  # the conveyor tells that it left
+
+
+async def test_somebody_elses_object_is_refused_with_a_reason() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        selections, events = bench.collect(SELECTION), bench.collect(SELECTION_EVENTS)
+        cues = bench.collect(FEEDBACK, "ben")
+        bench.start(Selector)
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        await stay(bench, clock, "ben", 1.0, "a")
+        assert [(e.event, e.user) for e in events] == [("selected", "anna"), ("refused", "ben")]
+        assert "anna" in events[-1].reason
+        assert [(cue.cue, cue.text) for cue in cues] == [("refused", events[-1].reason)]
+        assert [o.user for o in selections[-1].objects] == ["anna"]
+
+
+async def test_clear_deselects_what_is_the_persons() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        selections, events = bench.collect(SELECTION), bench.collect(SELECTION_EVENTS)
+        bench.start(Selector, SelectorConfig(method="fraction"))
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a", "b")
+        await stay(bench, clock, "ben", 2.0, "a", "b")
+        done = await bench.bus.call(CLEAR_SELECTION, ClearSelection(), "anna")
+        await bench.settle()
+        assert done.message.startswith("1 ")
+        assert [(e.event, e.object_id) for e in events][-1] == ("deselected", "a")
+        assert [(o.id, o.user) for o in selections[-1].objects] == [("b", "ben")]
+
+
+async def test_an_object_that_left_within_the_window_is_not_selected() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        selections, events = bench.collect(SELECTION), bench.collect(SELECTION_EVENTS)
+        bench.start(Selector, SelectorConfig(method="fraction", fraction=0.5))
+        await bench.settle()
+        for index in range(25):
+            clock.advance(0.04)
+            bench.put(OBJECTS, objects(clock, *("a" if index < 12 else "")))
+            await bench.settle(3)
+            at = Cursor(stamp_ns=clock.now_ns(), surface="strip", surface_id="0", position_m=1.0)
+            bench.put(CURSOR, at, "anna")
+            await bench.settle(3)
+        assert events == []
+        assert len(selections) == 1
+
+
+async def test_clearing_nothing_is_no_error() -> None:
+    async with memory_bench() as bench:
+        events = bench.collect(SELECTION_EVENTS)
+        bench.start(Selector)
+        await bench.settle()
+        done = await bench.bus.call(CLEAR_SELECTION, ClearSelection(), "nobody")
+        assert done.message.startswith("0 ")
+        assert events == []
+
+
+async def test_health_says_when_the_objects_are_not_heard_of() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        view = ServiceBus(bench.bus, clock, "selector", "selector")
+        Selector(SelectorConfig(), Context(bus=view, clock=clock))
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert view.report().warnings == ()
+        clock.advance(5.0)
+        bench.put(CURSOR, Cursor(stamp_ns=clock.now_ns()), "anna")
+        await bench.settle()
+        assert "conveyor-sim" in view.report().warnings[0]
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert view.report().warnings == ()
+        row = process("selector")
+        assert view.reads == {topic.key for topic in row.reads}
+        assert view.writes == {topic.key for topic in row.writes}
+        assert view.served == {request.key for request in row.serves}
+        await view.close()
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("method", "gauge"), ("fraction", 1.5), ("window_s", 0.05), ("margin", 0.1)],
+)
+def test_a_wrong_parameter_is_named(field: str, value: object) -> None:
+    layers = Layers()
+    layers.add({field: value}, "file.yaml")
+    with pytest.raises(ConfigError, match=f"{field}.*{value}"):
+        layers.build(SelectorConfig)

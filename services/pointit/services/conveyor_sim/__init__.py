@@ -1,0 +1,1 @@
+"""Objects that move on belts, or on strips taken as belts."""

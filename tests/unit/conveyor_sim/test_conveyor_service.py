@@ -1,0 +1,201 @@
+"""The conveyor on a bus: waits for the map, reports objects, answers requests."""
+
+from itertools import pairwise
+
+import pytest
+
+from pointit.runtime import Context, RefusedError, SimulatedClock
+from pointit.runtime.health import ServiceBus
+from pointit.schemas import (
+    AddPackage,
+    Belt,
+    Environment,
+    ResetConveyor,
+    SelectedObject,
+    Selection,
+    SetSpeed,
+    Strip,
+)
+from pointit.schemas.topics import (
+    ADD_PACKAGE,
+    CONVEYOR_STATE,
+    MAP,
+    OBJECTS,
+    RESET_CONVEYOR,
+    SELECTION,
+    SELECTION_EVENTS,
+    SET_SPEED,
+)
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig
+from pointit.services.conveyor_sim.service import ConveyorSim
+from pointit.services.registry import process
+from tests.support.bench import START_NS, ManualClock, memory_bench, until
+
+LAB = Environment(
+    stamp_ns=1,
+    name="lab",
+    strips=(
+        Strip(id="0", line_m=((0.0, 0.0, 0.9), (0.0, 5.0, 0.9)), pixels=150, direction=-1),
+        Strip(id="1", line_m=((0.0, 5.0, 0.9), (-5.0, 5.0, 0.9)), pixels=150),
+    ),
+)
+
+
+def config(**changes: object) -> ConveyorSimConfig:
+    return ConveyorSimConfig.model_validate({"surface": "strip", "rate_hz": 100.0, **changes})
+
+
+async def test_objects_move_on_the_strips_of_the_map() -> None:
+    clock = SimulatedClock(20.0)
+    async with memory_bench(clock) as bench:
+        lists, states = bench.collect(OBJECTS), bench.collect(CONVEYOR_STATE)
+        bench.start(ConveyorSim, config(feeder={"sequence": ["red", "green"], "interval_s": 1.0}))
+        await until(lambda: bool(states))
+        assert (states[0].speed_mps, states[0].fed, states[0].running) == (0.5, 0, False)
+        assert lists == []
+        bench.put(MAP, LAB)
+        await until(lambda: bool(states) and states[-1].fed >= 3)
+        assert states[-1].running
+        assert {message.tracker for message in lists} == {"conveyor-sim"}
+        for message in lists:
+            for tracked in message.objects:
+                assert tracked.surface == "strip"
+                along = LAB.strips[int(tracked.surface_id)].line_m[0]
+                reach = abs(tracked.position_m[0] - along[0]) + abs(tracked.position_m[1] - along[1])
+                assert reach == pytest.approx(tracked.surface_position_m)
+        spans = [
+            (b.stamp_ns - a.stamp_ns, b.objects[-1].surface_position_m - a.objects[-1].surface_position_m)
+            for a, b in pairwise(lists)
+            if a.objects and b.objects and a.objects[-1].id == b.objects[-1].id
+        ]
+        assert spans
+        for span_ns, moved_m in spans:
+            assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
+
+
+async def test_what_leaves_is_told_with_who_had_it() -> None:
+    clock = SimulatedClock(5.0)
+    async with memory_bench(clock) as bench:
+        lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
+        states = bench.collect(CONVEYOR_STATE)
+        feeder = FeederConfig(sequence=("red", "green"), interval_s=0.5, count=2)
+        bench.start(ConveyorSim, config(speed_mps=2.0, feeder=feeder.model_dump()))
+        bench.put(MAP, LAB)
+        await until(lambda: bool(lists) and bool(lists[-1].objects))
+        first = lists[-1].objects[0].id
+        bench.put(
+            SELECTION,
+            Selection(stamp_ns=1, objects=(SelectedObject(id=first, user="anna", since_ns=1),)),
+        )
+        await until(lambda: len(events) == 2)
+        assert [(e.event, e.kind, e.user) for e in events] == [("left", "red", "anna"), ("left", "green", "")]
+        assert events[0].object_id == first
+        await until(lambda: states[-1].left == 2)
+        await until(lambda: lists[-1].objects == ())
+
+
+async def test_requests_are_done_or_refused_in_a_sentence() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        lists, states = bench.collect(OBJECTS), bench.collect(CONVEYOR_STATE)
+        bench.start(ConveyorSim, config(feeder={"sequence": []}))
+        await bench.settle()
+        for early in (
+            bench.bus.call(ADD_PACKAGE, AddPackage(kind="red")),
+            bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0)),
+            bench.bus.call(RESET_CONVEYOR, ResetConveyor()),
+        ):
+            with pytest.raises(RefusedError, match="is pui running"):
+                await early
+        bench.put(MAP, LAB)
+        await bench.settle()
+        added = await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="1"))
+        await bench.settle()
+        assert [(o.id, o.kind, o.surface_id) for o in lists[-1].objects] == [(added.object_id, "red", "1")]
+        with pytest.raises(RefusedError, match="no room"):
+            await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="1"))
+        with pytest.raises(RefusedError, match="lanes are 0, 1"):
+            await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="x"))
+        clock.advance(0.5)
+        await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=-1.0))  # from here on, not from the last report
+        await bench.settle()
+        assert lists[-1].objects[0].surface_position_m == pytest.approx(0.25)
+        assert lists[-1].objects[0].surface_speed_mps == -1.0
+        assert (states[-1].speed_mps, states[-1].running) == (-1.0, True)
+        done = await bench.bus.call(RESET_CONVEYOR, ResetConveyor())
+        await bench.settle()
+        assert done.message.startswith("1 ")
+        assert lists[-1].objects == ()
+        assert (states[-1].fed, states[-1].left, states[-1].speed_mps) == (0, 0, -1.0)
+
+
+async def test_the_same_map_again_changes_nothing_and_another_one_begins_anew() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        lists = bench.collect(OBJECTS)
+        bench.start(ConveyorSim, config(feeder={"interval_s": 100.0}))
+        bench.put(MAP, LAB)
+        await until(lambda: bool(lists) and bool(lists[-1].objects))
+        first = lists[-1].objects[0].id
+        bench.put(MAP, Environment(stamp_ns=2, name="again", strips=LAB.strips))
+        await bench.settle()
+        seen = len(lists)
+        await until(lambda: len(lists) > seen)
+        assert lists[-1].objects[0].id == first
+        clock.advance(0.1)
+        bench.put(MAP, Environment(stamp_ns=3, name="half", strips=LAB.strips[1:]))
+        await until(lambda: lists[-1].objects[0].id != first)
+        assert lists[-1].objects[0].surface_id == "1"
+
+
+async def test_health_says_when_the_map_lacks_the_lanes() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        view = ServiceBus(bench.bus, clock, "conveyor-sim", "conveyor-sim")
+        service = ConveyorSim(
+            config(lanes=["1", "7"], feeder={"initial": 99}), Context(bus=view, clock=clock)
+        )
+        bench.put(MAP, LAB)
+        await bench.settle()
+        assert view.report().warnings == (
+            "lanes: map 'lab' has no strip '7', there are 0, 1; set surface and lanes",
+        )
+        more = Strip(id="7", line_m=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)), pixels=10)
+        bench.put(MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))
+        await bench.settle()
+        (warning,) = view.report().warnings
+        assert warning.startswith("feeder.initial: 99 were asked for, ")
+        row = process("conveyor-sim")
+        assert row.load() is type(service)
+        assert view.reads == {topic.key for topic in row.reads}
+        assert view.writes == {topic.key for topic in row.writes}
+        assert view.served == {request.key for request in row.serves}
+        await view.close()
+
+
+async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
+        bench.start(ConveyorSim, config(feeder={"count": 1}))
+        bench.put(MAP, LAB)
+        await until(lambda: bool(lists) and bool(lists[-1].objects))
+        clock.advance(3600.0)
+        await until(lambda: lists[-1].stamp_ns == clock.now_ns())
+        assert lists[-1].objects[0].surface_position_m == 0.0
+        assert events == []
+
+
+async def first_id(start_ns: int) -> str:
+    belt = Belt(id="a", line_m=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
+    async with memory_bench(ManualClock(start_ns)) as bench:
+        lists = bench.collect(OBJECTS)
+        bench.start(ConveyorSim, config(surface="belt"))
+        bench.put(MAP, Environment(stamp_ns=1, name="hall", belts=(belt,)))
+        await until(lambda: bool(lists) and bool(lists[-1].objects))
+        assert lists[-1].objects[0].surface == "belt"
+        return lists[-1].objects[0].id
+
+
+async def test_belts_are_lanes_too_and_ids_differ_after_a_restart() -> None:
+    assert await first_id(START_NS) != await first_id(START_NS + 2_000_000)

@@ -1,0 +1,238 @@
+"""The life cycle of a pointing-based interaction (paper, §II-D), for one person.
+
+idle --button--> localizing --solved--> pointing --button--> idle
+idle --button--> pointing                        when the person's place is known
+localizing --button, refusal, time-out, silent wrist--> idle
+pointing --silent wrist--> idle
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pointit.schemas import ButtonEvent, Feedback, Interaction, Localization, UserPose
+from pointit.services.supervisor import sentences
+
+NS_PER_S = 1_000_000_000
+
+State = Literal["idle", "localizing", "pointing"]
+Cue = Literal["started", "stopped", "target", "localized", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Ask the localizer to begin."""
+
+    run: int
+    """Which of the person's localizations it is; answers to earlier ones do not count any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cancel:
+    """Ask the localizer to stop."""
+
+
+Output = Interaction | Feedback | Start | Cancel
+
+
+class LifeCycle:
+    """Takes what happens, with the time, and gives what to say and to ask for.
+
+    Whatever is told twice changes nothing the second time. Every state but idle has a deadline; call
+    `pass_time` when it is reached.
+    """
+
+    def __init__(
+        self,
+        *,
+        localize: bool = False,
+        relocalize_each_time: bool = False,
+        follows_robot: bool = False,
+        localization_timeout_s: float = 60.0,
+        imu_timeout_s: float = 3.0,
+    ) -> None:
+        self.state: State = "idle"
+        self._localizes = localize
+        self._each_time = localize and relocalize_each_time
+        self._follows_robot = follows_robot
+        self._timeout_s = localization_timeout_s
+        self._silence_s = imu_timeout_s
+        self._button: ButtonEvent | None = None
+        self._pose_ns: int | None = None
+        self._heard_ns = 0
+        self._run = 0
+        self._run_ns = 0
+        self._is_answered = False
+        self._target = ""
+        """The next step while localizing."""
+        self._reason = ""
+        self._shown: Interaction | None = None
+        self._seq = 0
+        self._cues = 0
+
+    @property
+    def run(self) -> int:
+        """Return the number of the current localization, or 0 when there is none."""
+        return self._run if self.state == "localizing" else 0
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """Return when `pass_time` must be called at the latest; none while idle."""
+        if self.state == "idle":
+            return None
+        silent_ns = self._heard_ns + round(self._silence_s * NS_PER_S)
+        if self.state == "pointing":
+            return silent_ns
+        return min(silent_ns, self._run_ns + round(self._timeout_s * NS_PER_S))
+
+    def begin(self, now_ns: int) -> list[Output]:
+        """Say the first state."""
+        return self._show(now_ns)
+
+    def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
+        """Take a press: it starts what is not going on and ends what is.
+
+        `double` only ends; `hold` localizes anew, where the person localizes at all.
+        """
+        if self._button is not None and _is_same(event, self._button):
+            return []
+        self._button = event
+        if self.state == "localizing":
+            return [Cancel(), *self._rest(now_ns, "stopped", sentences.CANCELLED)]
+        if event.gesture == "hold" and self._localizes:
+            return self._localize(now_ns)
+        if self.state == "pointing":
+            return self._rest(now_ns, "stopped", sentences.STOPPED)
+        if event.gesture == "double":
+            return []
+        if self._localizes and not self._is_place_known:
+            return self._localize(now_ns)
+        if self._pose_ns is None:
+            return self._rest(now_ns, "refused", sentences.NO_POSE)
+        return self._point(now_ns, sentences.PLACE_KNOWN)
+
+    def imu(self, now_ns: int) -> None:
+        """Take note that the wrist is heard."""
+        self._heard_ns = now_ns
+
+    def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
+        """Take the person's place."""
+        self._pose_ns = pose.stamp_ns
+        return self._show(now_ns)
+
+    def localization(self, news: Localization, now_ns: int) -> list[Output]:
+        """Take the localizer's progress; what is older than the current localization is left out."""
+        if self.state != "localizing" or news.stamp_ns < self._run_ns:
+            return []
+        if news.phase == "sampling":
+            return self._aim(news, now_ns)
+        if news.phase == "solved":
+            return self._localized(now_ns)
+        if news.phase == "refused":
+            return self._rest(now_ns, "refused", news.reason or sentences.REFUSED)
+        if not self._is_answered:  # cancelled or idle before it heard of this run
+            return []
+        if news.phase == "cancelled":
+            return self._rest(now_ns, "stopped", news.reason or sentences.CANCELLED)
+        if self._pose_ns is not None and self._pose_ns >= self._run_ns:  # idle again: solved unseen
+            return self._localized(now_ns)
+        start = self._ask()  # idle, as if it had never heard of us
+        self._reason = sentences.AGAIN
+        return [start, *self._show(now_ns)]
+
+    def answered(self, run: int) -> list[Output]:
+        """Take the localizer's consent to a `Start`; it is called off when the person rests again."""
+        if self.state == "idle":
+            return [Cancel()]
+        self._is_answered = self._is_answered or run == self._run
+        return []
+
+    def not_started(self, run: int, reason: str, now_ns: int) -> list[Output]:
+        """Take why a `Start` came to nothing."""
+        if self.state != "localizing" or run != self._run:
+            return []
+        return self._rest(now_ns, "refused", reason)
+
+    def pass_time(self, now_ns: int) -> list[Output]:
+        """Go on to `now_ns`: what took too long ends."""
+        deadline_ns = self.deadline_ns
+        if deadline_ns is None or now_ns < deadline_ns:
+            return []
+        is_silent = now_ns >= self._heard_ns + round(self._silence_s * NS_PER_S)
+        reason = sentences.silent(self._silence_s) if is_silent else sentences.too_long(self._timeout_s)
+        if self.state == "localizing":
+            return [Cancel(), *self._rest(now_ns, "refused", reason)]
+        return self._rest(now_ns, "stopped", reason)
+
+    @property
+    def _is_place_known(self) -> bool:
+        return self._pose_ns is not None and not self._each_time
+
+    def _localize(self, now_ns: int) -> list[Output]:
+        self.state = "localizing"
+        self._reason = sentences.ASKED
+        self._heard_ns = self._run_ns = now_ns  # both waits count from here
+        start = self._ask()
+        return [start, *self._show(now_ns), self._cue(now_ns, "started", sentences.WAIT)]
+
+    def _ask(self) -> Start:
+        self._run += 1
+        self._is_answered = False
+        self._target = sentences.WAIT
+        return Start(self._run)
+
+    def _aim(self, news: Localization, now_ns: int) -> list[Output]:
+        target = sentences.aim(news) if news.target_id else self._target
+        if target == self._target:
+            return []
+        self._target = target
+        return [*self._show(now_ns), self._cue(now_ns, "target", target)]
+
+    def _localized(self, now_ns: int) -> list[Output]:
+        cue = self._cue(now_ns, "localized", sentences.LOCALIZED)
+        return [cue, *self._point(now_ns, sentences.LOCALIZED)]
+
+    def _point(self, now_ns: int, reason: str) -> list[Output]:
+        self.state = "pointing"
+        self._reason = reason
+        self._heard_ns = now_ns  # the silence counts from here
+        return [*self._show(now_ns), self._cue(now_ns, "started", sentences.POINT)]
+
+    def _rest(self, now_ns: int, cue: Cue, reason: str) -> list[Output]:
+        self.state = "idle"
+        self._reason = reason
+        return [*self._show(now_ns), self._cue(now_ns, cue, reason)]
+
+    def _show(self, now_ns: int) -> list[Output]:
+        """Return where the person is, unless that is what was said last."""
+        step = self._next_step()
+        shown = self._shown
+        if shown is not None and (shown.state, shown.reason, shown.next_step) == (
+            self.state,
+            self._reason,
+            step,
+        ):
+            return []
+        self._seq += 1
+        self._shown = Interaction(
+            stamp_ns=now_ns, seq=self._seq, state=self.state, next_step=step, reason=self._reason
+        )
+        return [self._shown]
+
+    def _next_step(self) -> str:
+        if self.state == "localizing":
+            return self._target
+        if self.state == "pointing":
+            return sentences.POINT
+        return sentences.rest(
+            localizes=self._localizes,
+            is_place_known=self._is_place_known,
+            follows_robot=self._follows_robot,
+        )
+
+    def _cue(self, now_ns: int, cue: Cue, text: str) -> Feedback:
+        self._cues += 1
+        return Feedback(stamp_ns=now_ns, seq=self._cues, cue=cue, text=text)
+
+
+def _is_same(a: ButtonEvent, b: ButtonEvent) -> bool:
+    return (a.stamp_ns, a.seq, a.source, a.gesture) == (b.stamp_ns, b.seq, b.source, b.gesture)

@@ -1,0 +1,42 @@
+"""What a person is told: why something happened, and what to do next; one sentence each."""
+
+from pointit.schemas import Localization
+
+CANCELLED = "Localizing was cancelled."
+STOPPED = "You stopped."
+REFUSED = "You could not be localized from this; point more steadily, or stand elsewhere, and try again."
+NO_POSE = "Your place in the room is not known."
+PLACE_KNOWN = "Your place in the room is known."
+LOCALIZED = "You are localized."
+ASKED = "You asked to start."
+AGAIN = "The localizer was restarted, localizing begins anew."
+
+WAIT = "Wait for the target to point at; press the button to cancel."
+POINT = "Point with your arm straight; press the button to stop."
+PRESS = "Press the button to start pointing."
+PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
+PRESS_FOR_ROBOT = "Press the button and keep pointing at the robot while it moves."
+SET_POSE = "Give the localizer your place (its fixed pose, or its request set_pose), or switch `localize` on."
+
+
+def silent(timeout_s: float) -> str:
+    """Return the reason when the wrist was not heard for `timeout_s`."""
+    return f"Nothing was heard from your wrist for {timeout_s:g} s; is the wristband on and charged?"
+
+
+def too_long(timeout_s: float) -> str:
+    """Return the reason when localizing did not end within `timeout_s`."""
+    return f"Localizing took longer than {timeout_s:g} s; is the localizer running, and the target in sight?"
+
+
+def aim(news: Localization) -> str:
+    """Return the next step while localizing: what to point at now."""
+    which = f" ({news.target_index + 1} of {news.target_count})" if news.target_count > 1 else ""
+    return f"Point at {news.target_id} and stay on it{which}."
+
+
+def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool) -> str:
+    """Return the next step while idle."""
+    if localizes and not is_place_known:
+        return PRESS_FOR_ROBOT if follows_robot else PRESS_FOR_LAMP
+    return PRESS if is_place_known else SET_POSE

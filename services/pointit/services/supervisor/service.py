@@ -1,0 +1,150 @@
+"""Reads a person's button, wrist and localization, writes their interaction, their profile and cues."""
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from typing import ClassVar
+
+from pointit.runtime import NS_PER_S, Context, RequestError, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import (
+    BodyMeasures,
+    ButtonEvent,
+    CancelLocalization,
+    Feedback,
+    ImuSample,
+    Interaction,
+    Localization,
+    StartLocalization,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    CANCEL_LOCALIZATION,
+    FEEDBACK,
+    IMU,
+    INTERACTION,
+    LOCALIZATION,
+    POSE,
+    PROFILE,
+    START_LOCALIZATION,
+)
+from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
+
+log = logging.getLogger(__name__)
+
+LONGEST_WAIT_S = 1.0
+"""Wall time after which a running deadline is looked at again: the clock's speed may have changed."""
+
+
+class Supervisor(Service[SupervisorConfig]):
+    """Leads one person from the button to pointing and back."""
+
+    NAME: ClassVar[str] = "supervisor"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = SupervisorConfig
+
+    def __init__(self, config: SupervisorConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._cycle = LifeCycle(
+            localize=config.localize,
+            relocalize_each_time=config.relocalize_each_time,
+            follows_robot=config.localization_method == "moving_target",
+            localization_timeout_s=config.localization_timeout_s,
+            imu_timeout_s=config.imu_timeout_s,
+        )
+        self._requests: asyncio.Queue[Start | Cancel] = asyncio.Queue()
+        self._moved = asyncio.Event()
+        profiles = self.bus.publisher(PROFILE, self.user)
+        self._interactions = self.bus.publisher(INTERACTION, self.user)
+        self._feedback = self.bus.publisher(FEEDBACK, self.user)
+        profiles.put(profile(config.profile, self.clock.now_ns()))
+        self._do(self._cycle.begin(self.clock.now_ns()))
+        self.bus.subscribe(POSE, self._on_pose, self.user)
+        self.bus.subscribe(LOCALIZATION, self._on_localization, self.user)
+        self.bus.subscribe(IMU, self._on_imu, self.user)
+        self.bus.subscribe(BUTTON, self._on_button, self.user)
+
+    async def run(self) -> None:
+        """Ask the localizer, one request after the other, and mind the deadlines."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._ask(), name=f"supervisor.{self.user} requests")
+            group.create_task(self._mind_time(), name=f"supervisor.{self.user} deadlines")
+
+    def _on_pose(self, pose: UserPose, _user: str) -> None:
+        self._do(self._cycle.pose(pose, self.clock.now_ns()))
+
+    def _on_localization(self, news: Localization, _user: str) -> None:
+        self._do(self._cycle.localization(news, self.clock.now_ns()))
+
+    def _on_imu(self, _sample: ImuSample, _user: str) -> None:
+        self._cycle.imu(self.clock.now_ns())
+
+    def _on_button(self, event: ButtonEvent, _user: str) -> None:
+        self._do(self._cycle.button(event, self.clock.now_ns()))
+
+    def _do(self, outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            match output:
+                case Interaction():
+                    self._interactions.put(output)
+                case Feedback():
+                    self._feedback.put(output)
+                case Start() | Cancel():
+                    self._requests.put_nowait(output)
+        if outputs:
+            self._moved.set()
+
+    async def _ask(self) -> None:
+        while True:
+            request = await self._requests.get()
+            if isinstance(request, Cancel):
+                await self._cancel()
+            elif request.run == self._cycle.run:  # else the person has thought better of it
+                await self._start(request.run)
+
+    async def _start(self, run: int) -> None:
+        query = StartLocalization(method=self.config.localization_method)
+        try:
+            await self.bus.call(START_LOCALIZATION, query, self.user)
+        except RequestError as error:
+            self._do(self._cycle.not_started(run, str(error), self.clock.now_ns()))
+        else:
+            self._do(self._cycle.answered(run))
+
+    async def _cancel(self) -> None:
+        try:
+            await self.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), self.user)
+        except RequestError as error:  # it is not localizing, or not there: nothing is left to cancel
+            log.debug("%s", error)
+
+    async def _mind_time(self) -> None:
+        while True:
+            self._moved.clear()
+            self._do(self._cycle.pass_time(self.clock.now_ns()))
+            deadline_ns = self._cycle.deadline_ns
+            if deadline_ns is None:
+                await self._moved.wait()
+                continue
+            left_s = max(0.0, (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed)
+            try:
+                async with asyncio.timeout(min(left_s, LONGEST_WAIT_S)):
+                    await self._moved.wait()
+            except TimeoutError:
+                pass
+
+
+def profile(config: ProfileConfig, now_ns: int) -> UserProfile:
+    """Return the profile as it travels."""
+    return UserProfile(
+        stamp_ns=now_ns,
+        body=BodyMeasures.model_validate(config.body.model_dump()),
+        hand=config.hand,
+        cursor_color=config.cursor_color,
+        cursor_width_m=config.cursor_width_m,
+    )
+
+
+SERVICE = Supervisor

@@ -1,0 +1,350 @@
+"""The interaction's life cycle: its ways by example, its promises for any sequence of inputs."""
+
+from typing import Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from pointit.schemas import ButtonEvent, Feedback, Interaction, Localization, UserPose
+from pointit.services.supervisor import sentences
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
+
+S = 1_000_000_000
+Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
+Gesture = Literal["press", "double", "hold"]
+
+
+def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
+    now_ns = round(now_s * S)
+    return ButtonEvent(stamp_ns=now_ns, gesture=gesture), now_ns
+
+
+def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
+    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
+
+
+def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
+    now_ns = round(now_s * S)
+    return Localization.model_validate({"stamp_ns": now_ns, "phase": phase, **more}), now_ns
+
+
+def told(outputs: list[Output]) -> list[str]:
+    """Return outputs in short: states, cues, requests."""
+    short: list[str] = []
+    for output in outputs:
+        match output:
+            case Interaction():
+                short.append(output.state)
+            case Feedback():
+                short.append(f"cue {output.cue}")
+            case Start():
+                short.append("start")
+            case Cancel():
+                short.append("cancel")
+    return short
+
+
+def shown(outputs: list[Output]) -> Interaction:
+    return next(output for output in outputs if isinstance(output, Interaction))
+
+
+def localizing(now_s: float = 10.0) -> LifeCycle:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    assert told(cycle.button(*press(now_s))) == ["start", "localizing", "cue started"]
+    cycle.answered(cycle.run)
+    return cycle
+
+
+def test_with_a_known_place_the_button_starts_and_stops_pointing() -> None:
+    cycle = LifeCycle()
+    assert shown(cycle.begin(0)).next_step == sentences.SET_POSE
+    assert shown(cycle.pose(*pose())).next_step == sentences.PRESS
+    assert told(cycle.button(*press(1))) == ["pointing", "cue started"]
+    assert told(cycle.button(*press(2))) == ["idle", "cue stopped"]
+    assert told(cycle.button(*press(3))) == ["pointing", "cue started"]
+
+
+def test_without_a_place_it_stays_idle_and_says_what_to_do() -> None:
+    cycle = LifeCycle()
+    cycle.begin(0)
+    outputs = cycle.button(*press(1))
+    assert told(outputs) == ["idle", "cue refused"]
+    assert shown(outputs).reason == sentences.NO_POSE
+    assert "set_pose" in shown(outputs).next_step
+
+
+def test_localizing_leads_through_the_targets_to_pointing() -> None:
+    cycle = LifeCycle(localize=True)
+    assert shown(cycle.begin(0)).next_step == sentences.PRESS_FOR_LAMP
+    outputs = cycle.button(*press(10))
+    assert told(outputs) == ["start", "localizing", "cue started"]
+    assert shown(outputs).next_step == sentences.WAIT
+    cycle.answered(cycle.run)
+    for index, lamp in enumerate(("led_0", "led_1")):
+        sampling = {"target_id": lamp, "target_index": index, "target_count": 2}
+        outputs = cycle.localization(*news(11 + index, "sampling", **sampling))
+        assert told(outputs) == ["localizing", "cue target"]
+        assert shown(outputs).next_step == f"Point at {lamp} and stay on it ({index + 1} of 2)."
+        assert cycle.localization(*news(11.5 + index, "sampling", samples=20, **sampling)) == []
+    assert cycle.pose(*pose(13)) == []
+    assert told(cycle.localization(*news(13, "solved"))) == ["cue localized", "pointing", "cue started"]
+    assert told(cycle.button(*press(20))) == ["idle", "cue stopped"]
+    assert told(cycle.button(*press(21))) == ["pointing", "cue started"]  # the place is known now
+
+
+def test_a_refusal_brings_the_localizers_reason() -> None:
+    cycle = localizing()
+    outputs = cycle.localization(*news(12, "refused", reason="the lamps are one above the other"))
+    assert told(outputs) == ["idle", "cue refused"]
+    assert shown(outputs).reason == "the lamps are one above the other"
+    assert shown(outputs).next_step == sentences.PRESS_FOR_LAMP
+
+
+def test_a_start_that_comes_to_nothing_says_why() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    cycle.button(*press(10))
+    assert cycle.not_started(cycle.run + 1, "another's", 11 * S) == []
+    outputs = cycle.not_started(cycle.run, "localizer does not answer", 12 * S)
+    assert told(outputs) == ["idle", "cue refused"]
+    assert shown(outputs).reason == "localizer does not answer"
+
+
+@pytest.mark.parametrize("gesture", ["press", "double", "hold"])
+def test_any_gesture_while_localizing_cancels(gesture: Gesture) -> None:
+    cycle = localizing()
+    assert told(cycle.button(*press(12, gesture))) == ["cancel", "idle", "cue stopped"]
+
+
+def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    cycle.button(*press(10))
+    run = cycle.run
+    cycle.button(*press(11))
+    assert told(cycle.answered(run)) == ["cancel"]
+
+
+def test_double_only_ends_and_hold_localizes_anew() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    cycle.pose(*pose())
+    assert cycle.button(*press(1, "double")) == []
+    assert told(cycle.button(*press(2, "hold"))) == ["start", "localizing", "cue started"]
+    cycle.localization(*news(3, "solved"))
+    assert told(cycle.button(*press(4, "hold"))) == ["start", "localizing", "cue started"]
+    cycle.localization(*news(5, "solved"))
+    assert told(cycle.button(*press(6, "double"))) == ["idle", "cue stopped"]
+
+
+def test_relocalizing_each_time_asks_again_though_the_place_is_known() -> None:
+    cycle = LifeCycle(localize=True, relocalize_each_time=True)
+    cycle.begin(0)
+    cycle.pose(*pose())
+    assert told(cycle.button(*press(1)))[:2] == ["start", "localizing"]
+    cycle.localization(*news(3, "solved"))
+    cycle.button(*press(4))
+    assert told(cycle.button(*press(5)))[:2] == ["start", "localizing"]
+
+
+def test_news_of_an_earlier_localization_do_not_count() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    cycle.button(*press(10))
+    assert cycle.localization(news(9.9, "solved")[0], 10 * S) == []
+    assert cycle.localization(news(9.9, "refused")[0], 10 * S) == []
+    assert cycle.localization(*news(10.1, "cancelled")) == []  # of the one before: ours is not answered yet
+    assert cycle.state == "localizing"
+    cycle.answered(cycle.run)
+    assert told(cycle.localization(*news(12, "cancelled"))) == ["idle", "cue stopped"]
+
+
+def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
+    cycle = localizing(10.0)
+    cycle.imu(69 * S)
+    first = cycle.run
+    outputs = cycle.localization(*news(20, "idle"))
+    assert told(outputs) == ["start", "localizing"]
+    assert cycle.run == first + 1
+    assert cycle.not_started(first, "too late", 20 * S) == []
+    assert cycle.localization(*news(20, "idle")) == []
+    cycle.answered(cycle.run)
+    assert cycle.localization(*news(21, "sampling", target_id="led_0")) != []
+    outputs = cycle.pass_time(70 * S)
+    assert told(outputs) == ["cancel", "idle", "cue refused"]
+    assert shown(outputs).reason == sentences.too_long(60.0)
+
+
+def test_idle_after_a_new_pose_is_a_success_that_was_not_seen() -> None:
+    cycle = localizing(10.0)
+    cycle.pose(*pose(15))
+    assert told(cycle.localization(*news(15, "idle"))) == ["cue localized", "pointing", "cue started"]
+
+
+def test_a_silent_wrist_ends_it() -> None:
+    cycle = LifeCycle(imu_timeout_s=3.0)
+    cycle.begin(0)
+    assert cycle.deadline_ns is None
+    cycle.pose(*pose())
+    cycle.button(*press(10))
+    cycle.imu(12 * S)
+    assert cycle.deadline_ns == 15 * S
+    assert cycle.pass_time(15 * S - 1) == []
+    outputs = cycle.pass_time(15 * S)
+    assert told(outputs) == ["idle", "cue stopped"]
+    assert "is the wristband on" in shown(outputs).reason
+    assert cycle.deadline_ns is None
+
+
+def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> None:
+    cycle = localizing(10.0)
+    assert cycle.deadline_ns == 13 * S
+    outputs = cycle.pass_time(13 * S)
+    assert told(outputs) == ["cancel", "idle", "cue refused"]
+    assert "is the wristband on" in shown(outputs).reason
+
+
+def test_what_is_told_twice_changes_nothing() -> None:
+    cycle = LifeCycle(localize=True)
+    assert cycle.begin(0)
+    assert cycle.begin(0) == []
+    event, now_ns = press(10)
+    assert cycle.button(event, now_ns)
+    assert cycle.button(event, now_ns + S) == []
+    cycle.answered(cycle.run)
+    sampling = news(11, "sampling", target_id="led_0")
+    assert cycle.localization(*sampling)
+    assert cycle.localization(*sampling) == []
+    solved = news(12, "solved")
+    assert cycle.localization(*solved)
+    assert cycle.localization(*solved) == []
+    assert cycle.answered(cycle.run) == []
+    assert cycle.state == "pointing"
+
+
+class AnyLife(RuleBasedStateMachine):
+    """Throws everything at a life cycle, also late, early and out of order."""
+
+    LEGAL = frozenset(
+        {
+            ("idle", "localizing"),
+            ("idle", "pointing"),
+            ("localizing", "pointing"),
+            ("localizing", "idle"),
+            ("pointing", "idle"),
+            ("pointing", "localizing"),  # hold: localize anew
+        }
+    )
+
+    @initialize(localize=st.booleans(), each_time=st.booleans())
+    def start(self, *, localize: bool, each_time: bool) -> None:
+        self.cycle = LifeCycle(localize=localize, relocalize_each_time=each_time)
+        self.localize = localize
+        self.now_ns = 1000 * S
+        self.asked: list[int] = []
+        self.last: Interaction | None = None
+        self.seqs = [0]
+        self.has_pose = False
+        self.take(self.cycle.begin(self.now_ns))
+
+    def take(self, outputs: list[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Start):
+                self.asked.append(output.run)
+            elif isinstance(output, Interaction):
+                assert output != self.last
+                if self.last is not None and self.last.state != output.state:
+                    assert (self.last.state, output.state) in self.LEGAL
+                self.seqs.append(output.seq)
+                self.last = output
+
+    @rule(span_s=st.floats(0, 100))
+    def time(self, span_s: float) -> None:
+        self.now_ns += round(span_s * S)
+        self.take(self.cycle.pass_time(self.now_ns))
+
+    @rule(span_s=st.floats(0, 3))
+    def little_time_with_imu(self, span_s: float) -> None:
+        self.now_ns += round(span_s * S)
+        self.cycle.imu(self.now_ns)
+
+    @rule(gesture=st.sampled_from(["press", "double", "hold"]))
+    def button(self, gesture: Gesture) -> None:
+        self.now_ns += 1
+        self.take(self.cycle.button(ButtonEvent(stamp_ns=self.now_ns, gesture=gesture), self.now_ns))
+
+    @rule(
+        phase=st.sampled_from(["idle", "sampling", "solved", "refused", "cancelled"]),
+        age_s=st.sampled_from([0.0, 0.5, 100.0]),
+        lamp=st.sampled_from(["", "led_0", "led_1"]),
+    )
+    def localization(self, phase: Phase, age_s: float, lamp: str) -> None:
+        stamp_ns = self.now_ns - round(age_s * S)
+        message = Localization(stamp_ns=stamp_ns, phase=phase, target_id=lamp)
+        self.take(self.cycle.localization(message, self.now_ns))
+
+    @rule(age_s=st.sampled_from([0.0, 50.0]))
+    def pose(self, age_s: float) -> None:
+        stamp_ns = self.now_ns - round(age_s * S)
+        self.has_pose = True
+        message = UserPose(stamp_ns=stamp_ns, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+        self.take(self.cycle.pose(message, self.now_ns))
+
+    @rule(which=st.integers(0, 100), answers=st.booleans())
+    def reply(self, which: int, *, answers: bool) -> None:
+        if not self.asked:
+            return
+        run = self.asked[which % len(self.asked)]
+        if answers:
+            self.take(self.cycle.answered(run))
+        else:
+            self.take(self.cycle.not_started(run, "no answer", self.now_ns))
+
+    @invariant()
+    def what_is_shown_is_so(self) -> None:
+        if not hasattr(self, "cycle"):
+            return
+        assert self.last is not None
+        assert self.last.state == self.cycle.state
+        assert self.last.next_step.endswith((".", ")."))
+        assert self.seqs == sorted(set(self.seqs))
+        assert (self.cycle.deadline_ns is None) == (self.cycle.state == "idle")
+        assert self.localize or self.cycle.state != "localizing"
+
+    def teardown(self) -> None:
+        """Whatever happened: left alone it comes to rest, and a press then works as on the first day."""
+        if not hasattr(self, "cycle"):
+            return
+        for _ in range(2):
+            if self.cycle.deadline_ns is not None:
+                self.now_ns = max(self.now_ns, self.cycle.deadline_ns)
+                self.take(self.cycle.pass_time(self.now_ns))
+        assert self.cycle.state == "idle"
+        self.button("press")
+        if self.localize or self.has_pose:
+            assert self.cycle.state in ("localizing", "pointing")
+            if self.cycle.state == "localizing":
+                self.localization("solved", 0.0, "")
+            assert self.cycle.state == "pointing"
+        else:
+            assert self.cycle.state == "idle"
+
+
+TestAnyLife = AnyLife.TestCase
+
+
+@given(st.lists(st.tuples(st.floats(0, 2.9), st.booleans()), max_size=30))
+def test_a_wrist_that_is_heard_never_ends_pointing(moments: list[tuple[float, bool]]) -> None:
+    cycle = LifeCycle(imu_timeout_s=3.0)
+    cycle.pose(*pose())
+    cycle.button(*press(1))
+    now_ns = S
+    for span_s, looks in moments:
+        now_ns += round(span_s * S)
+        if looks:
+            assert cycle.pass_time(now_ns) == []
+        cycle.imu(now_ns)
+    assert cycle.state == "pointing"

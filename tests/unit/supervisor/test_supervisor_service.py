@@ -1,0 +1,236 @@
+"""The supervisor on a bus, with a localizer that the test plays."""
+
+import asyncio
+
+import pytest
+
+from pointit.geometry.rotation import IDENTITY
+from pointit.runtime import ConfigError, Context, RefusedError, SimulatedClock
+from pointit.runtime.config import Layers
+from pointit.runtime.health import ServiceBus
+from pointit.schemas import (
+    ButtonEvent,
+    CancelLocalization,
+    Done,
+    ImuSample,
+    Interaction,
+    Localization,
+    StartLocalization,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    CANCEL_LOCALIZATION,
+    FEEDBACK,
+    IMU,
+    INTERACTION,
+    LOCALIZATION,
+    POSE,
+    PROFILE,
+    START_LOCALIZATION,
+)
+from pointit.services.registry import process
+from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.service import Supervisor
+from tests.support.bench import Bench, ManualClock, memory_bench, until
+
+ANNA = "anna"
+
+
+class PlayedLocalizer:
+    """Answers as told, and remembers what it was asked."""
+
+    def __init__(self, bench: Bench, refusal: str = "") -> None:
+        self.asked: list[str] = []
+        self._refusal = refusal
+        bench.bus.serve(START_LOCALIZATION, self._start, ANNA)
+        bench.bus.serve(CANCEL_LOCALIZATION, self._cancel, ANNA)
+
+    async def _start(self, query: StartLocalization, _user: str) -> Done:
+        self.asked.append(f"start {query.method or ''}".strip())
+        if self._refusal:
+            raise RefusedError(self._refusal)
+        return Done()
+
+    async def _cancel(self, _query: CancelLocalization, _user: str) -> Done:
+        self.asked.append("cancel")
+        return Done()
+
+
+def press(bench: Bench) -> None:
+    bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns()), ANNA)
+
+
+def put_pose(bench: Bench) -> None:
+    bench.put(POSE, UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
+
+
+def states(interactions: list[Interaction]) -> list[str]:
+    return [interaction.state for interaction in interactions]
+
+
+async def test_the_profile_and_the_first_state_are_there_for_who_joins_late() -> None:
+    config = SupervisorConfig.model_validate(
+        {"profile": {"hand": "left", "cursor_color": [0, 255, 0], "body": {"footprint_to_neck_m": 1.5}}}
+    )
+    async with memory_bench() as bench:
+        bench.start(Supervisor, config, user=ANNA)
+        await bench.settle()
+        profiles, interactions = bench.collect(PROFILE, ANNA), bench.collect(INTERACTION, ANNA)
+        await bench.settle()
+        assert [(p.hand, p.cursor_color, p.body.footprint_to_neck_m) for p in profiles] == [
+            ("left", (0, 255, 0), 1.5)
+        ]
+        assert states(interactions) == ["idle"]
+
+
+async def test_from_the_button_through_localizing_to_pointing_and_back() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        interactions, cues = bench.collect(INTERACTION, ANNA), bench.collect(FEEDBACK, ANNA)
+        localizer = PlayedLocalizer(bench)
+        bench.start(
+            Supervisor, SupervisorConfig(localize=True, localization_method="static_targets"), user=ANNA
+        )
+        await bench.settle()
+        clock.advance(1.0)
+        press(bench)
+        await until(lambda: localizer.asked == ["start static_targets"])
+        await bench.settle()
+        for phase, target in (("sampling", "led_0"), ("solved", "")):
+            clock.advance(1.0)
+            bench.put(
+                LOCALIZATION,
+                Localization.model_validate(
+                    {"stamp_ns": clock.now_ns(), "phase": phase, "target_id": target}
+                ),
+                ANNA,
+            )
+            await bench.settle()
+        clock.advance(0.5)
+        press(bench)
+        await until(lambda: states(interactions)[-1] == "idle")
+        # the two news of localizing are one after the other, so nobody sees only the last
+        assert states(interactions) == ["idle", "localizing", "localizing", "pointing", "idle"]
+        assert [cue.cue for cue in cues] == ["started", "target", "localized", "started", "stopped"]
+        assert [interaction.seq for interaction in interactions] == [1, 2, 3, 4, 5]
+        assert localizer.asked == ["start static_targets"]
+
+
+async def test_the_localizers_refusal_and_its_absence_are_passed_on() -> None:
+    async with memory_bench(ManualClock()) as bench:
+        interactions = bench.collect(INTERACTION, ANNA)
+        bench.start(Supervisor, SupervisorConfig(localize=True), user=ANNA)
+        await bench.settle()
+        press(bench)
+        await until(lambda: "does not answer" in interactions[-1].reason)
+        assert interactions[-1].state == "idle"
+        PlayedLocalizer(bench, refusal="map 'lab' has one lamp, two are needed")
+        bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), seq=2), ANNA)
+        await until(lambda: interactions[-1].reason == "map 'lab' has one lamp, two are needed")
+        assert interactions[-1].state == "idle"
+
+
+async def test_cancelling_while_the_start_is_on_its_way_leaves_no_localizer_running() -> None:
+    async with memory_bench(ManualClock()) as bench:
+        interactions = bench.collect(INTERACTION, ANNA)
+        asked: list[str] = []
+        answer = asyncio.Event()
+
+        async def start(_query: StartLocalization, _user: str) -> Done:
+            asked.append("start")
+            await answer.wait()
+            return Done()
+
+        async def cancel(_query: CancelLocalization, _user: str) -> Done:
+            asked.append("cancel")
+            return Done()
+
+        bench.bus.serve(START_LOCALIZATION, start, ANNA)
+        bench.bus.serve(CANCEL_LOCALIZATION, cancel, ANNA)
+        bench.start(Supervisor, SupervisorConfig(localize=True), user=ANNA)
+        await bench.settle()
+        press(bench)
+        await until(lambda: asked == ["start"])
+        bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), gesture="double"), ANNA)
+        await until(lambda: interactions[-1].state == "idle")
+        answer.set()
+        await until(lambda: asked[-1] == "cancel")
+
+
+@pytest.mark.parametrize("localize", [False, True])
+async def test_a_wrist_that_falls_silent_ends_the_interaction(*, localize: bool) -> None:
+    clock = SimulatedClock(10.0)
+    async with memory_bench(clock) as bench:
+        interactions = bench.collect(INTERACTION, ANNA)
+        localizer = PlayedLocalizer(bench)
+        bench.start(Supervisor, SupervisorConfig(localize=localize, imu_timeout_s=5.0), user=ANNA)
+        if not localize:
+            put_pose(bench)
+        await bench.settle()
+        press(bench)
+        last_ns = 0
+        for _ in range(12):  # 6 s of samples: more than the time-out
+            last_ns = clock.now_ns()
+            bench.put(IMU, ImuSample(stamp_ns=last_ns, orientation_xyzw=IDENTITY), ANNA)
+            await asyncio.sleep(0.5 / clock.speed)
+        assert interactions[-1].state == ("localizing" if localize else "pointing")
+        await until(lambda: interactions[-1].state == "idle")
+        assert "is the wristband on" in interactions[-1].reason
+        assert interactions[-1].stamp_ns - last_ns >= 5_000_000_000
+        if localize:
+            await until(lambda: localizer.asked == ["start", "cancel"])
+
+
+async def test_localizing_that_never_ends_is_ended() -> None:
+    clock = SimulatedClock(50.0)
+    async with memory_bench(clock) as bench:
+        interactions = bench.collect(INTERACTION, ANNA)
+        localizer = PlayedLocalizer(bench)
+        config = SupervisorConfig(localize=True, localization_timeout_s=8.0, imu_timeout_s=600.0)
+        bench.start(Supervisor, config, user=ANNA)
+        await bench.settle()
+        press(bench)
+        await until(lambda: len(interactions) > 1 and interactions[-1].state == "idle")
+        assert "longer than 8 s" in interactions[-1].reason
+        await until(lambda: localizer.asked == ["start", "cancel"])
+        assert interactions[-1].stamp_ns - interactions[1].stamp_ns >= 8_000_000_000
+
+
+async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        interactions = bench.collect(INTERACTION)
+        view = ServiceBus(bench.bus, clock, "supervisor", "supervisor.anna", ANNA)
+        service = Supervisor(SupervisorConfig(), Context(bus=view, clock=clock, user=ANNA))
+        row = process("supervisor")
+        assert row.load() is type(service)
+        assert view.reads == {topic.key for topic in row.reads}
+        assert view.writes == {topic.key for topic in row.writes}
+        assert view.served == set()
+        put_pose(bench)
+        await bench.settle()
+        before = len(interactions)
+        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), "ben")
+        await bench.settle()
+        assert len(interactions) == before
+        press(bench)
+        await bench.settle()
+        assert interactions[-1].state == "pointing"
+        await view.close()
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("profile.body.footprint_to_neck_m", "14.3"),
+        ("profile.cursor_width_m", "0"),
+        ("profile.cursor_color", "[0, 300, 0]"),
+        ("imu_timeout_s", "-1"),
+    ],
+)
+def test_a_wrong_parameter_is_named(path: str, value: str) -> None:
+    layers = Layers()
+    layers.add_text(path.split("."), value, "file.yaml")
+    with pytest.raises(ConfigError, match=rf"^file\.yaml: {path}.*: "):
+        layers.build(SupervisorConfig)

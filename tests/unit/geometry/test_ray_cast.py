@@ -1,0 +1,262 @@
+"""Many targets: the arrays against each segment on its own, rigid motions, real maps."""
+
+import math
+import random
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.closest import Hit, Measure, hit_at, nearest_in_angle, nearest_in_metres
+from pointit.geometry.point_tree import PointTree
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.ray_cast import FEW, RayCaster
+from pointit.geometry.vector import Vec3
+
+MEASURES: list[Measure] = ["angle", "metres"]
+seeds = st.integers(0, 2**32 - 1)
+measures = st.sampled_from(MEASURES)
+
+
+def some_point(rng: random.Random, size_m: float = 5.0) -> Vec3:
+    return (rng.uniform(-size_m, size_m), rng.uniform(-size_m, size_m), rng.uniform(-size_m, size_m))
+
+
+def some_direction(rng: random.Random) -> Vec3:
+    return vector.direction(rng.uniform(-math.pi, math.pi), rng.uniform(-1.5, 1.5))
+
+
+def curve(rng: random.Random, count: int, step_m: float = 0.02) -> Polyline:
+    """Return a smooth line of many short segments."""
+    at, heading = some_point(rng), rng.uniform(-3, 3)
+    vertices = [at]
+    for _ in range(count):
+        heading += rng.gauss(0, 0.05)
+        at = vector.add(at, (step_m * math.cos(heading), step_m * math.sin(heading), 0.0))
+        vertices.append(at)
+    return Polyline(vertices)
+
+
+def scene(rng: random.Random) -> tuple[list[Polyline], list[Vec3]]:
+    lines = [Polyline([some_point(rng), some_point(rng)]) for _ in range(rng.randint(1, 4))]
+    lines += [curve(rng, rng.randint(1, 120)) for _ in range(rng.randint(1, 3))]
+    return lines, [some_point(rng) for _ in range(rng.randint(FEW, FEW + 3))]
+
+
+def miss(hit: Hit, measure: Measure) -> float:
+    return hit.miss_rad if measure == "angle" else hit.miss_m
+
+
+def least(lines: list[Polyline], points: list[Vec3], o: Vec3, d: Vec3, measure: Measure) -> float:
+    """Return the least miss of all segments, each on its own."""
+    nearest = nearest_in_angle if measure == "angle" else nearest_in_metres
+    ends = [(p, p) for p in points]
+    for line in lines:
+        vertices = [(v[0], v[1], v[2]) for v in line.vertices_m.tolist()]
+        ends += list(pairwise(vertices))
+    misses: list[float] = []
+    for start, end in ends:
+        span = vector.subtract(end, start)
+        t, _ = nearest(vector.subtract(start, o), span, d)
+        misses.append(miss(hit_at(0, 0.0, vector.add(start, vector.scale(span, t)), o, d), measure))
+    return min(misses)
+
+
+@given(seeds, measures)
+def test_no_segment_is_overlooked(seed: int, measure: Measure) -> None:
+    rng = random.Random(seed)
+    lines, points = scene(rng)
+    o, d = some_point(rng), some_direction(rng)
+    hit = RayCaster(lines, points, measure=measure).cast(o, d)
+    assert hit is not None
+    assert miss(hit, measure) == pytest.approx(least(lines, points, o, d, measure), abs=3e-7)
+
+
+@given(seeds, measures)
+def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int, measure: Measure) -> None:
+    rng = random.Random(seed)
+    lines, points = scene(rng)
+    o, d = some_point(rng), some_direction(rng)
+    hit = RayCaster(lines, points, measure=measure).cast(o, d)
+    assert hit is not None
+    if hit.target < len(lines):
+        assert 0.0 <= hit.position_m <= lines[hit.target].length_m + 1e-9
+        expected = lines[hit.target].point_at(hit.position_m)
+    else:
+        assert hit.position_m == 0.0
+        expected = points[hit.target - len(lines)]
+    reach = vector.subtract(hit.point_m, o)
+    assert math.dist(hit.point_m, expected) < 1e-9
+    assert hit.range_m == pytest.approx(vector.norm(reach))
+    assert hit.miss_rad == pytest.approx(vector.angle_between(d, reach), abs=1e-9)
+    ahead = max(vector.dot(d, reach), 0.0)
+    assert hit.miss_m == pytest.approx(math.dist(reach, vector.scale(d, ahead)), abs=1e-9)
+
+
+@given(seeds, measures)
+def test_few_targets_and_many_give_the_same(seed: int, measure: Measure) -> None:
+    rng = random.Random(seed)
+    lines = [Polyline([some_point(rng), some_point(rng)]) for _ in range(rng.randint(1, FEW))]
+    o, d = some_point(rng), some_direction(rng)
+    few = RayCaster(lines, measure=measure).cast(o, d)
+    # the same lines with so many vertices that they go through the arrays
+    fine = [Polyline([line.point_at(line.length_m * i / 40) for i in range(41)]) for line in lines]
+    many = RayCaster(fine, measure=measure).cast(o, d)
+    assert few is not None
+    assert many is not None
+    assert miss(few, measure) == pytest.approx(miss(many, measure), abs=3e-7)
+
+
+@given(seeds, measures, st.booleans())
+def test_moving_everything_moves_the_hit(seed: int, measure: Measure, far: bool) -> None:  # noqa: FBT001
+    rng = random.Random(seed)
+    lines, points = scene(rng)
+    o, d = some_point(rng), some_direction(rng)
+    turn = rotation.from_axis_angle(some_direction(rng), rng.uniform(-3, 3))
+    shift = some_point(rng, 1000.0 if far else 10.0)
+
+    def moved(p: Vec3) -> Vec3:
+        return vector.add(rotation.rotate(turn, p), shift)
+
+    there = [Polyline([moved((v[0], v[1], v[2])) for v in line.vertices_m.tolist()]) for line in lines]
+    hit = RayCaster(lines, points, measure=measure).cast(o, d)
+    hit_there = RayCaster(there, [moved(p) for p in points], measure=measure).cast(
+        moved(o), rotation.rotate(turn, d)
+    )
+    assert hit is not None
+    assert hit_there is not None
+    assert miss(hit, measure) == pytest.approx(miss(hit_there, measure), abs=1e-6)
+    if miss(hit, measure) > 0.01:  # away from a crossing the place is as well determined
+        assert math.dist(moved(hit.point_m), hit_there.point_m) < 0.01 or hit.miss_rad > 3.0
+
+
+@given(seeds, measures)
+def test_turning_a_line_around_turns_its_positions(seed: int, measure: Measure) -> None:
+    rng = random.Random(seed)
+    line = curve(rng, 60, 0.05)
+    reverse = Polyline([(v[0], v[1], v[2]) for v in line.vertices_m.tolist()[::-1]])
+    o, d = some_point(rng), some_direction(rng)
+    hit = RayCaster([line], measure=measure).cast(o, d)
+    back = RayCaster([reverse], measure=measure).cast(o, d)
+    assert hit is not None
+    assert back is not None
+    assume(math.dist(hit.point_m, back.point_m) < 1e-4)  # not two places equally far
+    assert hit.position_m == pytest.approx(line.length_m - back.position_m, abs=2e-4)
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_the_tolerance_decides_at_its_own_value(measure: Measure) -> None:
+    line = Polyline([(2.0, 1.0, 0.0), (2.0, 1.0, 5.0)])
+    exact = math.atan2(1, 2) if measure == "angle" else 1.0
+    for lines in ([line], [line] * (FEW + 1)):  # in plain Python, and on arrays
+        caster = RayCaster(lines, measure=measure)
+        assert caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), exact * 1.000001) is not None
+        assert caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), exact * 0.999999) is None
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_what_is_behind_is_not_pointed_at(measure: Measure) -> None:
+    lines = [Polyline([(-3.0, y, 0.0), (-1.0, y, 0.0)]) for y in np.linspace(-1, 1, FEW + 2)]
+    assert RayCaster(lines, measure=measure).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7) is None
+
+
+def test_short_lines_right_behind_are_missed_by_their_better_end() -> None:
+    lines = [Polyline([(-x, -0.05, 0.0), (-x, 0.15, 0.0)]) for x in range(3, FEW + 5)]
+    hit = RayCaster(lines).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    assert hit is not None
+    assert hit.target == 0
+    assert hit.position_m == pytest.approx(0.2)
+
+
+def test_grazing_along_a_long_strip() -> None:
+    # eyes 2 cm above a strip of 10 m, pointing along it and ever so slightly down: it is met at 8 m
+    strip = Polyline([(x / 100, 0.0, 0.0) for x in range(1001)])
+    caster = RayCaster([strip])
+    hit = caster.cast((0.0, 0.0, 0.02), vector.normalized((8.0, 0.0, -0.02)), 0.1)
+    assert hit is not None
+    assert hit.position_m == pytest.approx(8.0, abs=1e-3)
+    assert hit.miss_rad < 1e-7
+
+
+def test_eyes_on_a_line_or_lamp_give_finite_hits() -> None:
+    line = Polyline([(x / 10, 0.0, 0.0) for x in range(101)])
+    lamps: list[Vec3] = [(5.0, 0.0, 0.0)]
+    for measure in MEASURES:
+        hit = RayCaster([line], lamps, measure=measure).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+        assert hit is not None
+        assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
+
+
+def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
+    caster = RayCaster([Polyline([(2.0, -1.0, 0.0), (2.0, 1.0, 0.0)])])
+    hit = caster.cast((0.0, 0.0, 0.0), (1.0009, 0.0, 0.0), 0.1)
+    assert hit is not None
+    assert (hit.miss_rad, hit.miss_m, hit.range_m) == (0.0, 0.0, 2.0)
+
+
+def test_nothing_to_cast_at() -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        RayCaster([])
+    with pytest.raises(ValueError, match="at least one"):
+        PointTree([])
+
+
+# the paper's k-d tree
+
+
+@settings(max_examples=50, deadline=None)
+@given(seeds)
+def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
+    rng = random.Random(seed)
+    lines, points = scene(rng)
+    o, d = some_point(rng), some_direction(rng)
+    exact = RayCaster(lines, points, measure="metres").cast(o, d)
+    found = PointTree(lines, points, step_m=0.05, reach_m=20.0).cast(o, d)
+    assert exact is not None
+    assert found is not None
+    # half a step along the line and half a step along the ray, at worst
+    assert exact.miss_m - 1e-9 <= found.miss_m <= exact.miss_m + 0.05 + 1e-9
+
+
+@settings(max_examples=50, deadline=None)
+@given(seeds)
+def test_asking_coarsely_first_changes_nothing(seed: int) -> None:
+    rng = random.Random(seed)
+    lines, points = scene(rng)
+    o, d, tolerance = some_point(rng), some_direction(rng), rng.choice([0.05, 0.3, 0.7, 3.0])
+    samples = [
+        line.point_at(line.length_m * i / n)
+        for line in lines
+        for n in [max(1, math.ceil(line.length_m / 0.05))]
+        for i in range(n + 1)
+    ]
+    on_ray = np.array(o) + np.linspace(0, 20, 401)[:, None] * np.array(d)
+    between = np.linalg.norm(on_ray[:, None] - np.array(samples + points)[None], axis=2)
+    hit = PointTree(lines, points).cast(o, d, tolerance)
+    assume(abs(between.min() - tolerance) > 1e-6)
+    assert (hit is not None) == (between.min() <= tolerance)
+    if hit is not None:
+        here = np.linalg.norm(on_ray - np.array(hit.point_m), axis=1).min()
+        assert here == pytest.approx(between.min(), abs=1e-9)
+
+
+def test_both_ends_of_every_line_are_in_the_tree() -> None:
+    lines = [Polyline([(3.0, y, 0.0), (4.02, y, 0.0)]) for y in (0.0, 2.0)]
+    tree = PointTree(lines)
+    for target, line in enumerate(lines):
+        for position in (0.0, line.length_m):
+            x, y, _ = line.point_at(position)
+            hit = tree.cast((x, y, 2.0), (0.0, 0.0, -1.0), 0.01)
+            assert hit is not None
+            assert hit.target == target
+            assert hit.position_m == pytest.approx(position)
+
+
+def test_the_tree_sees_only_as_far_as_its_ray() -> None:
+    line = Polyline([(5.0, -1.0, 0.0), (5.0, 1.0, 0.0)])
+    ray: tuple[Vec3, Vec3] = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    assert PointTree([line], reach_m=4.0).cast(*ray, 0.7) is None
+    assert PointTree([line], reach_m=4.9).cast(*ray, 0.7) is not None

@@ -1,0 +1,1 @@
+"""Pointing rays, poses and a map of the room to cursors."""

@@ -154,7 +154,8 @@ class Desk(Generic[Q, R]):
 
     def start(self, query: Q, name: str) -> asyncio.Task[R]:
         """Begin to answer `query`; the task raises nothing but `RefusedError`."""
-        task = self._bus.spawn(self._answer(query, name), f"serve {self.request.key}")
+        is_busy = len(self._answers) >= MAX_IN_FLIGHT
+        task = self._bus.spawn(self._answer(query, name, is_busy=is_busy), f"serve {self.request.key}")
         self._answers.add(task)
         task.add_done_callback(self._answers.discard)
         return task
@@ -168,9 +169,9 @@ class Desk(Generic[Q, R]):
         for answer in self._answers:
             answer.cancel()
 
-    async def _answer(self, query: Q, name: str) -> R:
+    async def _answer(self, query: Q, name: str, *, is_busy: bool) -> R:
         server, key = self.request.server, self.request.key
-        if len(self._answers) > MAX_IN_FLIGHT:
+        if is_busy:
             raise RefusedError(f"{server} is busy with {MAX_IN_FLIGHT} other requests for {key}; ask later")
         try:
             reply = await self._server(query, name)
@@ -189,11 +190,14 @@ class Desk(Generic[Q, R]):
 class Watcher:
     """Tells a handler who is present, each change once."""
 
-    def __init__(self, presence: Presence, handler: Callable[[str, bool], None]) -> None:
-        self._presence = presence
+    def __init__(self, bus: "MemoryBus", presence: Presence, handler: Callable[[str, bool], None]) -> None:
+        self.presence = presence
         self._handler = handler
         self._known: set[str] = set()
         self._open = True
+        self._watchers = bus.exchange.watchers.setdefault(presence.key, [])
+        self._watchers.append(self)
+        self._declaration = Declaration(bus, self._undeclare)
 
     def tell(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
@@ -203,11 +207,15 @@ class Watcher:
         try:
             self._handler(name, present)
         except Exception:  # a handler's fault must not stop the others
-            log.exception("watcher of %s failed", self._presence.key)
+            log.exception("watcher of %s failed", self.presence.key)
 
     def close(self) -> None:
         """Tell nothing any more."""
+        self._declaration.close()
+
+    def _undeclare(self) -> None:
         self._open = False
+        self._watchers.remove(self)
 
 
 class MemoryBus:
@@ -261,30 +269,23 @@ class MemoryBus:
         counts = self.exchange.present.setdefault(presence.key, {})
         counts[name] = counts.get(name, 0) + 1
         if counts[name] == 1:
-            self._tell(presence, name, present=True)
+            self._tell(presence, name, True)
 
         def undo() -> None:
             counts[name] -= 1
             if not counts[name]:
                 del counts[name]
-                self._tell(presence, name, present=False)
+                self._tell(presence, name, False)
 
         return Declaration(self, undo)
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
-        watcher = Watcher(presence, handler)
-        watchers = self.exchange.watchers.setdefault(presence.key, [])
-        watchers.append(watcher)
+        watcher = Watcher(self, presence, handler)
         for name in self.exchange.present.get(presence.key, {}):
             self._loop.call_soon(watcher.tell, name, True)
-
-        def undo() -> None:
-            watcher.close()
-            watchers.remove(watcher)
-
-        return Declaration(self, undo)
+        return watcher
 
     async def close(self) -> None:
         """Close everything that was declared here."""
@@ -327,7 +328,7 @@ class MemoryBus:
         if not task.cancelled():
             task.exception()  # seen: whoever asked may have gone
 
-    def _tell(self, presence: Presence, name: str, *, present: bool) -> None:
+    def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
         for watcher in self.exchange.watchers.get(presence.key, ()):
             self._loop.call_soon(watcher.tell, name, present)
 

@@ -8,8 +8,8 @@ fill mailboxes.
 """
 
 import asyncio
+import contextlib
 import functools
-import logging
 import os
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
@@ -35,8 +35,6 @@ from pointit.runtime.zenoh_session import Link, LinkWatch, close_session, open_s
 from pointit.schemas import DecodeError, Message, Query, Reply, SchemaError, decode, encode
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic, check_name
-
-log = logging.getLogger(__name__)
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -276,6 +274,41 @@ class ZenohDesk(Desk[Q, R]):
                 query.reply_err(str(error).encode())
 
 
+class ZenohWatcher(Watcher):
+    """Tells who is present here or elsewhere."""
+
+    def __init__(self, bus: "ZenohBus", presence: Presence, handler: Callable[[str, bool], None]) -> None:
+        super().__init__(bus, presence, handler)
+        self._loop = asyncio.get_running_loop()
+        self._here = bus.exchange.present.setdefault(presence.key, {})
+        self._withheld: set[str] = set()
+        """Names of which Zenoh has said that they are gone, while this process still announces them."""
+        self._subscriber = bus.session.liveliness().declare_subscriber(
+            presence.at(ANY), Callback(self._on_change, indirect=False), history=True
+        )
+
+    def tell_withheld(self, name: str) -> None:
+        """Say that `name` is gone if only this process still announced it."""
+        if name in self._withheld:
+            self._change(name, False)
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        self._subscriber.undeclare()
+
+    def _on_change(self, sample: zenoh.Sample) -> None:  # on Zenoh's thread
+        with contextlib.suppress(SchemaError, RuntimeError):  # not a name of ours; the loop is gone
+            name = _name_in(self.presence, str(sample.key_expr))
+            self._loop.call_soon_threadsafe(self._change, name, sample.kind == zenoh.SampleKind.PUT)
+
+    def _change(self, name: str, present: bool) -> None:  # noqa: FBT001
+        if not present and name in self._here:
+            self._withheld.add(name)
+            return
+        self._withheld.discard(name)
+        self.tell(name, present)
+
+
 class ZenohBus(MemoryBus):
     """A process on the network; see `pointit.runtime.bus.Bus` for the contract."""
 
@@ -339,32 +372,25 @@ class ZenohBus(MemoryBus):
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed, or until this process dies."""
-        self._check_open()
-        return Declaration(self, self.session.liveliness().declare_token(presence.at(name)).undeclare)
+        here = super().announce(presence, name)
+        token = self.session.liveliness().declare_token(presence.at(name))
+
+        def undo() -> None:
+            here.close()
+            token.undeclare()
+
+        return Declaration(self, undo)
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
-        watcher = Watcher(presence, handler)
+        return ZenohWatcher(self, presence, handler)
 
-        def on_change(sample: zenoh.Sample) -> None:  # on Zenoh's thread
-            try:
-                name = _name_in(presence, str(sample.key_expr))
-                self._loop.call_soon_threadsafe(watcher.tell, name, sample.kind == zenoh.SampleKind.PUT)
-            except SchemaError as error:
-                log.debug("not a presence: %s", error)
-            except RuntimeError:  # the loop is gone
-                watcher.close()
-
-        subscriber = self.session.liveliness().declare_subscriber(
-            presence.at(ANY), Callback(on_change, indirect=False), history=True
-        )
-
-        def undo() -> None:
-            watcher.close()
-            subscriber.undeclare()
-
-        return Declaration(self, undo)
+    def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
+        if not present:  # all else is told by Zenoh
+            for watcher in self.exchange.watchers.get(presence.key, ()):
+                if isinstance(watcher, ZenohWatcher):
+                    self._loop.call_soon(watcher.tell_withheld, name)
 
     async def close(self) -> None:
         """Close everything that was declared here, and the session."""
@@ -400,10 +426,8 @@ class ZenohBus(MemoryBus):
         replies: list[zenoh.Reply] = []
 
         def finish() -> None:  # on Zenoh's thread
-            try:
+            with contextlib.suppress(RuntimeError):  # the loop is gone
                 self._loop.call_soon_threadsafe(done.set)
-            except RuntimeError:  # the loop is gone
-                log.debug("reply to %s came after the loop ended", key)
 
         token = zenoh.CancellationToken()
         self.session.get(

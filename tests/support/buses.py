@@ -1,0 +1,132 @@
+"""Participants of a site on every kind of bus, and a router that can be killed."""
+
+import asyncio
+import contextlib
+import itertools
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+from pointit.runtime import Bus, Exchange, MemoryBus
+from pointit.runtime.router import routing
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas.topics import SERVICE_ALIVE
+from tests.support.bench import until
+
+KINDS = ("memory", "zenoh-peer", "zenoh-router")
+"""In one process; clients of a listening process; clients of a router."""
+
+_marks = itertools.count()
+
+
+@dataclass(frozen=True)
+class Site:
+    """Three participants of one site."""
+
+    kind: str
+    a: Bus
+    b: Bus
+    c: Bus
+
+    @property
+    def buses(self) -> tuple[Bus, Bus, Bus]:
+        return (self.a, self.b, self.c)
+
+    async def settle(self) -> None:
+        """Return when what each has declared is known to all (declarations travel in order)."""
+        await settled(*self.buses)
+
+
+async def settled(*buses: Bus) -> None:
+    """Return when everybody sees a token that everybody else has announced just now."""
+    mark = f"settle.{next(_marks)}"
+    names = {f"{mark}.{index}" for index in range(len(buses))}
+    seen: list[set[str]] = [set() for _ in buses]
+    watches = [bus.watch(SERVICE_ALIVE, _adder(mine)) for bus, mine in zip(buses, seen, strict=True)]
+    tokens = [bus.announce(SERVICE_ALIVE, f"{mark}.{index}") for index, bus in enumerate(buses)]
+    await until(lambda: all(names <= mine for mine in seen), what="the participants to see each other")
+    for declared in (*watches, *tokens):
+        declared.close()
+
+
+def _adder(names: set[str]) -> Callable[[str, bool], None]:
+    return lambda name, _present: names.add(name)
+
+
+@asynccontextmanager
+async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
+    """Yield three participants, joined the way `kind` says."""
+    async with contextlib.AsyncExitStack() as stack:
+        buses: list[Bus] = []
+        if kind == "memory":
+            exchange = Exchange()
+            buses = [MemoryBus(exchange) for _ in range(3)]
+        else:
+            endpoint = (f"tcp/127.0.0.1:{free_port()}",)
+            links = [Link(site=name, connect=endpoint)] * 3
+            if kind == "zenoh-peer":
+                links[0] = Link(site=name, listen=endpoint)
+            else:
+                await stack.enter_async_context(routing(endpoint))
+            for link in links:
+                buses.append(await ZenohBus.open(link, patience_s=5))
+        for bus in buses:
+            stack.push_async_callback(bus.close)
+        yield Site(kind, *buses)
+
+
+def free_port() -> int:
+    """Return a port of 127.0.0.1 that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+class RouterProcess:
+    """`pointit router` in a process of its own, always on the same port."""
+
+    def __init__(self) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self._process: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        """Start it and wait until it listens."""
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "pointit.cli", "router", "--listen", self.endpoint],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert self.endpoint in line, line
+
+    def stop(self, number: int = signal.SIGKILL) -> float:
+        """Send a signal; return how long the process took to end, s."""
+        process, self._process = self._process, None
+        if process is None:
+            return 0.0
+        began_s = time.monotonic()
+        process.send_signal(number)
+        process.wait(10)
+        took_s = time.monotonic() - began_s
+        if process.stdout is not None:
+            process.stdout.close()
+        return took_s
+
+
+@asynccontextmanager
+async def router_process() -> AsyncGenerator[RouterProcess]:
+    """Yield a running router that may be killed and started again."""
+    router = RouterProcess()
+    await asyncio.to_thread(router.start)
+    try:
+        yield router
+    finally:
+        router.stop()

@@ -83,7 +83,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
         if plan.scored:
             _sum_up(plan, monitor, (time.monotonic() - began_s) * plan.speed)
         await bus.close()
-    if plan.scored and monitor.first_cursor_s is None:
+    if plan.scored and monitor.first_cursor_unix_s is None:
         log.error("no cursor ever appeared; `pointit doctor` during a run says what is missing")
         return 1
     return 0
@@ -178,7 +178,7 @@ def _sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
-        "first_cursor_s": None if monitor.first_cursor_s is None else round(monitor.first_cursor_s, 3),
+        "first_cursor_unix_s": monitor.first_cursor_unix_s,
         "services": [launch.instance for launch in plan.launches],
     }
     if plan.as_json:

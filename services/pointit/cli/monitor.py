@@ -51,9 +51,8 @@ class Monitor:
     latency: Latency = field(default_factory=Latency)
     cursor_count: int = 0
     frame_count: int = 0
-    first_cursor_s: float | None = None
-    """Seconds from the start to the first cursor on a surface, wall time."""
-    _began_s: float = field(default_factory=time.monotonic)
+    first_cursor_unix_s: float | None = None
+    """When the first cursor on a surface came, wall time."""
 
     def attach(self, bus: Bus) -> None:
         """Begin to listen on `bus`."""
@@ -96,8 +95,8 @@ class Monitor:
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self.cursors[user] = cursor
         self.cursor_count += 1
-        if cursor.surface != "none" and self.first_cursor_s is None:
-            self.first_cursor_s = time.monotonic() - self._began_s
+        if cursor.surface != "none" and self.first_cursor_unix_s is None:
+            self.first_cursor_unix_s = time.time()
         self.latency.on_cursor(cursor)
 
     def _on_frame(self, frame: StripsFrame, _name: str) -> None:

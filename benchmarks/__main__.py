@@ -1,0 +1,135 @@
+"""Runs the benchmarks: a table for people, JSON for everything else."""
+
+import asyncio
+import json
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import bare_chain, our_chain, startup, users
+from benchmarks.statistics import Figures, machine
+from pointit.runtime.process import SWITCH_INTERVAL_S
+
+RATE_HZ = 100.0
+ROUNDS = 3
+"""Baseline and ours take turns, so that both see the same machine."""
+
+
+def latency(duration_s: float) -> dict[str, Any]:
+    """Measure wrist to light beside bare Zenoh, in one process and in separate ones."""
+    samples: dict[str, list[float]] = {name: [] for name in ("direct", "default", "ours", "bare", "separate")}
+    hops = our_chain.HOPS
+    for _ in range(ROUNDS):
+        samples["direct"] += asyncio.run(bare_chain.one_process(hops, RATE_HZ, duration_s, "direct"))
+        samples["default"] += asyncio.run(bare_chain.one_process(hops, RATE_HZ, duration_s, "default"))
+        samples["ours"] += asyncio.run(our_chain.one_process(RATE_HZ, duration_s))
+    for _ in range(ROUNDS):
+        samples["bare"] += asyncio.run(bare_chain.processes(hops, RATE_HZ, duration_s, free_endpoint()))
+        samples["separate"] += asyncio.run(our_chain.processes(RATE_HZ, duration_s, free_endpoint()))
+    figures = {name: Figures.of(values) for name, values in samples.items()}
+    return {
+        "rate_hz": RATE_HZ,
+        "hops": hops,
+        "one_process": {
+            "bare_zenoh_direct": figures["direct"].as_dict(),
+            "bare_zenoh_default": figures["default"].as_dict(),
+            "ours": figures["ours"].as_dict(),
+            "ratio_to_direct": figures["ours"].ratio_to(figures["direct"]),
+            "ratio_to_default": figures["ours"].ratio_to(figures["default"]),
+        },
+        "separate_processes": {
+            "bare_zenoh_direct": figures["bare"].as_dict(),
+            "ours": figures["separate"].as_dict(),
+            "ratio_to_direct": figures["separate"].ratio_to(figures["bare"]),
+        },
+    }
+
+
+def free_endpoint() -> str:
+    """Return an address of this machine that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@click.command()
+@click.option("--duration", default=5.0, show_default=True, help="seconds for each measurement")
+@click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
+@click.option(
+    "--only", type=click.Choice(["latency", "users", "startup"]), multiple=True, help="just these parts"
+)
+def main(duration: float, path: Path | None, only: tuple[str, ...]) -> None:
+    """Measure speed as ratios to bare Zenoh in the same run; takes about two minutes."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    wanted = only or ("latency", "users", "startup")
+    console = Console()
+    result: dict[str, Any] = {"before": machine()}
+    if "latency" in wanted:
+        console.print("latency: IMU sample to LED frame …")
+        result["latency"] = latency(duration)
+        console.print(latency_table(result["latency"]))
+    if "users" in wanted:
+        console.print("users: 100 Hz each, one process …")
+        result["users"] = [asyncio.run(users.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
+        console.print(users_table(result["users"]))
+    if "startup" in wanted:
+        console.print("start-up …")
+        result["startup"] = startup.start()
+        console.print(
+            f"command to first cursor {result['startup']['command_to_first_cursor_s']} s, "
+            f"peak memory {result['startup']['memory_peak_mb']} MB"
+        )
+    result["after"] = machine()
+    console.print(
+        f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
+    )
+    if path is not None:
+        path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def latency_table(latency_result: dict[str, Any]) -> Table:
+    """Return the latency figures as a table."""
+    table = Table(title=f"IMU sample to LED frame, {latency_result['hops']} hops at {RATE_HZ:.0f} Hz")
+    for column in ("layout", "chain", "p50 ms", "p99 ms", "max ms", "n"):
+        table.add_column(column, justify="left" if column in ("layout", "chain") else "right")
+    for layout in ("one_process", "separate_processes"):
+        for name, figures in latency_result[layout].items():
+            if name.startswith("ratio"):
+                table.add_row(layout, name, f"{figures['p50']:.2f} x", f"{figures['p99']:.2f} x", "", "")
+            else:
+                table.add_row(
+                    layout,
+                    name,
+                    f"{figures['p50_ms']:.3f}",
+                    f"{figures['p99_ms']:.3f}",
+                    f"{figures['max_ms']:.2f}",
+                    str(figures["count"]),
+                )
+    return table
+
+
+def users_table(rows: list[dict[str, Any]]) -> Table:
+    """Return the figures per number of people as a table."""
+    table = Table(title="People at 100 Hz in one process")
+    for column in ("people", "CPU of a core", "µs per sample", "people per core", "delivered", "p99 age ms"):
+        table.add_column(column, justify="right")
+    for row in rows:
+        age = row["age_of_cursors"]
+        table.add_row(
+            str(row["users"]),
+            f"{row['cpu_share_of_a_core']:.0%}",
+            f"{row['cpu_us_per_sample']:.0f}",
+            f"{row['users_per_core']:.0f}",
+            f"{row['delivered']:.1%}",
+            f"{age['p99_ms']:.2f}" if age else "-",
+        )
+    return table
+
+
+if __name__ == "__main__":
+    main()

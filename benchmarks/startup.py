@@ -1,0 +1,44 @@
+"""From `pointit run` to the first cursor, and what it takes in memory."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+RUN_S = 6.0
+
+
+def start(scenario: str = "scenario_3") -> dict[str, Any]:
+    """Return seconds from the command to the first cursor on a surface, and the peak memory, MB."""
+    with tempfile.TemporaryDirectory() as folder:
+        summary = Path(folder) / "summary.json"
+        began_s = time.time()
+        child = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "pointit.cli", "run", scenario),
+                *("--duration", str(RUN_S), "--no-view", "--summary", str(summary)),
+            ],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        peak_bytes = 0
+        while child.poll() is None:
+            try:
+                peak_bytes = max(peak_bytes, psutil.Process(child.pid).memory_info().rss)
+            except psutil.Error:
+                break
+            time.sleep(0.1)
+        code = child.wait()
+        if code:
+            raise RuntimeError(f"pointit run ended with {code}")
+        seen = json.loads(summary.read_text(encoding="utf-8"))
+    return {
+        "scenario": scenario,
+        "command_to_first_cursor_s": round(seen["first_cursor_unix_s"] - began_s, 3),
+        "memory_peak_mb": round(peak_bytes / 1e6, 1),
+    }

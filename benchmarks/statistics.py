@@ -1,0 +1,46 @@
+"""Samples to the figures that are reported, and the state of the machine they were taken on."""
+
+import os
+import platform
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Quantiles of one measurement, milliseconds."""
+
+    count: int
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+
+    @classmethod
+    def of(cls, values_s: list[float]) -> "Figures":
+        """Return the figures of `values_s`, seconds, not empty."""
+        values = sorted(values_s)
+        last = len(values) - 1
+        return cls(
+            count=len(values),
+            p50_ms=values[last // 2] * 1e3,
+            p99_ms=values[int(last * 0.99)] * 1e3,
+            max_ms=values[-1] * 1e3,
+        )
+
+    def ratio_to(self, baseline: "Figures") -> dict[str, float]:
+        """Return p50 and p99 as multiples of `baseline`'s."""
+        return {"p50": self.p50_ms / baseline.p50_ms, "p99": self.p99_ms / baseline.p99_ms}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return asdict(self)
+
+
+def machine() -> dict[str, Any]:
+    """Return what the figures depend on: processor count, load, versions."""
+    return {
+        "cores": os.cpu_count(),
+        "load_average": [round(value, 2) for value in os.getloadavg()],
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+    }

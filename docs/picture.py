@@ -1,0 +1,54 @@
+"""Makes the README's picture of a running system: `python docs/picture.py`, after `scripts/demo` once."""
+
+import asyncio
+import re
+from pathlib import Path
+
+from pointit.cli.monitor import Monitor
+from pointit.cli.scenario import Choices, read_scenario, site_launches, user_launches
+from pointit.cli.score import Score
+from pointit.cli.view import draw
+from pointit.runtime import SimulatedClock, run_services
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from rich._export_format import CONSOLE_SVG_FORMAT
+from rich.console import Console
+
+SPEED = 4.0
+MOMENT_S = 24.0
+"""Simulated seconds after the start at which the first good moment is sought."""
+
+
+async def photograph(path: Path) -> None:
+    """Run scenario_3 with two people until one is half-way through a selection, and draw that."""
+    scenario = read_scenario("scenario_3")
+    choices = Choices()
+    launches = site_launches(scenario, choices)
+    for index in range(2):
+        launches += user_launches(scenario, choices, f"user{index + 1}", index)
+    clock = SimulatedClock(SPEED)
+    bus = await ZenohBus.open(Link())
+    monitor = Monitor(Score(scenario.target_kinds), clock)
+    monitor.attach(bus)
+    services = asyncio.create_task(run_services(launches, bus, clock))
+    try:
+        await asyncio.sleep(MOMENT_S / SPEED)
+        for _ in range(2000):
+            if any(0.3 < hover.progress < 0.9 for hover in monitor.hovers.values()):
+                break
+            await asyncio.sleep(0.01)
+        with Path("/dev/null").open("w") as nowhere:
+            console = Console(record=True, width=110, file=nowhere, force_terminal=True)
+            console.print(draw(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
+    finally:
+        services.cancel()
+        await asyncio.wait({services})
+        await bus.close()
+    # No font is fetched from anywhere: the reader's own monospace will do.
+    form = re.sub(r"@font-face \{\{.*?\}\}", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL)
+    form = form.replace("Fira Code, monospace", "ui-monospace, Menlo, Consolas, monospace")
+    path.write_text(console.export_svg(title="pointit run scenario_3 --users 2", code_format=form))
+
+
+if __name__ == "__main__":
+    asyncio.run(photograph(Path(__file__).with_name("view.svg")))

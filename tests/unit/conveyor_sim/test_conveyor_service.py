@@ -137,6 +137,7 @@ async def test_the_same_map_again_changes_nothing_and_another_one_begins_anew() 
         bench.put(MAP, LAB)
         await until(lambda: bool(lists) and bool(lists[-1].objects))
         first = lists[-1].objects[0].id
+        clock.advance(0.1)
         bench.put(MAP, Environment(stamp_ns=2, name="again", strips=LAB.strips))
         await bench.settle()
         seen = len(lists)

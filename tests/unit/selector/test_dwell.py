@@ -157,7 +157,8 @@ def test_late_cursors_are_left_out_and_a_clock_set_back_starts_anew() -> None:
     for step in range(100, 106):
         dwell.step(step * STEP_NS, "a")
     assert dwell.step(104 * STEP_NS, "b") is None
-    assert dwell.progress("a") == 5 / 8
+    assert dwell.step(106 * STEP_NS, "a") is None
+    assert dwell.progress("a") == 6 / 8
     assert dwell.step(3 * STEP_NS, "a") is None
     assert dwell.progress("a") == 0.0
     assert feed(dwell, ["a"] * 8, start=4)[0] == (10, "a")

@@ -1,0 +1,185 @@
+"""Serial ports: opened for us alone, kept open by a thread of their own, their errors as sentences."""
+
+import asyncio
+import errno
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import serial
+from serial.tools import list_ports
+
+log = logging.getLogger(__name__)
+
+RETRY_FIRST_S = 0.2
+RETRY_MOST_S = 2.0
+"""Waits between tries to open a port: doubled from the first to the most, for ever."""
+
+END_WITHIN_S = 0.5
+"""How long the end of a port's thread is waited for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortSettings:
+    """Which port, how fast, and how long a call may block."""
+
+    port: str
+    """Path or name; `/dev/serial/by-id/...` stays the same when a device is plugged in again."""
+    baud: int
+    read_timeout_s: float = 0.1
+    write_timeout_s: float = 0.4
+
+
+Work = Callable[[serial.Serial, threading.Event], None]
+"""Uses an open port until the event is set; raises `OSError` when the port is lost."""
+
+
+def open_port(settings: PortSettings) -> serial.Serial:
+    """Return the open port, locked so that no other program steals its bytes.
+
+    Raises:
+        OSError: it cannot be opened; `sentence` says why and what to do.
+    """
+    return serial.Serial(
+        settings.port,
+        settings.baud,
+        timeout=settings.read_timeout_s,
+        write_timeout=settings.write_timeout_s,
+        exclusive=True,
+    )
+
+
+def sentence(error: BaseException, port: str) -> str:
+    """Return what `error` on `port` means and what to do, for a person."""
+    number = _errno_of(error)
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return f"{port} is not there: plug the device in; ports found: {found_ports()}"
+    if number in (errno.EACCES, errno.EPERM):
+        return (
+            f"{port} may not be opened: join the group `dialout` (Debian, Ubuntu) or `uucp` (Arch), "
+            "`sudo usermod -aG dialout $USER`, then log out and in; a container needs `--device`"
+        )
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return f"{port} is held by another program (serial monitor, ModemManager, a second PointIt): end it"
+    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR):
+        return f"{port} is not a serial port, or does not do this baud rate; ports found: {found_ports()}"
+    if isinstance(error, serial.SerialTimeoutException):
+        return f"{port} takes no more data: check cable, baud rate and flow control"
+    if number == errno.EIO or "returned no data" in str(error):
+        return f"{port} went away: plug the device in again"
+    return f"{port} failed ({error}): check the device and its cable"
+
+
+def found_ports() -> str:
+    """Return the serial ports of this machine with what is plugged in, for a sentence; `none` if none."""
+    lasting = {os.path.realpath(link): str(link) for link in Path("/dev/serial/by-id").glob("*")}
+    found = [
+        f"{lasting.get(info.device, info.device)} ({info.description})"
+        for info in sorted(list_ports.comports(), key=lambda info: info.device)
+        if info.description != "n/a"  # the built-in ports that a board may or may not have
+    ]
+    return ", ".join(found) or "none"
+
+
+class SerialThread:
+    """Keeps one port open in a thread of its own, and has `work` use it there.
+
+    The port is opened again for ever, by its name, so a device that was plugged in again is found.
+    """
+
+    def __init__(
+        self,
+        settings: PortSettings,
+        work: Work,
+        on_change: Callable[[str], None],
+        wake: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            settings: the port.
+            work: what to do with it, in the thread.
+            on_change: called in the loop, with why the port is down, or with nothing when it is up.
+            wake: called when `work` is asked to end, for a `work` that waits for something of its own.
+        """
+        self._settings = settings
+        self._work = work
+        self._on_change = on_change
+        self._wake = wake
+        self._stopping = threading.Event()
+        self._told = ""
+        self._ever_up = False
+
+    async def run(self) -> None:
+        """Go on until cancelled; the thread has ended afterwards. A fault of `work` is raised here."""
+        self._loop = asyncio.get_running_loop()
+        self._fault: asyncio.Future[None] = self._loop.create_future()
+        thread = threading.Thread(target=self._run, name=f"serial {self._settings.port}", daemon=True)
+        thread.start()
+        try:
+            await self._fault
+        finally:
+            self._stopping.set()
+            self._wake()
+            await asyncio.to_thread(thread.join, END_WITHIN_S)
+
+    def post(self, call: Callable[..., None], *arguments: object) -> None:
+        """Have `call(*arguments)` run in the loop; from the port's thread."""
+        try:
+            self._loop.call_soon_threadsafe(call, *arguments)
+        except RuntimeError:  # the loop is gone: nobody listens any more
+            self._stopping.set()
+
+    def _run(self) -> None:
+        wait_s = RETRY_FIRST_S
+        while not self._stopping.is_set():
+            began_s = time.monotonic()
+            try:
+                with open_port(self._settings) as port:
+                    self._tell("")
+                    self._work(port, self._stopping)
+            except OSError as error:  # SerialException is one
+                if not self._stopping.is_set():
+                    self._tell(sentence(error, self._settings.port))
+            except Exception as error:  # noqa: BLE001 - a fault of ours: raised by `run`
+                self.post(self._fail, error)
+                return
+            # A port that opens and fails at once must not be hammered.
+            wait_s = RETRY_FIRST_S if time.monotonic() - began_s > RETRY_MOST_S else wait_s
+            self._stopping.wait(wait_s)
+            wait_s = min(2.0 * wait_s, RETRY_MOST_S)
+
+    def _tell(self, why: str) -> None:
+        """Log once down and once up; the loop hears of every change of the reason."""
+        port = self._settings.port
+        if why and not self._told:
+            log.warning("%s; trying again until it works", why)
+        elif not why and self._told:
+            log.info("%s is %s", port, "back" if self._ever_up else "open")
+        elif not why:
+            log.debug("%s is open at %d baud", port, self._settings.baud)
+        self._ever_up = self._ever_up or not why
+        if why != self._told or not why:
+            self._told = why
+            self.post(self._on_change, why)
+
+    def _fail(self, error: Exception) -> None:
+        if not self._fault.done():
+            self._fault.set_exception(error)
+
+
+def _errno_of(error: BaseException) -> int | None:
+    """Return the number of `error` or of what it came from; pyserial does not always keep it."""
+    current: BaseException | None = error
+    while current is not None:
+        number = getattr(current, "errno", None)
+        if not isinstance(number, int) and current.args and isinstance(current.args[0], int):
+            number = current.args[0]  # termios.error has no `errno`
+        if isinstance(number, int):
+            return number
+        current = current.__cause__ or current.__context__
+    return None

@@ -1,0 +1,1 @@
+"""A wrist's IMU, real, recorded or simulated, to samples of the arm's orientation."""

@@ -1,0 +1,49 @@
+"""What a source of orientations hands over, and what a source is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from pointit.geometry.rotation import Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One orientation of the sensor."""
+
+    stamp_ns: int
+    """Host time of capture, or of arrival where the device does not say."""
+    world_from_sensor: Quaternion
+    device_time_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """The device's button."""
+
+    stamp_ns: int
+    gesture: Literal["press", "double", "hold"] = "press"
+
+
+Deliver = Callable[[Reading | Press], None]
+"""Takes what came, in the loop."""
+
+
+class Warnings(Protocol):
+    """Where a running source says what is wrong; a service's bus is one."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` until `clear(topic)`."""
+        ...
+
+    def clear(self, topic: str) -> None:
+        """Take the warning back."""
+        ...
+
+
+class Source(Protocol):
+    """Where orientations come from."""
+
+    async def run(self, deliver: Deliver) -> None:
+        """Hand over what comes until cancelled."""
+        ...

@@ -1,0 +1,61 @@
+"""A recorded device: its samples again, at their own times."""
+
+import asyncio
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from pointit.runtime.clock import NS_PER_S, Clock, sleep
+from pointit.services.imu_bridge.config import ReplayConfig
+from pointit.services.imu_bridge.reading import Deliver, Reading
+from pointit.sim.recordings import read_imu_csv
+
+log = logging.getLogger(__name__)
+
+
+class ReplaySource:
+    """Plays a recording; a sample is handed over when its time comes, stamped with that time."""
+
+    def __init__(self, config: ReplayConfig, clock: Clock) -> None:
+        """Read the recording.
+
+        Raises:
+            ConfigError: it cannot be used.
+        """
+        recording = read_imu_csv(Path(config.recording))
+        self._config = config
+        self._clock = clock
+        self._times_ns: list[int] = np.rint(recording.t_s * NS_PER_S).astype(np.int64).tolist()
+        self._orientations: list[list[float]] = recording.orientation_xyzw.tolist()
+
+    async def run(self, deliver: Deliver) -> None:
+        """Hand over the samples, once or again and again; then wait to be cancelled.
+
+        What lies in the past when this begins is not made up for.
+        """
+        start_ns = self._config.start_ns or self._clock.now_ns()
+        first_ns = self._clock.now_ns()
+        span_ns = self._span_ns()
+        while True:
+            for time_ns, (x, y, z, w) in zip(self._times_ns, self._orientations, strict=True):
+                due_ns = start_ns + time_ns
+                if due_ns < first_ns:
+                    continue
+                await self._until(due_ns)
+                deliver(Reading(due_ns, (x, y, z, w)))
+            if not self._config.loop:
+                break
+            start_ns += span_ns
+        log.info("%s is over", self._config.recording)
+        await asyncio.Event().wait()
+
+    async def _until(self, due_ns: int) -> None:
+        while (wait_ns := due_ns - self._clock.now_ns()) > 0:
+            await sleep(self._clock, wait_ns / NS_PER_S)
+
+    def _span_ns(self) -> int:
+        """Return after how long the recording begins again: one mean step after its last sample."""
+        times_ns = self._times_ns
+        length_ns = times_ns[-1] - times_ns[0]
+        return length_ns + max(length_ns // max(len(times_ns) - 1, 1), NS_PER_S // 1000)

@@ -1,0 +1,155 @@
+"""A serial device: read in a thread of its own, connected again for ever, watched for silence."""
+
+import collections
+import threading
+import time
+
+import serial
+
+from pointit.runtime.clock import Clock
+from pointit.runtime.serial_port import PortSettings, SerialThread
+from pointit.services.imu_bridge.config import SerialConfig
+from pointit.services.imu_bridge.reading import Deliver, Press, Reading, Warnings
+from pointit.services.imu_bridge.text_line import ButtonLine, LineError, LineParser, LineSplitter
+
+CAPACITY = 1024
+"""Readings kept for a loop that is busy; the oldest give way."""
+
+SHOWN_BYTES = 32
+"""Of the first bytes, in the warning about a device that says nothing readable."""
+
+FORGET_BAD_AFTER_S = 10.0
+"""The warning about unreadable lines goes when there was none for so long."""
+
+
+class SerialSource:
+    """Lines of text from a port to readings stamped with their arrival."""
+
+    def __init__(self, config: SerialConfig, clock: Clock, warnings: Warnings) -> None:
+        self._config = config
+        self._clock = clock
+        self._warnings = warnings
+        self._parser = LineParser(config.order, config.fifth)
+        self._thread = SerialThread(
+            PortSettings(port=config.port, baud=config.baud), self._read, self._on_change
+        )
+        self._ready: collections.deque[Reading | Press] = collections.deque(maxlen=CAPACITY)
+        self._awake = False
+        self._bad_s: float | None = None
+        self._bad_reason = ""
+        self._bad_told = True
+        self.bad_lines = 0
+        """Lines that could not be read, since the start."""
+
+    async def run(self, deliver: Deliver) -> None:
+        """Hand over what the device sends until cancelled."""
+        self._deliver = deliver
+        await self._thread.run()
+
+    def _on_change(self, why: str) -> None:
+        if why:
+            self._warnings.warn("port", why)
+            self._warnings.clear("silent")
+        else:
+            self._warnings.clear("port")
+
+    def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
+        """Read until asked to stop; in the port's thread."""
+        splitter = LineSplitter()
+        watch = _SilenceWatch(self._config)
+        while not stopping.is_set():
+            data = port.read(max(1, port.in_waiting))
+            stamp_ns = self._clock.now_ns()
+            now_s = time.monotonic()
+            good = 0
+            overlong = splitter.overlong
+            for line in splitter.feed(data):
+                try:
+                    good += self._take(line, stamp_ns)
+                except LineError as error:
+                    self._count_bad(1, f"{line[:40]!r} {error}", now_s)
+            if splitter.overlong > overlong:
+                self._count_bad(splitter.overlong - overlong, "a line without an end", now_s)
+            if self._bad_s is not None and now_s - self._bad_s > FORGET_BAD_AFTER_S:
+                self._bad_s = None
+                self._thread.post(self._warnings.clear, "lines")
+            change = watch.step(data, good, now_s)
+            if change is not None:
+                self._thread.post(self._on_silence, change)
+
+    def _take(self, line: bytes, stamp_ns: int) -> bool:
+        """Hand `line` over to the loop; return whether there was something in it."""
+        parsed = self._parser.parse(line)
+        if parsed is None:
+            return False
+        if isinstance(parsed, ButtonLine):
+            self._ready.append(Press(stamp_ns, parsed.gesture))
+        else:
+            self._ready.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+        if not self._awake:
+            self._awake = True
+            self._thread.post(self._drain)
+        return True
+
+    def _drain(self) -> None:
+        self._awake = False  # first: what is appended from here on wakes the loop again
+        while self._ready:
+            self._deliver(self._ready.popleft())
+
+    def _on_silence(self, sentence: str) -> None:
+        if sentence:
+            self._warnings.warn("silent", sentence)
+        else:
+            self._warnings.clear("silent")
+
+    def _count_bad(self, count: int, reason: str, now_s: float) -> None:
+        self.bad_lines += count
+        self._bad_s = now_s
+        self._bad_reason = reason
+        if self._bad_told:  # a flood of garbage must not become a flood of calls
+            self._bad_told = False
+            self._thread.post(self._tell_bad)
+
+    def _tell_bad(self) -> None:
+        self._bad_told = True
+        self._warnings.warn(
+            "lines",
+            f"{self.bad_lines} lines from {self._config.port} could not be read, the last: "
+            f"{self._bad_reason}; a quaternion looks like `1.0,0.0,0.0,0.0`; check baud and order",
+        )
+
+
+class _SilenceWatch:
+    """Notices a device that is connected and says nothing we can read."""
+
+    def __init__(self, config: SerialConfig) -> None:
+        self._config = config
+        self._heard_s = time.monotonic()
+        self._bytes = 0
+        self._first = b""
+        self._silent = False
+
+    def step(self, data: bytes, good: int, now_s: float) -> str | None:
+        """Return what to warn of when silence begins, an empty text when it ends, else nothing."""
+        self._bytes += len(data)
+        if len(self._first) < SHOWN_BYTES:
+            self._first = (self._first + data)[:SHOWN_BYTES]
+        if good:
+            self._heard_s = now_s
+            if self._silent:
+                self._silent = False
+                return ""
+        elif not self._silent and now_s - self._heard_s > self._config.timeout_s:
+            self._silent = True
+            return self._sentence()
+        return None
+
+    def _sentence(self) -> str:
+        config = self._config
+        where = f"{config.port} is connected but sent nothing readable for {config.timeout_s:g} s"
+        if not self._bytes:
+            return f"{where}, not one byte: check the cable, and that the device sends"
+        return (
+            f"{where}: {self._bytes} bytes, the first {self._first.hex(' ')}; "
+            f"check baud ({config.baud}) and that it sends lines of text"
+        )

@@ -1,0 +1,91 @@
+"""Reads a device, a recording or a simulation, writes samples of the arm's orientation and button events."""
+
+import math
+from typing import ClassVar
+
+from pointit.runtime import ConfigError, Context, RefusedError, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import ButtonEvent, Done, ImuSample, SetYawOrigin
+from pointit.schemas.topics import BUTTON, IMU, SET_YAW_ORIGIN
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.reading import Press, Reading, Source
+from pointit.services.imu_bridge.replay_source import ReplaySource
+from pointit.services.imu_bridge.serial_source import SerialSource
+from pointit.services.imu_bridge.simulated import SimulatedSource
+
+
+class ImuBridge(Service[ImuBridgeConfig]):
+    """Publishes the orientation of one person's arm from a serial device, a recording or a simulation."""
+
+    NAME: ClassVar[str] = "imu-bridge"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = ImuBridgeConfig
+
+    def __init__(self, config: ImuBridgeConfig, context: Context) -> None:
+        """Open nothing yet but a recording.
+
+        Raises:
+            ConfigError: the source lacks its port or recording, or the recording cannot be used.
+        """
+        super().__init__(config, context)
+        sensor_from_arm = config.mounting_xyzw or MOUNTINGS[config.mounting]
+        self._frame = ArmFrame(sensor_from_arm, math.radians(config.yaw_origin_deg))
+        self._newest: Reading | None = None
+        self._sample_count = 0
+        self._button_count = 0
+        self._source = self._make_source()
+        self._samples = self.bus.publisher(IMU, self.user)
+        self._buttons = self.bus.publisher(BUTTON, self.user)
+        self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
+
+    async def run(self) -> None:
+        """Hand on what the source reads."""
+        await self._source.run(self._deliver)
+
+    def _make_source(self) -> Source:
+        config = self.config
+        if config.source == "serial":
+            if not config.serial.port:
+                raise ConfigError(
+                    "serial.port: is missing; name the device's port, as in serial.port=/dev/ttyUSB0"
+                )
+            return SerialSource(config.serial, self.clock, self.bus)
+        if config.source == "replay":
+            if not config.replay.recording:
+                raise ConfigError(
+                    "replay.recording: is missing; name a CSV file with columns t, qw, qx, qy, qz"
+                )
+            return ReplaySource(config.replay, self.clock)
+        sensor_from_arm = config.mounting_xyzw or MOUNTINGS[config.mounting]
+        return SimulatedSource(config.simulated, sensor_from_arm, self.clock)
+
+    def _deliver(self, item: Reading | Press) -> None:
+        if isinstance(item, Press):
+            self._button_count += 1
+            self._buttons.put(
+                ButtonEvent(stamp_ns=item.stamp_ns, seq=self._button_count, gesture=item.gesture)
+            )
+            return
+        self._newest = item
+        self._sample_count += 1
+        self._samples.put(
+            ImuSample(
+                stamp_ns=item.stamp_ns,
+                seq=self._sample_count,
+                orientation_xyzw=self._frame.orientation(item.world_from_sensor),
+                device_time_ns=item.device_time_ns,
+            )
+        )
+
+    async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
+        if self._newest is None:
+            raise RefusedError("the IMU has sent nothing yet: connect it and ask again")
+        try:
+            self._frame.turn_to(query.yaw_rad, self._newest.world_from_sensor)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
+        return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
+
+
+SERVICE = ImuBridge

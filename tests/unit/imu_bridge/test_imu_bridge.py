@@ -1,0 +1,259 @@
+"""The service with each of its sources: simulated, replay, serial on a pseudo-terminal."""
+
+import asyncio
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import serial
+
+from pointit.geometry import rotation, vector
+from pointit.runtime import (
+    ConfigError,
+    Context,
+    MemoryBus,
+    RefusedError,
+    SimulatedClock,
+    WallClock,
+)
+from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import Exchange
+from pointit.schemas import Health, ImuSample, SetYawOrigin
+from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
+from pointit.services.imu_bridge.config import (
+    ImuBridgeConfig,
+    ReplayConfig,
+    SerialConfig,
+    SimulatedConfig,
+)
+from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.simulated import SimulatedDevice
+from tests.support.bench import memory_bench, until
+from tests.support.pty_device import pty_device
+
+
+def finger(sample: ImuSample) -> vector.Vec3:
+    return rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0))
+
+
+def serial_config(path: Path, timeout_s: float = 3.0) -> ImuBridgeConfig:
+    return ImuBridgeConfig(source="serial", serial=SerialConfig(port=str(path), timeout_s=timeout_s))
+
+
+def has_warning(reports: list[Health], text: str) -> bool:
+    return bool(reports) and any(text in warning for warning in reports[-1].warnings)
+
+
+def test_the_simulated_device_is_the_same_for_the_same_seed_and_as_noisy_as_told() -> None:
+    config = SimulatedConfig(noise_deg=1.0, yaw_drift_degps=2.0, seed=3)
+    first, second, other = (
+        SimulatedDevice(config),
+        SimulatedDevice(config),
+        SimulatedDevice(config.model_copy(update={"seed": 4})),
+    )
+    assert first.read(1.0) == second.read(1.0)
+    assert other.read(1.0) != second.read(1.0)
+    device = SimulatedDevice(config)
+    angles: list[float] = []
+    for _ in range(500):
+        error = rotation.multiply(
+            rotation.inverse(rotation.multiply(rotation.from_yaw(math.radians(20)), device.arm(10.0))),
+            device.read(10.0),
+        )
+        angles.append(2 * math.degrees(math.asin(min(1.0, math.hypot(*error[:3])))))
+    rms = math.sqrt(sum(a * a for a in angles) / len(angles))
+    assert 1.5 < rms < 2.0  # three axes of 1° each: 1.73°
+
+
+@pytest.mark.parametrize("mounting", ["plus_x", "minus_x", "metamotion"])
+async def test_simulated_samples_are_of_the_arm_whatever_the_mounting(mounting: str) -> None:
+    clock = SimulatedClock(20.0)
+    async with memory_bench(clock) as bench:
+        samples = bench.collect(IMU, "anna")
+        config = ImuBridgeConfig.model_validate({"mounting": mounting})
+        bench.start(ImuBridge, config, user="anna")
+        await until(lambda: len(samples) >= 30)
+        assert [sample.seq for sample in samples] == list(range(1, len(samples) + 1))
+        device = SimulatedDevice(SimulatedConfig())
+        start_ns = samples[0].stamp_ns
+        for sample in samples:
+            arm = rotation.rotate(device.arm((sample.stamp_ns - start_ns) / 1e9), (1.0, 0.0, 0.0))
+            assert vector.angle_between(finger(sample), arm) < 0.01
+        assert vector.angle_between(finger(samples[0]), finger(samples[-1])) > 0.05
+
+
+async def test_a_request_sets_the_yaw() -> None:
+    async with memory_bench(WallClock()) as bench:
+        samples = bench.collect(IMU, "anna")
+        still = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0)
+        bench.start(ImuBridge, ImuBridgeConfig(simulated=still, yaw_origin_deg=30), user="anna")
+        await until(lambda: len(samples) > 0)
+        assert math.isclose(vector.azimuth(finger(samples[0])), math.radians(-30))
+        reply = await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(yaw_rad=0.5), "anna")
+        assert "28.6" in reply.message
+        seen = len(samples)
+        await until(lambda: len(samples) > seen + 1)
+        assert math.isclose(vector.azimuth(finger(samples[-1])), 0.5, abs_tol=1e-9)
+
+
+async def test_a_request_is_refused_while_nothing_was_read(tmp_path: Path) -> None:
+    async with memory_bench(WallClock()) as bench:
+        bench.start(ImuBridge, serial_config(tmp_path / "absent"), user="anna")
+        await bench.settle()
+        with pytest.raises(RefusedError, match="nothing yet"):
+            await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(), "anna")
+
+
+def recording(tmp_path: Path, rows: Sequence[Sequence[float]]) -> Path:
+    path = tmp_path / "rec.csv"
+    path.write_text("t,qw,qx,qy,qz\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    return path
+
+
+async def test_a_replay_publishes_every_sample_at_its_time_repeats_included(tmp_path: Path) -> None:
+    rows = [(5.0, 1, 0, 0, 0), (5.1, 1, 0, 0, 0), (5.3, 0, 0, 0, 1), (5.35, 0.6, 0, 0, 0.8)]
+    clock = SimulatedClock(5.0)
+    start_ns = clock.now_ns() + 500_000_000
+    async with memory_bench(clock) as bench:
+        arrivals: list[tuple[int, ImuSample]] = []
+        bench.bus.subscribe(IMU, lambda sample, _user: arrivals.append((clock.now_ns(), sample)))
+        replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns)
+        bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
+        await until(lambda: len(arrivals) == 4)
+        assert [(sample.stamp_ns - start_ns) / 1e6 for _, sample in arrivals] == [0, 100, 300, 350]
+        assert [sample.orientation_xyzw for _, sample in arrivals] == [
+            (0, 0, 0, 1),
+            (0, 0, 0, 1),
+            (0, 0, 1, 0),
+            (0, 0, 0.8, 0.6),
+        ]
+        assert all(0 <= at - sample.stamp_ns < 400_000_000 for at, sample in arrivals)
+
+
+async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
+    rows = [(t / 10, 1.0, 0.0, 0.0, 0.0) for t in range(11)]
+    clock = SimulatedClock(20.0)
+    async with memory_bench(clock) as bench:
+        samples = bench.collect(IMU)
+        start_ns = clock.now_ns() - 550_000_000
+        replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns, loop=True)
+        bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
+        await until(lambda: len(samples) >= 20)
+        steps = [b.stamp_ns - a.stamp_ns for a, b in itertools.pairwise(samples)]
+        assert set(steps) == {100_000_000}
+        assert 600_000_000 <= samples[0].stamp_ns - start_ns <= 900_000_000
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        (ImuBridgeConfig(source="serial"), "serial.port"),
+        (ImuBridgeConfig(source="replay"), "replay.recording"),
+        (ImuBridgeConfig(source="replay", replay=ReplayConfig(recording="/absent.csv")), "/absent.csv"),
+    ],
+)
+async def test_a_wrong_configuration_is_said_at_the_start(config: ImuBridgeConfig, words: str) -> None:
+    bus = MemoryBus(Exchange())
+    clock = WallClock()
+    view = ServiceBus(bus, clock, "imu-bridge", "imu-bridge.anna", "anna")
+    with pytest.raises(ConfigError, match=words):
+        ImuBridge(config, Context(bus=view, clock=clock, user="anna"))
+    await bus.close()
+
+
+def test_a_mounting_that_is_no_rotation_is_refused() -> None:
+    with pytest.raises(ValueError, match="norm 1"):
+        ImuBridgeConfig(mounting_xyzw=(0, 0, 0, 2))
+
+
+async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
+    async with memory_bench(WallClock()) as bench:
+        samples, presses = bench.collect(IMU, "anna"), bench.collect(BUTTON, "anna")
+        with pty_device(tmp_path / "imu") as device:
+            bench.start(ImuBridge, serial_config(device.path), user="anna")
+            reports = bench.collect(HEALTH)
+            while not samples:  # until it is open, a real device talks to nobody as well
+                device.send(b"0,0,1\n2000,0.6,0,0,0.8\n")
+                await asyncio.sleep(0.01)
+            before_ns = WallClock().now_ns()
+            device.send(b"3000,1,0,0,0\nbutton\n\xff\xfe\nbutton hold\n")
+            await until(lambda: len(presses) == 2)
+            assert samples[-1].device_time_ns == 3_000_000
+            assert samples[-1].orientation_xyzw == (0, 0, 0, 1)
+            assert before_ns <= samples[-1].stamp_ns <= WallClock().now_ns()
+            assert samples[0].orientation_xyzw == pytest.approx((0, 0, 0.8, 0.6))
+            assert [press.gesture for press in presses] == ["press", "hold"]
+            await until(lambda: has_warning(reports, "1 lines from"))
+            assert has_warning(reports, "is not text")
+
+
+async def test_unplugged_and_back_is_said_once_each(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "pointit")
+    async with memory_bench(WallClock()) as bench:
+        samples, reports = bench.collect(IMU), bench.collect(HEALTH)
+        with pty_device(tmp_path / "imu") as device:
+            bench.start(ImuBridge, serial_config(device.path), user="anna")
+            while not samples:
+                device.send(b"1,0,0,0\n")
+                await asyncio.sleep(0.01)
+            device.unplug()
+            await until(lambda: has_warning(reports, "plug the device in"))
+            device.plug()
+            seen = len(samples)
+            while len(samples) == seen:
+                device.send(b"1,0,0,0\n")
+                await asyncio.sleep(0.01)
+            await until(lambda: not reports[-1].warnings)
+    said = [record.getMessage() for record in caplog.records if "serial" in record.name]
+    assert len(said) == 2, said
+    assert "went away" in said[0]
+    assert said[1].endswith("is back")
+
+
+async def test_a_connected_device_that_says_nothing_readable_is_a_warning(tmp_path: Path) -> None:
+    async with memory_bench(WallClock()) as bench:
+        samples, reports = bench.collect(IMU), bench.collect(HEALTH)
+        with pty_device(tmp_path / "imu") as device:
+            bench.start(ImuBridge, serial_config(device.path, timeout_s=0.3), user="anna")
+            await until(lambda: has_warning(reports, "not one byte"))
+            device.send(b"\x55\x59\x82\x5a")
+            device.unplug()
+            device.plug()
+            while not has_warning(reports, "55 59"):
+                device.send(b"\x55\x59\x82")
+                await asyncio.sleep(0.02)
+            while not samples or (reports[-1].warnings and not has_warning(reports, "lines from")):
+                device.send(b"\n1,0,0,0\n")
+                await asyncio.sleep(0.02)
+
+
+async def test_a_port_that_another_program_holds_is_not_shared(tmp_path: Path) -> None:
+    async with memory_bench(WallClock()) as bench:
+        reports = bench.collect(HEALTH)
+        with pty_device(tmp_path / "imu") as device:
+            holder = serial.Serial(str(device.path), exclusive=True)
+            bench.start(ImuBridge, serial_config(device.path), user="anna")
+            await until(lambda: has_warning(reports, "held by another program"))
+            holder.close()
+            await until(lambda: not reports[-1].warnings)
+
+
+async def test_a_missing_port_does_not_end_the_service(tmp_path: Path) -> None:
+    async with memory_bench(WallClock()) as bench:
+        reports = bench.collect(HEALTH)
+        bench.start(ImuBridge, serial_config(tmp_path / "absent"), user="anna")
+        await until(lambda: has_warning(reports, "ports found: "))
+        await bench.settle()
+
+
+async def test_the_end_comes_within_half_a_second(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        for path in (device.path, tmp_path / "absent"):
+            loop = asyncio.get_running_loop()
+            async with memory_bench(WallClock()) as bench:
+                bench.start(ImuBridge, serial_config(path), user="anna")
+                await asyncio.sleep(0.3)
+                began_s = loop.time()
+            assert loop.time() - began_s < 0.5

@@ -1,0 +1,171 @@
+"""Lines of text from boards: each documented form, what is refused, and what no bytes may do."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.services.imu_bridge.text_line import (
+    LONGEST_LINE,
+    ButtonLine,
+    LineError,
+    LineParser,
+    LineSplitter,
+    QuaternionLine,
+)
+
+unit_numbers = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1)
+
+
+def quaternion(line: bytes, parser: LineParser | None = None) -> QuaternionLine:
+    parsed = (parser or LineParser()).parse(line)
+    assert isinstance(parsed, QuaternionLine)
+    return parsed
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"0.5,-0.5,0.5,0.5",
+        b"0.5, -0.5, 0.5, 0.5\r",
+        b"  0.5 -0.5\t0.5 .5 ",
+        b"0.5;-0.5;0.5;0.5;",
+        b"Quaternion: 0.5, -0.5, 0.5, 0.5",
+        b"my-imu 2: 5e-1 -5e-1 0.5 +0.5",
+    ],
+)
+def test_all_forms_of_one_quaternion(line: bytes) -> None:
+    assert quaternion(line).orientation_xyzw == (-0.5, 0.5, 0.5, 0.5)
+
+
+def test_the_order_is_as_configured() -> None:
+    assert quaternion(b"0,0,0,1", LineParser("xyzw")).orientation_xyzw == (0, 0, 0, 1)
+    assert quaternion(b"0,0,0,1", LineParser("wxyz")).orientation_xyzw == (0, 0, 1, 0)
+
+
+def test_a_leading_time_is_in_microseconds() -> None:
+    parsed = quaternion(b"1500000,1,0,0,0")
+    assert (parsed.orientation_xyzw, parsed.device_time_ns) == ((0, 0, 0, 1), 1_500_000_000)
+
+
+def test_a_trailing_accuracy_is_dropped() -> None:
+    parsed = quaternion(b"0.00,0.00,0.71,0.71,3.14,", LineParser("xyzw"))
+    assert parsed.device_time_ns is None
+    assert parsed.orientation_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
+
+
+def test_what_a_fifth_number_is_can_be_said() -> None:
+    line = b"1,0,0,0,1"  # a time of 1 µs, or an accuracy of 1
+    assert quaternion(line, LineParser("xyzw", "time")).orientation_xyzw == (0, 0, 0, 1)
+    assert quaternion(line, LineParser("xyzw", "accuracy")).orientation_xyzw == (1, 0, 0, 0)
+
+
+@pytest.mark.parametrize("line", [b"button", b"B", b"Button press", b"b:press"])
+def test_buttons(line: bytes) -> None:
+    assert LineParser().parse(line) == ButtonLine("press")
+
+
+def test_a_button_may_say_its_gesture() -> None:
+    assert LineParser().parse(b"button double") == ButtonLine("double")
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"  ", b"# hello", b"Calibration: 1, 0, 0, 0", b"Orientation: 10, 20, 30"]
+)
+def test_what_is_no_quaternion_on_purpose_is_passed_over(line: bytes) -> None:
+    assert LineParser().parse(line) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (b"nan,0,0,1", "'nan'"),
+        (b"inf,0,0,1", "'inf'"),
+        (b"1e999,0,0,1", "not finite"),
+        (b"1_0,0,0,1", "'1_0'"),
+        (b"1,0,0", "3 numbers"),
+        (b"1,0,0,0,0,0", "6 numbers"),
+        (b"0,0,0,0", "norm 0"),
+        (b"1,1,0,0", "norm 1.41"),
+        (b"0.89,0,0,0", "norm 0.89"),
+        (b"-5,1,0,0,0", "time -5"),
+        (b"1e300,1,0,0,0", "time 1e+300"),
+        (b"\xff\x00\x80", "not text"),
+        (b"hello world", "'hello'"),
+    ],
+)
+def test_refused_with_a_reason(line: bytes, reason: str) -> None:
+    with pytest.raises(LineError, match=reason.replace("+", r"\+")):
+        LineParser().parse(line)
+
+
+@given(st.binary(max_size=60))
+def test_random_bytes_never_do_harm(line: bytes) -> None:
+    for parser in (LineParser("wxyz"), LineParser("xyzw", "time")):
+        try:
+            parser.parse(line)
+        except LineError as error:
+            assert str(error)  # noqa: PT017 - a line may be good or bad, but never anything else
+
+
+@given(st.text("0123456789.,;-+eE: \tnaifbQ", max_size=60))
+def test_random_almost_lines_give_unit_quaternions_or_reasons(text: str) -> None:
+    try:
+        parsed = LineParser().parse(text.encode())
+    except LineError:
+        return
+    if isinstance(parsed, QuaternionLine):
+        assert math.isclose(math.hypot(*parsed.orientation_xyzw), 1.0, abs_tol=1e-9)
+
+
+@given(unit_numbers, st.sampled_from(["wxyz", "xyzw"]), st.integers(2, 2**40) | st.none())
+def test_what_a_device_prints_is_read_back(
+    numbers: tuple[float, ...], order: str, time_us: int | None
+) -> None:
+    norm = math.hypot(*numbers)
+    x, y, z, w = (value / norm for value in numbers)
+    printed = (w, x, y, z) if order == "wxyz" else (x, y, z, w)
+    words = [f"{value:.6f}" for value in printed]
+    line = ",".join(words if time_us is None else [str(time_us), *words])
+    parsed = quaternion(line.encode(), LineParser("wxyz" if order == "wxyz" else "xyzw"))
+    assert parsed.orientation_xyzw == pytest.approx((x, y, z, w), abs=2e-6)
+    assert parsed.device_time_ns == (None if time_us is None else time_us * 1000)
+
+
+def test_the_first_partial_line_is_thrown_away() -> None:
+    splitter = LineSplitter()
+    assert splitter.feed(b"0,0,0\n1,0,") == []
+    assert splitter.feed(b"0,0\r\nb") == [b"1,0,0,0"]
+    assert splitter.feed(b"utton\n\n") == [b"button"]
+
+
+@given(st.lists(st.binary(max_size=700), max_size=20))
+def test_a_stream_without_line_ends_never_grows(chunks: list[bytes]) -> None:
+    splitter = LineSplitter()
+    for chunk in chunks:
+        for line in splitter.feed(chunk):
+            assert 0 < len(line) <= LONGEST_LINE
+        assert splitter.kept <= LONGEST_LINE
+
+
+@given(st.lists(st.sampled_from([b"1,0,0,0", b"button", b"x" * 300, b""]), max_size=20), st.integers(1, 50))
+def test_how_the_stream_is_cut_into_chunks_does_not_matter(lines: list[bytes], size: int) -> None:
+    stream = b"\n" + b"".join(line + b"\r\n" for line in lines)
+    whole, pieces = LineSplitter(), LineSplitter()
+    one_by_one: list[bytes] = []
+    for start in range(0, len(stream), size):
+        one_by_one += pieces.feed(stream[start : start + size])
+    assert one_by_one == whole.feed(stream) == [line for line in lines if 0 < len(line) < 300]
+    assert pieces.overlong == whole.overlong == lines.count(b"x" * 300)
+
+
+def test_a_line_is_read_again_after_an_endless_one() -> None:
+    splitter = LineSplitter()
+    splitter.feed(b"\n")
+    splitter.feed(b"\x55" * 10_000)
+    assert splitter.kept == 0
+    for _ in range(10):
+        assert splitter.feed(b"\x55" * 100) == []
+    assert splitter.overlong >= 1
+    assert splitter.feed(b"\n1,0,0,0\n") == [b"1,0,0,0"]

@@ -1,0 +1,98 @@
+"""Parameters of led-driver."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from pointit.runtime.config import Config
+
+Board = Literal["v1", "v2", "v3"]
+Level = Annotated[float, Field(ge=0.0, le=1.0)]
+Byte = Annotated[int, Field(ge=0, le=255)]
+Color = tuple[Byte, Byte, Byte]
+
+KIND_COLORS: dict[str, Color] = {
+    "red": (255, 30, 0),
+    "green": (0, 158, 80),
+    "blue": (0, 80, 220),
+    "yellow": (240, 200, 20),
+    "orange": (230, 120, 0),
+    "purple": (190, 80, 170),
+}
+"""Near Okabe and Ito's colours, told apart by colour-blind people; more saturated, as LEDs wash out."""
+
+
+class ChannelConfig(Config):
+    """Where a strip hangs on its controller."""
+
+    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
+    order: str = Field(
+        default="GRB",
+        description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...",
+    )
+
+    @field_validator("order")
+    @classmethod
+    def _each_once(cls, order: str) -> str:
+        if "".join(sorted(order)) not in ("BGR", "BGRW"):
+            raise ValueError("use each of R, G, B once, and W once if the LEDs have white")
+        return order
+
+
+class OutputConfig(Config):
+    """One controller."""
+
+    kind: Literal["none", "expander"] = Field(
+        default="none", description="none, or a serial LED expander (UPXL: ElectroMage, Pixelblaze)"
+    )
+    port: str = Field(default="", description="path or name of the controller's port")
+    baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
+    board: Board = Field(
+        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
+    )
+    channels: dict[str, ChannelConfig] = Field(
+        default={}, description="by strip id; empty: the strips in the map's order on channels 0, 1, 2 ..."
+    )
+
+    @model_validator(mode="after")
+    def _one_strip_a_channel(self) -> Self:
+        taken: dict[int, str] = {}
+        for strip_id, channel in self.channels.items():
+            other = taken.setdefault(channel.channel, strip_id)
+            if other != strip_id:
+                raise ValueError(
+                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
+                )
+        return self
+
+
+class StyleConfig(Config):
+    """How things look on a strip."""
+
+    kind_colors: dict[str, Color] = Field(
+        default=KIND_COLORS, description="red, green, blue by kind of object"
+    )
+    default_color: Color = Field(default=(200, 200, 200), description="of objects of any other kind")
+    idle_level: Level = Field(default=0.25, description="brightness of objects that are not selected")
+    edge_m: float = Field(
+        default=0.04, ge=0, le=1, description="length of the bright ends of a selected or hovered object, m"
+    )
+    selected_edge_color: Color = Field(
+        default=(255, 255, 255),
+        description="of the ends of a selected object; a hovered one's are the user's",
+    )
+
+
+class LedDriverConfig(Config):
+    """How strips look, how often they are drawn, and where they are sent."""
+
+    max_rate_hz: float = Field(default=60.0, gt=0, le=1000, description="frames per second at most")
+    brightness: Level = Field(default=1.0, description="of everything, until a request sets another")
+    cursor_timeout_s: float = Field(
+        default=0.5, gt=0, le=60, description="a cursor without news for so long vanishes, s"
+    )
+    objects_timeout_s: float = Field(
+        default=1.0, gt=0, le=60, description="objects without news for so long vanish, s"
+    )
+    style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
+    outputs: tuple[OutputConfig, ...] = Field(default=(), description="the controllers")

@@ -1,0 +1,188 @@
+"""Reads the map, cursors, objects and their states; writes every strip's pixels, and sends them on."""
+
+import asyncio
+from typing import ClassVar
+
+from pointit.runtime import NS_PER_S, ConfigError, Context, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import (
+    Cursor,
+    Done,
+    Environment,
+    Hover,
+    Selection,
+    SetBrightness,
+    StripFrame,
+    StripsFrame,
+    TrackedObjects,
+    UserProfile,
+)
+from pointit.schemas.topics import (
+    CURSOR,
+    HOVER,
+    MAP,
+    OBJECTS,
+    PROFILE,
+    SELECTION,
+    SET_BRIGHTNESS,
+    STRIPS_FRAME,
+)
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.expander import ExpanderOutput
+from pointit.services.led_driver.pacing import Pacer
+from pointit.services.led_driver.render import Renderer
+from pointit.services.led_driver.scene import Scene, newest_stamp_ns
+
+
+class LedDriver(Service[LedDriverConfig]):
+    """Draws cursors, objects and their state on the LED strips whenever something changes."""
+
+    NAME: ClassVar[str] = "led-driver"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = LedDriverConfig
+
+    def __init__(self, config: LedDriverConfig, context: Context) -> None:
+        """Open nothing yet.
+
+        Raises:
+            ConfigError: an output lacks its port, or two share one.
+        """
+        super().__init__(config, context)
+        self._scene = Scene(
+            cursor_timeout_s=config.cursor_timeout_s, objects_timeout_s=config.objects_timeout_s
+        )
+        self._pacer = Pacer(config.max_rate_hz)
+        self._brightness = config.brightness
+        self._renderer: Renderer | None = None
+        self._frame_timer: asyncio.TimerHandle | None = None
+        self._expiry_timer: asyncio.TimerHandle | None = None
+        self._seq = 0
+        self._ended = False
+        self._outputs = self._make_outputs()
+        self._frames = self.bus.publisher(STRIPS_FRAME)
+        self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
+        self.bus.subscribe(MAP, self._on_map)
+        self.bus.subscribe(PROFILE, self._on_profile)
+        self.bus.subscribe(SELECTION, self._on_selection)
+        self.bus.subscribe(OBJECTS, self._on_objects)
+        self.bus.subscribe(HOVER, self._on_hover)
+        self.bus.subscribe(CURSOR, self._on_cursor)
+
+    async def run(self) -> None:
+        """Have the outputs send; the drawing itself is driven by what arrives."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                for output in self._outputs:
+                    group.create_task(output.run(), name="led-driver output")
+                await asyncio.Event().wait()
+        finally:
+            self._ended = True
+            for timer in (self._frame_timer, self._expiry_timer):
+                if timer is not None:
+                    timer.cancel()
+
+    def _make_outputs(self) -> list[ExpanderOutput]:
+        wanted = [output for output in self.config.outputs if output.kind == "expander"]
+        ports = [output.port for output in wanted]
+        for number, output in enumerate(self.config.outputs):
+            if output.kind == "expander" and not output.port:
+                raise ConfigError(
+                    f"outputs.{number}.port: is missing; name the expander's port, as in /dev/ttyUSB0"
+                )
+            if output.kind == "expander" and ports.count(output.port) > 1:
+                raise ConfigError(f"outputs.{number}.port: {output.port} is used by two outputs; keep one")
+        return [ExpanderOutput(output, self.bus) for output in wanted]
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        try:
+            renderer = Renderer(environment.strips, self.config.style)
+        except ValueError as error:
+            self.bus.warn(
+                "map", f"map {environment.name}: a strip cannot be drawn ({error}); correct the map"
+            )
+            return
+        self.bus.clear("map")
+        renderer.set_brightness(self._brightness)
+        self._renderer = renderer
+        for output in self._outputs:
+            output.set_strips(environment.strips)
+        self._wish()
+
+    def _on_profile(self, profile: UserProfile, user: str) -> None:
+        self._scene.set_profile(user, profile)
+        self._wish()
+
+    def _on_selection(self, selection: Selection, _name: str) -> None:
+        self._scene.set_selection(selection)
+        self._wish()
+
+    def _on_objects(self, objects: TrackedObjects, _name: str) -> None:
+        self._scene.set_objects(objects, self.clock.now_ns())
+        self._wish()
+
+    def _on_hover(self, hover: Hover, user: str) -> None:
+        self._scene.set_hover(user, hover, self.clock.now_ns())
+        self._wish()
+
+    def _on_cursor(self, cursor: Cursor, user: str) -> None:
+        self._scene.set_cursor(user, cursor, self.clock.now_ns())
+        self._wish()
+
+    async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
+        self._brightness = query.brightness
+        if self._renderer is not None:
+            self._renderer.set_brightness(query.brightness)
+            self._wish()
+        return Done(message=f"the strips' brightness is {query.brightness:.0%} now")
+
+    def _wish(self) -> None:
+        """Draw as soon as the rate allows."""
+        if self._ended:  # what arrives while everything is taken down
+            return
+        loop = asyncio.get_running_loop()
+        wait_s = self._pacer.wish(loop.time())
+        if wait_s == 0.0:
+            self._draw()
+        elif wait_s is not None:
+            self._frame_timer = loop.call_later(wait_s, self._draw)
+
+    def _draw(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._pacer.drawn(loop.time())
+        if self._renderer is None:
+            return
+        now_ns = self.clock.now_ns()
+        self._scene.forget(now_ns)
+        cursors = self._scene.cursors()
+        pixels = self._renderer.render(self._scene.objects(now_ns), cursors)
+        stamp_ns = newest_stamp_ns(cursors)
+        self._seq += 1
+        frame = StripsFrame(
+            stamp_ns=now_ns if stamp_ns is None else stamp_ns,
+            seq=self._seq,
+            strips=tuple(StripFrame(id=name, rgb=rgb) for name, rgb in pixels.items()),
+        )
+        self._frames.put(frame)
+        for output in self._outputs:
+            output.show(frame)
+        self._watch_expiry(now_ns)
+
+    def _watch_expiry(self, now_ns: int) -> None:
+        """Have a frame drawn when something grows old; one timer at a time, which looks again."""
+        end_ns = self._scene.next_change_ns()
+        if end_ns is None or self._expiry_timer is not None:
+            return
+        wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
+        self._expiry_timer = asyncio.get_running_loop().call_later(wait_s, self._expire)
+
+    def _expire(self) -> None:
+        self._expiry_timer = None
+        now_ns = self.clock.now_ns()
+        end_ns = self._scene.next_change_ns()
+        if end_ns is not None and end_ns <= now_ns:
+            self._wish()
+        else:
+            self._watch_expiry(now_ns)
+
+
+SERVICE = LedDriver

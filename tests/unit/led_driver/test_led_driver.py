@@ -1,0 +1,338 @@
+"""The service: what makes it draw, how often, what vanishes when, and what it asks of a frame's stamp."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.runtime import ConfigError, Context, MemoryBus, WallClock
+from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import Exchange
+from pointit.schemas import (
+    Cursor,
+    Environment,
+    Hover,
+    SelectedObject,
+    Selection,
+    SetBrightness,
+    Strip,
+    StripsFrame,
+    TrackedObject,
+    TrackedObjects,
+    UserProfile,
+)
+from pointit.schemas.topics import (
+    CURSOR,
+    HEALTH,
+    HOVER,
+    MAP,
+    OBJECTS,
+    PROFILE,
+    SELECTION,
+    SET_BRIGHTNESS,
+    STRIPS_FRAME,
+)
+from pointit.services.led_driver.config import LedDriverConfig, OutputConfig, StyleConfig
+from pointit.services.led_driver.pacing import Pacer
+from pointit.services.led_driver.scene import Scene
+from pointit.services.led_driver.service import LedDriver
+from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.support.pty_device import Listener, pty_device
+
+FAST = LedDriverConfig(max_rate_hz=1000, style=StyleConfig(kind_colors={"red": (200, 0, 0)}))
+MAP_MESSAGE = Environment(
+    stamp_ns=1,
+    name="test",
+    strips=(
+        Strip(id="a", line_m=((0, 0, 0), (2, 0, 0)), pixels=20),
+        Strip(id="b", line_m=((0, 0, 0), (2, 0, 0)), pixels=20, direction=-1),
+    ),
+)
+
+
+def cursor(clock: ManualClock, position_m: float, strip_id: str = "a") -> Cursor:
+    return Cursor(
+        stamp_ns=clock.now_ns() - 5_000_000, surface="strip", surface_id=strip_id, position_m=position_m
+    )
+
+
+def package(clock: ManualClock, *, speed_mps: float = 0.0, tracker: str = "") -> TrackedObjects:
+    item = TrackedObject(
+        id="p1",
+        kind="red",
+        position_m=(0, 0, 0),
+        length_m=0.4,
+        surface="strip",
+        surface_id="a",
+        surface_position_m=0.5,
+        surface_speed_mps=speed_mps,
+    )
+    return TrackedObjects(stamp_ns=clock.now_ns(), tracker=tracker, objects=(item,))
+
+
+def pixels(frame: StripsFrame, strip_id: str) -> dict[int, tuple[int, ...]]:
+    data = next(strip.rgb for strip in frame.strips if strip.id == strip_id)
+    return {k: tuple(data[3 * k : 3 * k + 3]) for k in range(20) if any(data[3 * k : 3 * k + 3])}
+
+
+async def started(bench: Bench, config: LedDriverConfig = FAST) -> list[StripsFrame]:
+    frames = bench.collect(STRIPS_FRAME)
+    bench.start(LedDriver, config)
+    await bench.settle()
+    bench.put(MAP, MAP_MESSAGE)
+    await until(lambda: len(frames) == 1)
+    return frames
+
+
+async def next_frame(frames: list[StripsFrame]) -> StripsFrame:
+    count = len(frames)
+    await until(lambda: len(frames) > count)
+    return frames[-1]
+
+
+async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        assert frames[0].stamp_ns == clock.now_ns()
+        await asyncio.sleep(0.005)
+        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3), cursor_width_m=0.3), "anna")
+        await next_frame(frames)
+        newest = cursor(clock, 0.55)
+        bench.put(CURSOR, newest, "anna")
+        frame = await next_frame(frames)
+        assert pixels(frame, "a") == {4: (1, 2, 3), 5: (1, 2, 3), 6: (1, 2, 3)}
+        assert frame.stamp_ns == newest.stamp_ns
+        bench.put(CURSOR, cursor(clock, 0.55, "b"), "anna")
+        assert set(pixels(await next_frame(frames), "b")) == {13, 14, 15}
+
+
+async def test_objects_move_on_between_messages_and_show_their_state() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        bench.put(OBJECTS, package(clock, speed_mps=1.0))
+        assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
+        clock.advance(0.2)
+        bench.put(SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id="p1", user="x", since_ns=1),)))
+        frame = await next_frame(frames)
+        assert pixels(frame, "a") == {
+            5: (255, 255, 255),
+            6: (200, 0, 0),
+            7: (200, 0, 0),
+            8: (255, 255, 255),
+        }
+        assert frame.stamp_ns == clock.now_ns()
+        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(9, 9, 9)), "anna")
+        await next_frame(frames)
+        bench.put(HOVER, Hover(stamp_ns=1, object_id="p1", progress=0.0), "anna")
+        assert pixels(await next_frame(frames), "a")[5] == (9, 9, 9)
+
+
+async def test_trackers_do_not_take_each_others_objects_away() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        bench.put(OBJECTS, package(clock, tracker="one"))
+        await next_frame(frames)
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=1, tracker="two"))
+        assert pixels(await next_frame(frames), "a")
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=1, tracker="one"))
+        assert not pixels(await next_frame(frames), "a")
+
+
+async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
+    config = FAST.model_copy(update={"cursor_timeout_s": 0.1, "objects_timeout_s": 0.2})
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench, config)
+        bench.put(OBJECTS, package(clock))
+        bench.put(CURSOR, cursor(clock, 1.5), "anna")
+        await until(lambda: {3, 15} <= set(pixels(frames[-1], "a")))
+        clock.advance(0.15)
+        await until(lambda: max(pixels(frames[-1], "a"), default=0) == 6)
+        clock.advance(0.1)
+        await until(lambda: not pixels(frames[-1], "a"))
+
+
+async def test_brightness_by_request() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        assert max(pixels(await next_frame(frames), "a").values()) == (255, 255, 255)
+        reply = await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.2))
+        assert "20%" in reply.message
+        await until(lambda: max(pixels(frames[-1], "a").values()) == (51, 51, 51))
+
+
+async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames, reports = bench.collect(STRIPS_FRAME), bench.collect(HEALTH)
+        bench.start(LedDriver, FAST)
+        await bench.settle()
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        broken = Strip(id="a", line_m=((0, 0, 0), (0, 0, 0)), pixels=20)
+        bench.put(MAP, Environment(stamp_ns=1, name="bad", strips=(broken,)))
+        await until(lambda: bool(reports) and any("map bad" in text for text in reports[-1].warnings))
+        assert not frames
+
+
+async def test_many_messages_make_few_frames_and_the_newest_wins() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench, FAST.model_copy(update={"max_rate_hz": 50.0}))
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        sent = 0
+        while loop.time() - began_s < 0.4:
+            sent += 1
+            bench.put(CURSOR, cursor(clock, sent % 20 / 10 + 0.05), "anna")
+            await asyncio.sleep(0.001)
+        took_s = loop.time() - began_s
+        await asyncio.sleep(0.03)
+        assert sent > 60
+        assert len(frames) <= took_s * 50 + 3
+        assert sent % 20 in pixels(frames[-1], "a")
+
+
+def test_the_pacer_draws_at_once_then_at_the_end_of_the_period() -> None:
+    pacer = Pacer(50.0)
+    assert pacer.wish(10.0) == 0.0
+    pacer.drawn(10.0)
+    assert pacer.wish(10.005) == pytest.approx(0.015)
+    assert pacer.wish(10.010) is None
+    pacer.drawn(10.02)
+    assert pacer.wish(10.05) == 0.0
+
+
+@given(st.lists(st.floats(0.0, 0.05), min_size=1, max_size=200), st.floats(10, 200))
+def test_no_two_frames_are_closer_than_the_period_and_no_wish_waits_longer(
+    gaps: list[float], rate_hz: float
+) -> None:
+    pacer = Pacer(rate_hz)
+    now_s, due_s, drawn_s = 0.0, None, -1.0
+    period_s = 1.0 / rate_hz
+
+    def draw(at_s: float) -> None:
+        nonlocal drawn_s
+        assert at_s - drawn_s > period_s - 1e-9
+        pacer.drawn(at_s)
+        drawn_s = at_s
+
+    for gap in gaps:
+        now_s += gap
+        if due_s is not None and due_s <= now_s:
+            draw(due_s)
+            due_s = None
+        wait_s = pacer.wish(now_s)
+        if wait_s == 0.0:
+            assert due_s is None
+            draw(now_s)
+        elif wait_s is not None:
+            assert wait_s <= period_s + 1e-9
+            due_s = now_s + wait_s
+        else:
+            assert due_s is not None
+
+
+def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
+    clock = ManualClock()
+    scene = Scene()
+    scene.set_objects(package(clock, speed_mps=1.0), clock.now_ns())
+    assert scene.objects(clock.now_ns() - 500_000_000)[0].position_m == 0.5
+    assert scene.objects(clock.now_ns() + 100_000_000)[0].position_m == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    "outputs",
+    [
+        (OutputConfig(kind="expander"),),
+        (OutputConfig(kind="expander", port="x"), OutputConfig(kind="expander", port="x")),
+    ],
+)
+async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[OutputConfig, ...]) -> None:
+    bus = MemoryBus(Exchange())
+    view = ServiceBus(bus, WallClock(), "led-driver", "led-driver")
+    with pytest.raises(ConfigError, match=r"outputs\.\d\.port"):
+        LedDriver(LedDriverConfig(outputs=outputs), Context(bus=view, clock=WallClock()))
+    await bus.close()
+
+
+MAGIC = b"UPXL"
+SET_SIZE = 4 + 6 + 60 + 4
+DRAW_SIZE = 10
+
+
+def expander(path: Path) -> LedDriverConfig:
+    return FAST.model_copy(update={"outputs": (OutputConfig(kind="expander", port=str(path)),)})
+
+
+def colored(stream: bytes) -> list[bool]:
+    """Return for each set-channel frame in a stream of whole frames whether it is not dark."""
+    frames = stream.split(MAGIC)[1:]
+    return [any(frame[6:66]) for frame in frames if frame[1] == 1]
+
+
+async def test_the_expander_gets_a_throw_away_frame_keep_alives_and_darkness_at_the_end(
+    tmp_path: Path,
+) -> None:
+    stream = bytearray()
+    clock = ManualClock()
+    with pty_device(tmp_path / "led") as device, Listener(device, stream.extend):
+        async with memory_bench(clock) as bench:
+            await started(bench, expander(device.path))
+            bench.put(CURSOR, cursor(clock, 0.5), "anna")
+            await until(lambda: any(colored(bytes(stream))))
+            # the standing clock keeps the cursor; nothing changes, and yet it is sent again
+            count = stream.count(MAGIC)
+            await until(lambda: stream.count(MAGIC) >= count + 3)
+            assert colored(bytes(stream))[-2:] == [True, False]
+            began_s = asyncio.get_running_loop().time()
+        assert asyncio.get_running_loop().time() - began_s < 0.5
+        one = 2 * SET_SIZE + DRAW_SIZE
+        await until(lambda: len(stream) % one == 0)
+        whole = bytes(stream)
+        assert whole[:one] == whole[one : 2 * one]  # the first may be swallowed
+        assert colored(whole)[-4:] == [True, False, False, False]
+
+
+async def test_the_expander_may_come_late_and_come_back(tmp_path: Path) -> None:
+    stream = bytearray()
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        reports = bench.collect(HEALTH)
+        await started(bench, expander(tmp_path / "led"))
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        await until(lambda: bool(reports) and any("is not there" in text for text in reports[-1].warnings))
+        with pty_device(tmp_path / "led") as device, Listener(device, stream.extend) as listener:
+            await until(lambda: any(colored(bytes(stream))))
+            await until(lambda: not reports[-1].warnings)
+            with listener.lock:
+                device.unplug()
+            await until(lambda: bool(reports[-1].warnings))
+            stream.clear()
+            with listener.lock:
+                device.plug()
+            await until(lambda: any(colored(bytes(stream))))
+
+
+async def test_a_stuck_controller_is_said_and_holds_nobody_up(tmp_path: Path) -> None:
+    clock = ManualClock()
+    with pty_device(tmp_path / "led") as device:  # nobody reads it
+        async with memory_bench(clock) as bench:
+            reports = bench.collect(HEALTH)
+            frames = await started(bench, expander(device.path))
+            step = 0
+
+            def said() -> bool:
+                nonlocal step
+                step += 1
+                bench.put(CURSOR, cursor(clock, step % 20 / 10 + 0.05), "anna")
+                return bool(reports) and any("no more data" in text for text in reports[-1].warnings)
+
+            await until(said, 20)
+            await next_frame(frames)

@@ -132,7 +132,8 @@ def test_the_stated_uncertainty_is_honest() -> None:
     generator = np.random.default_rng(7)
     distances: list[float] = []
     for trial in range(200):
-        person = Person(*(float(v) for v in generator.uniform(-1.5, 1.5, 2)), yaw_rad=float(trial))
+        x, y = generator.uniform(-1.5, 1.5, 2)
+        person = Person(float(x), float(y), float(trial))
         gathered = pointings(person, CORNERS)
         rays = Rays.of(gathered.origins_m, gathered.directions, gathered.targets_m)
         off = np.repeat(generator.normal(0.0, math.radians(1.0), (4, 2)), 50, axis=0)

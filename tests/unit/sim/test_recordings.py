@@ -24,7 +24,7 @@ def test_columns_in_any_order_with_time_from_zero(tmp_path: Path) -> None:
     recording = read_imu_csv(write(tmp_path, text))
     assert recording.t_s.tolist() == [0.0, 0.25]
     assert recording.duration_s == 0.25
-    assert np.allclose(recording.orientation_xyzw, [[0, 0, 0, 1], [0, 0, 0.6, 0.8]])
+    assert np.allclose(recording.orientation_xyzw, [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.6, 0.8]])
     assert recording.robot_m is not None
     assert recording.robot_m.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert recording.head_m is None

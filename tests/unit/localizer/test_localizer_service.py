@@ -1,0 +1,323 @@
+"""The localizer on the bus: fixed pose, lamps with a person who looks at them, a robot, requests."""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from pointit.geometry.vector import Vec3
+from pointit.runtime import Clock, ConfigError, RefusedError, SimulatedClock, sleep
+from pointit.runtime.config import Layers
+from pointit.schemas import (
+    CancelLocalization,
+    Environment,
+    Lamp,
+    LampColor,
+    Localization,
+    SetPose,
+    StartLocalization,
+    TrackedObject,
+    TrackedObjects,
+)
+from pointit.schemas.topics import (
+    CANCEL_LOCALIZATION,
+    HEALTH,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    POSE,
+    RAY,
+    SET_POSE,
+    START_LOCALIZATION,
+)
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.service import Localizer
+from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.localizer.person import Person, yaw_difference
+
+LAMPS = (
+    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
+    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
+    Lamp(id="led_2", position_m=(0.762, -1.031, 0.15)),
+    Lamp(id="led_3", position_m=(3.239, -0.606, 0.15)),
+)
+ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
+STATIC = LocalizerConfig(method="static_targets", reaction_s=0.5, hold_s=1.0)
+SPEED = 10.0
+USER = "anna"
+
+
+class Room:
+    """A bench with a map, one localizer and a person who points at the lamp that is lit."""
+
+    def __init__(self, bench: Bench, clock: Clock, person: Person) -> None:
+        self.bench = bench
+        self.clock = clock
+        self.person = person
+        self.lit: dict[str, bool] = {}
+        self.order: list[str] = []
+        self.poses = bench.collect(POSE, USER)
+        self.progress = bench.collect(LOCALIZATION, USER)
+        bench.bus.subscribe(LAMP_COLOR, self._on_lamp)
+
+    def _on_lamp(self, lamp: LampColor, name: str) -> None:
+        self.lit[name] = lamp.color != (0, 0, 0)
+        if self.lit[name]:
+            self.order.append(name)
+
+    @property
+    def dark(self) -> bool:
+        return not any(self.lit.values())
+
+    @property
+    def phase(self) -> str:
+        return self.progress[-1].phase if self.progress else ""
+
+    @asynccontextmanager
+    async def pointing(self) -> AsyncGenerator[None]:
+        """Point at whatever is lit, 50 rays a second of the clock."""
+
+        async def point() -> None:
+            while True:
+                lit = [lamp for lamp in LAMPS if self.lit.get(lamp.id)]
+                target: Vec3 = lit[0].position_m if lit else (1.0, 0.0, 1.0)
+                self.bench.put(RAY, self.person.ray(target, self.clock.now_ns()), USER)
+                await sleep(self.clock, 0.02)
+
+        task = asyncio.create_task(point(), name="a person pointing")
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.wait({task})
+
+    async def until_phase(self, phase: str, target_index: int | None = None) -> None:
+        def reached() -> bool:
+            last = self.progress[-1]
+            return last.phase == phase and target_index in (None, last.target_index)
+
+        await until(reached, what=f"{phase}, there was {self.progress[-1]}")
+
+
+async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> None:
+    async with memory_bench() as bench:
+        bench.start(Localizer, LocalizerConfig(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0), USER)
+        await bench.settle()
+        poses, progress = bench.collect(POSE, USER), bench.collect(LOCALIZATION, USER)
+        await bench.settle()
+        assert [pose.position_m for pose in poses] == [(1.0, 2.0, 0.0)]
+        assert poses[0].yaw_rad == pytest.approx(math.pi / 2)
+        assert poses[0].method == "fixed"
+        assert [message.phase for message in progress] == ["idle"]
+        done = await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await bench.settle()
+        assert "fixed" in done.message
+        assert progress[-1].phase == "solved"
+
+
+async def test_the_whole_procedure_with_lamps() -> None:
+    clock = SimulatedClock(SPEED)
+    person = Person(1.5, 1.2, -2.0, math.radians(4.0))
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, person)
+        bench.put(MAP, ROOM)
+        bench.start(Localizer, STATIC, USER)
+        await bench.settle()
+        assert room.poses == []
+        assert room.dark
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await bench.settle()
+        assert room.order == ["led_0"]
+        assert room.phase == "sampling"
+        assert room.progress[-1].target_id == "led_0"
+        async with room.pointing():
+            await room.until_phase("solved")
+        assert room.order == [lamp.id for lamp in LAMPS]
+        assert room.dark
+        (pose,) = room.poses
+        assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
+        assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < math.radians(2.0)
+        sequence = [message.seq for message in room.progress]
+        assert sequence == sorted(set(sequence))
+
+
+async def test_configured_lamps_only_in_their_order() -> None:
+    clock = SimulatedClock(SPEED)
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, Person(1.5, 1.2))
+        bench.put(MAP, ROOM)
+        config = LocalizerConfig(method="static_targets", lamps=("led_3", "led_1", "led_0"), reaction_s=0.5)
+        bench.start(Localizer, config, USER)
+        await bench.settle()
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        async with room.pointing():
+            await room.until_phase("solved")
+        assert room.order == ["led_3", "led_1", "led_0"]
+
+
+async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
+    clock = SimulatedClock(SPEED)
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, Person())
+        bench.put(MAP, ROOM)
+        bench.start(Localizer, STATIC, USER)
+        await bench.settle()
+        await bench.bus.call(SET_POSE, SetPose(position_m=(3.0, 4.0, 0.0), yaw_rad=0.5), USER)
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        async with room.pointing():
+            await room.until_phase("sampling", target_index=1)
+        done = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
+        await bench.settle()
+        assert done.message == "cancelled; the last pose stays"
+        assert room.dark
+        assert room.phase == "cancelled"
+        assert [pose.position_m for pose in room.poses] == [(3.0, 4.0, 0.0)]
+        again = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
+        assert again.message == "nothing was going on"
+
+
+async def test_start_again_begins_at_the_first_lamp() -> None:
+    clock = SimulatedClock(SPEED)
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, Person(1.5, 1.2, 0.4))
+        bench.put(MAP, ROOM)
+        bench.start(Localizer, STATIC, USER)
+        await bench.settle()
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        async with room.pointing():
+            await room.until_phase("sampling", target_index=2)
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await bench.settle()
+        assert [name for name, on in room.lit.items() if on] == ["led_0"]
+        assert room.progress[-1].target_index == 0
+        assert room.progress[-1].samples == 0
+        async with room.pointing():
+            await room.until_phase("solved")
+        assert len(room.poses) == 1
+
+
+async def test_set_pose_wins_over_what_goes_on() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, Person())
+        bench.put(MAP, ROOM)
+        bench.start(Localizer, STATIC, USER)
+        await bench.settle()
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await bench.bus.call(SET_POSE, SetPose(position_m=(1.0, 0.0, 0.0), yaw_rad=0.25), USER)
+        await bench.settle()
+        assert room.dark
+        assert room.phase == "cancelled"
+        assert (room.poses[-1].position_m, room.poses[-1].yaw_rad) == ((1.0, 0.0, 0.0), 0.25)
+        assert room.poses[-1].method == "fixed"
+
+
+async def test_lamps_are_dark_when_the_service_ends() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, Person())
+        bench.put(MAP, ROOM)
+        bench.start(Localizer, STATIC, USER)
+        await bench.settle()
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await bench.settle()
+        assert not room.dark
+        await bench.stop()
+        await until(lambda: room.dark, what="darkness")
+
+
+async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Room(bench, clock, Person(1.5, 1.2))
+        health = bench.collect(HEALTH)
+        bench.put(MAP, ROOM)
+        bench.start(Localizer, STATIC, USER)
+        await bench.settle()
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        clock.advance(20.0)
+        await until(lambda: room.phase == "refused", what="refused")
+        assert "only 0 rays came while led_0 was lit" in room.progress[-1].reason
+        assert room.dark
+        assert room.poses == []
+        await until(lambda: any("only 0 rays" in text for text in health[-1].warnings), what="the warning")
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await until(lambda: not health[-1].warnings, what="the warning to go")
+
+
+@pytest.mark.parametrize(
+    ("room", "config", "sentence"),
+    [
+        (None, STATIC, "no map yet; start pui"),
+        (ROOM, STATIC.model_copy(update={"lamps": ("led_0", "led_9")}), "lamps led_9 are not on map 'lab'"),
+        (ROOM, STATIC.model_copy(update={"lamps": ("led_0",)}), "needs two at different places"),
+        (ROOM.model_copy(update={"lamps": ()}), STATIC, "needs two at different places"),
+        (
+            ROOM.model_copy(update={"lamps": (LAMPS[0], Lamp(id="a/b", position_m=(0.0, 0.0, 0.0)))}),
+            STATIC,
+            "led 'a/b'",
+        ),
+    ],
+)
+async def test_what_cannot_begin_is_refused_at_once(
+    room: Environment | None, config: LocalizerConfig, sentence: str
+) -> None:
+    async with memory_bench() as bench:
+        if room is not None:
+            bench.put(MAP, room)
+        bench.start(Localizer, config, USER)
+        await bench.settle()
+        with pytest.raises(RefusedError, match=sentence):
+            await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+
+
+async def test_a_refused_start_does_not_stop_what_goes_on() -> None:
+    async with memory_bench() as bench:
+        progress: list[Localization] = bench.collect(LOCALIZATION, USER)
+        bench.start(Localizer, LocalizerConfig(method="moving_target"), USER)
+        await bench.settle()
+        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        with pytest.raises(RefusedError):
+            await bench.bus.call(START_LOCALIZATION, StartLocalization(method="static_targets"), USER)
+        await bench.settle()
+        assert progress[-1].phase == "sampling"
+
+
+async def test_a_robot_is_followed_from_the_start() -> None:
+    clock = ManualClock()
+    person = Person(0.5, -0.3, 1.1)
+    async with memory_bench(clock) as bench:
+        poses = bench.collect(POSE, USER)
+        progress = bench.collect(LOCALIZATION, USER)
+        bench.start(Localizer, LocalizerConfig(method="moving_target", autostart=True), USER)
+        await bench.settle()
+        assert progress[-1].phase == "sampling"
+        for tick in range(250):  # 10 s at 25 Hz
+            now_ns = clock.advance(0.04)
+            angle = math.tau * tick / 200.0
+            robot: Vec3 = (2.5 + math.cos(angle), 1.0 + math.sin(angle), 0.7 + 0.4 * math.sin(2.0 * angle))
+            item = TrackedObject(id="drone", kind="robot", position_m=robot)
+            package = TrackedObject(id="package", kind="package", position_m=(0.0, 0.0, 1.0))
+            bench.put(OBJECTS, TrackedObjects(stamp_ns=now_ns, objects=(package, item)))
+            bench.put(RAY, person.ray(robot, now_ns), USER)
+            await bench.settle(4)
+        await until(lambda: bool(poses), what="a pose")
+        assert math.hypot(poses[-1].position_m[0] - person.x, poses[-1].position_m[1] - person.y) < 0.05
+        assert poses[-1].method == "moving_target"
+        await until(lambda: progress[-1].phase == "solved", what="solved")
+        assert progress[-1].target_id == "drone"
+
+
+def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
+    layers = Layers()
+    layers.add({"trust": {"ray_sigma_deg": 3.0}, "lamps": ["a", "b"], "hold_s": 4}, "file")
+    config = layers.build(LocalizerConfig)
+    assert config.lamps == ("a", "b")
+    assert config.trust.trust().ray_sigma_rad == pytest.approx(math.radians(3.0))
+    assert config.timing().hold_s == 4.0
+    layers.add({"metod": "fixed"}, "file")
+    with pytest.raises(ConfigError, match="metod"):
+        layers.build(LocalizerConfig)

@@ -1,0 +1,166 @@
+"""Following a robot with the finger, stepped in virtual time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Localization, TrackedObject, TrackedObjects, UserPose
+from pointit.services.localizer.moving_target import Following, MovingTarget
+from pointit.services.localizer.outputs import Output
+from pointit.services.localizer.pairing import RayWindow, Track
+from tests.unit.localizer.person import NS_PER_S, Person, yaw_difference
+
+START_NS = 1_700_000_000 * NS_PER_S
+PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
+
+
+def place(t_s: float, phase_rad: float = 0.0) -> Vec3:
+    """A robot that flies a circle of 1 m about (2.5, 1), once in 8 s, up and down."""
+    angle = math.tau * t_s / 8.0 + phase_rad
+    return (2.5 + math.cos(angle), 1.0 + math.sin(angle), 0.7 + 0.4 * math.sin(2.0 * angle))
+
+
+def robots(t_s: float, **places: Vec3) -> TrackedObjects:
+    return TrackedObjects(
+        stamp_ns=START_NS + round(t_s * NS_PER_S),
+        objects=tuple(TrackedObject(id=name, kind="robot", position_m=xyz) for name, xyz in places.items()),
+    )
+
+
+def fly(
+    procedure: MovingTarget,
+    duration_s: float,
+    *,
+    person: Person = PERSON,
+    robot_late_s: float = 0.0,
+    decoy: bool = False,
+    follow: bool = True,
+) -> list[Output]:
+    """The person follows the robot; rays at 50 Hz, the robot's place at 25 Hz, `robot_late_s` late."""
+    outputs = procedure.start(START_NS)
+    generator = np.random.default_rng(5)
+    for tick in range(round(duration_s * 50)):
+        t_s = tick / 50.0
+        now_ns = START_NS + round(t_s * NS_PER_S)
+        aim = place(t_s) if follow else tuple(float(v) for v in generator.uniform(-3, 3, 3))
+        assert len(aim) == 3
+        procedure.on_ray(person.ray(aim, now_ns))
+        if tick % 2 == 0 and t_s >= robot_late_s:
+            seen_s = t_s - robot_late_s
+            others = {"decoy": place(seen_s, 2.5)} if decoy else {}
+            procedure.on_objects(robots(seen_s, **others, drone=place(seen_s)))
+        outputs += procedure.step(now_ns)
+    return outputs
+
+
+def poses(outputs: list[Output]) -> list[UserPose]:
+    return [output for output in outputs if isinstance(output, UserPose)]
+
+
+def told(outputs: list[Output]) -> list[Localization]:
+    return [output for output in outputs if isinstance(output, Localization)]
+
+
+def error_m(pose: UserPose, person: Person = PERSON) -> float:
+    return math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y)
+
+
+def test_the_pose_is_found_refined_and_then_it_ends() -> None:
+    procedure = MovingTarget()
+    outputs = fly(procedure, 12.0)
+    found = poses(outputs)
+    assert error_m(found[-1]) < 0.05
+    assert abs(yaw_difference(found[-1].yaw_rad, PERSON.yaw_rad)) < 0.02
+    assert found[-1].method == "moving_target"
+    assert not procedure.running
+    last = told(outputs)[-1]
+    assert (last.phase, last.progress, last.target_id) == ("solved", 1.0, "drone")
+    assert 8.9 <= (last.stamp_ns - START_NS) / NS_PER_S <= 9.6  # nine tenths of the window
+    gaps = np.diff([pose.stamp_ns for pose in found]) / NS_PER_S
+    assert np.all(gaps > 0.49)  # twice a second, no more
+
+
+def test_the_pairing_is_by_stamp_not_by_arrival() -> None:
+    """A tracker that is 0.4 s late costs 18° of the circle when paired by arrival."""
+    found = poses(fly(MovingTarget(), 12.0, robot_late_s=0.4))
+    assert error_m(found[-1]) < 0.05
+    assert found[-1].residual_rad < math.radians(0.5)
+
+
+def test_continuous_goes_on_and_keeps_to_its_window() -> None:
+    procedure = MovingTarget(Following(window_s=4.0, continuous=True))
+    found = poses(fly(procedure, 30.0))
+    assert procedure.running
+    assert found[-1].stamp_ns > START_NS + 29 * NS_PER_S
+    assert found[-1].samples == pytest.approx(200, abs=4)
+
+
+def test_of_two_robots_the_one_that_is_followed_is_meant() -> None:
+    outputs = fly(MovingTarget(), 12.0, decoy=True)
+    assert told(outputs)[-1].target_id == "drone"
+    assert error_m(poses(outputs)[-1]) < 0.05
+    named = fly(MovingTarget(Following(target_id="decoy", give_up_s=11.0)), 12.0, decoy=True)
+    assert all(message.target_id == "decoy" for message in told(named))
+
+
+def test_who_does_not_follow_is_refused_in_the_end() -> None:
+    outputs = fly(MovingTarget(Following(give_up_s=8.0)), 10.0, follow=False)
+    assert poses(outputs) == []
+    last = told(outputs)[-1]
+    assert last.phase == "refused"
+    assert "rays miss" in last.reason
+    assert last.residual_rad is not None
+
+
+def test_reasons_while_nothing_comes() -> None:
+    procedure = MovingTarget(Following(give_up_s=3.0))
+    procedure.start(START_NS)
+    (first,) = told(procedure.step(START_NS))
+    assert first.phase == "sampling"
+    assert "nobody says where a robot is" in first.reason
+    procedure.on_objects(robots(0.0, drone=place(0.0)))
+    (second,) = told(procedure.step(START_NS + NS_PER_S))
+    assert "no rays come" in second.reason
+    (last,) = told(procedure.step(START_NS + 3 * NS_PER_S))
+    assert last.phase == "refused"
+    assert procedure.step(START_NS + 9 * NS_PER_S) == []
+
+
+def test_no_pose_is_repeated_when_the_rays_stop() -> None:
+    procedure = MovingTarget(Following(continuous=True))
+    fly(procedure, 12.0)
+    for second in range(13, 20):
+        outputs = procedure.step(START_NS + second * NS_PER_S)
+        if second > 13:
+            assert poses(outputs) == []
+            assert told(outputs)[-1].phase == "solved"  # the last pose holds
+            assert "no rays come" in told(outputs)[-1].reason
+
+
+def test_cancel() -> None:
+    procedure = MovingTarget()
+    fly(procedure, 4.0)
+    (message,) = told(procedure.cancel(START_NS + 4 * NS_PER_S))
+    assert message.phase == "cancelled"
+    assert procedure.cancel(START_NS + 4 * NS_PER_S) == []
+
+
+def test_a_track_is_linear_between_reports_and_unknown_in_gaps() -> None:
+    track = Track(10.0)
+    for t_s, x in ((0.0, 0.0), (0.2, 2.0), (0.2, 9.0), (0.1, 9.0), (1.0, 4.0)):  # doubles and older: ignored
+        track.add(START_NS + round(t_s * NS_PER_S), (x, 0.0, 1.0))
+    stamps = START_NS + np.round(np.array([-0.1, 0.0, 0.05, 0.2, 0.5, 1.0, 1.1]) * NS_PER_S).astype(np.int64)
+    places, known = track.at(stamps)
+    assert known.tolist() == [False, True, True, True, False, False, False]
+    assert places[2].tolist() == pytest.approx([0.5, 0.0, 1.0])
+    assert places[3].tolist() == pytest.approx([2.0, 0.0, 1.0])
+
+
+def test_a_window_forgets_and_takes_no_older_ray() -> None:
+    window = RayWindow(2.0)
+    for t_s in (0.0, 1.0, 0.5, 1.0, 2.0, 2.5):
+        window.add(PERSON.ray((1.0, 1.0, 1.0), START_NS + round(t_s * NS_PER_S)))
+    assert len(window) == 3
+    assert window.newest_ns == START_NS + round(2.5 * NS_PER_S)

@@ -1,0 +1,150 @@
+"""The procedure with lamps, stepped in virtual time."""
+
+import math
+
+import pytest
+
+from pointit.schemas import Lamp, Localization, UserPose
+from pointit.services.localizer.outputs import LampSwitch, Output
+from pointit.services.localizer.static_targets import StaticTargets, Timing
+from tests.unit.localizer.person import NS_PER_S, Person, yaw_difference
+
+LAMPS = (
+    Lamp(id="a", position_m=(3.0, 2.0, 0.1)),
+    Lamp(id="b", position_m=(-3.0, 2.5, 0.9)),
+    Lamp(id="c", position_m=(-2.5, -3.0, 2.0)),
+)
+PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
+START_NS = 1_700_000_000 * NS_PER_S
+TICK_NS = NS_PER_S // 50
+
+
+def lamps_lit(outputs: list[Output]) -> set[str]:
+    lit: set[str] = set()
+    for output in outputs:
+        if isinstance(output, LampSwitch):
+            (lit.add if output.on else lit.discard)(output.lamp_id)
+    return lit
+
+
+def told(outputs: list[Output]) -> list[Localization]:
+    return [output for output in outputs if isinstance(output, Localization)]
+
+
+def run(
+    procedure: StaticTargets,
+    person: Person,
+    duration_s: float,
+    *,
+    start_ns: int = START_NS,
+    delay_s: float = 1.2,
+    outputs: list[Output] | None = None,
+) -> list[Output]:
+    """Have `person` point at what is lit, `delay_s` late; until then the arm stays where it was."""
+    outputs = outputs if outputs is not None else procedure.start(start_ns)
+    aim, since_ns, current = (1.0, 1.0, 1.0), start_ns, ""
+    for now_ns in range(start_ns, start_ns + round(duration_s * NS_PER_S), TICK_NS):
+        lit = "".join(lamps_lit(outputs))
+        if lit != current:
+            current, since_ns = lit, now_ns
+        if current and now_ns - since_ns >= delay_s * NS_PER_S:
+            aim = PLACES[current]
+        procedure.on_ray(person.ray(aim, now_ns))
+        outputs += procedure.step(now_ns)
+    return outputs
+
+
+def test_lamps_in_sequence_then_the_pose_and_darkness() -> None:
+    person = Person(0.6, -0.4, 2.2, math.radians(3.0))
+    procedure = StaticTargets(LAMPS)
+    outputs = run(procedure, person, 12.0)
+    switches = [(o.lamp_id, o.on) for o in outputs if isinstance(o, LampSwitch)]
+    assert switches == [("a", True), ("a", False), ("b", True), ("b", False), ("c", True), ("c", False)]
+    assert not procedure.running
+    (pose,) = [o for o in outputs if isinstance(o, UserPose)]
+    assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
+    assert pose.position_m[2] == 0.0
+    assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < 0.03
+    assert pose.method == "static_targets"
+    assert pose.covariance[0] > 0.0
+    last = told(outputs)[-1]
+    assert (last.phase, last.progress, last.target_id) == ("solved", 1.0, "")
+    assert last.samples == pose.samples == pytest.approx(300, abs=6)
+    # 3 lamps, each 1.5 s of reaction and 2 s of holding
+    assert (last.stamp_ns - START_NS) / NS_PER_S == pytest.approx(10.5, abs=0.1)
+    assert 0 <= last.stamp_ns - pose.stamp_ns < NS_PER_S // 10  # the pose bears its newest ray's time
+
+
+def test_rays_during_the_reaction_do_not_count() -> None:
+    """The person's arm is still at the lamp before for the first 1.2 s; it would cost degrees."""
+    outputs = run(StaticTargets(LAMPS), Person(0.6, -0.4, 2.2), 12.0)
+    (pose,) = [o for o in outputs if isinstance(o, UserPose)]
+    assert pose.residual_rad < math.radians(0.5)
+    hasty = run(StaticTargets(LAMPS, Timing(reaction_s=0.0)), Person(0.6, -0.4, 2.2), 12.0)
+    assert told(hasty)[-1].phase == "refused"
+    assert "rays miss the targets" in told(hasty)[-1].reason
+    assert not lamps_lit(hasty)
+
+
+def test_progress_rises_and_names_the_lamp() -> None:
+    steps = [m for m in told(run(StaticTargets(LAMPS), Person(), 12.0)) if m.phase == "sampling"]
+    assert [m.progress for m in steps] == sorted(m.progress for m in steps)
+    assert list(dict.fromkeys((m.target_index, m.target_id) for m in steps)) == [(0, "a"), (1, "b"), (2, "c")]
+    assert {m.target_count for m in steps} == {3}
+    assert steps[0].samples == 0
+    assert steps[0].stamp_ns == START_NS
+
+
+def test_no_rays_is_refused_after_patience_with_lamps_off() -> None:
+    procedure = StaticTargets(LAMPS, Timing(reaction_s=1.0, hold_s=2.0, patience_s=3.0))
+    outputs = procedure.start(START_NS)
+    outputs += procedure.step(START_NS + round(5.9 * NS_PER_S))
+    assert procedure.running
+    outputs += procedure.step(START_NS + 6 * NS_PER_S)
+    last = told(outputs)[-1]
+    assert last.phase == "refused"
+    assert "only 0 rays came while a was lit" in last.reason
+    assert "IMU" in last.reason
+    assert not procedure.running
+    assert not lamps_lit(outputs)
+
+
+def test_rays_that_come_late_are_waited_for() -> None:
+    procedure = StaticTargets(LAMPS)
+    outputs = procedure.start(START_NS)
+    outputs += procedure.step(START_NS + 5 * NS_PER_S)  # the hold is over, nothing came
+    outputs = run(procedure, Person(0.2, 0.1), 12.0, start_ns=START_NS + 5 * NS_PER_S, outputs=outputs)
+    assert told(outputs)[-1].phase == "solved"
+
+
+def test_repeated_and_older_rays_are_not_counted_twice() -> None:
+    procedure = StaticTargets(LAMPS)
+    procedure.start(START_NS)
+    person = Person()
+    for _ in range(50):
+        procedure.on_ray(person.ray(PLACES["a"], START_NS + 2 * NS_PER_S))
+        procedure.on_ray(person.ray(PLACES["a"], START_NS + 2 * NS_PER_S - 1))
+    assert told(procedure.step(START_NS + 2 * NS_PER_S))[-1].samples == 1
+
+
+def test_cancel_puts_the_lamp_off_and_only_once() -> None:
+    procedure = StaticTargets(LAMPS)
+    outputs = run(procedure, Person(), 5.0)
+    assert lamps_lit(outputs) == {"b"}
+    outputs += procedure.cancel(START_NS + 5 * NS_PER_S)
+    assert not lamps_lit(outputs)
+    assert told(outputs)[-1].phase == "cancelled"
+    assert procedure.cancel(START_NS + 6 * NS_PER_S) == []
+    assert procedure.step(START_NS + 60 * NS_PER_S) == []
+
+
+def test_start_again_forgets_everything() -> None:
+    procedure = StaticTargets(LAMPS)
+    outputs = run(procedure, Person(1.0, 1.0, 1.0), 5.0)
+    again_ns = START_NS + 5 * NS_PER_S
+    outputs += procedure.start(again_ns)
+    assert lamps_lit(outputs) == {"a"}
+    person = Person(-0.5, 0.5, -1.0)
+    outputs = run(procedure, person, 12.0, start_ns=again_ns, outputs=outputs)
+    (pose,) = [o for o in outputs if isinstance(o, UserPose)]
+    assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1

@@ -1,0 +1,99 @@
+"""The recorded robot: its reports, its times, its faults."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pointit.runtime import ConfigError, Launch, MemoryBus, SimulatedClock, run_service
+from pointit.schemas.topics import OBJECTS
+from pointit.services.robot_replay.config import RobotReplayConfig
+from pointit.services.robot_replay.service import RobotReplay
+from pointit.services.robot_replay.trajectory import Trajectory
+from pointit.sim.recordings import ImuRecording
+from tests.support.bench import memory_bench, until
+
+CSV = "t,qw,qx,qy,qz,robot_x,robot_y,robot_z\n"
+
+
+def recording(t_s: list[float], x_m: list[float]) -> ImuRecording:
+    places = np.column_stack([x_m, np.zeros(len(x_m)), np.ones(len(x_m))])
+    orientation = np.tile([0.0, 0.0, 0.0, 1.0], (len(t_s), 1))
+    return ImuRecording(path=Path("a.csv"), t_s=np.array(t_s), orientation_xyzw=orientation, robot_m=places)
+
+
+def write(folder: Path, count: int, step_s: float) -> Path:
+    path = folder / "flight.csv"
+    rows = [f"{5 + i * step_s},1,0,0,0,{2 * i * step_s},1,0.5\n" for i in range(count)]
+    path.write_text(CSV + "".join(rows))
+    return path
+
+
+def test_a_report_is_what_a_tracker_would_say() -> None:
+    trajectory = Trajectory(recording([0.0, 0.1, 0.3], [0.0, 0.2, 0.6]), "drone")
+    report = trajectory.report(1, 5_000)
+    assert report.stamp_ns == 5_000 + 100_000_000
+    assert report.tracker == "recording"
+    (robot,) = report.objects
+    assert (robot.id, robot.kind, robot.surface) == ("drone", "robot", "none")
+    assert robot.position_m == pytest.approx((0.2, 0.0, 1.0))
+    assert robot.velocity_mps == pytest.approx((2.0, 0.0, 0.0))
+
+
+def test_samples_that_share_a_time_make_one_report_with_finite_velocity() -> None:
+    trajectory = Trajectory(recording([0.0, 0.1, 0.1, 0.2], [0.0, 0.1, 5.0, 0.2]))
+    assert trajectory.times_ns == [0, 100_000_000, 200_000_000]
+    assert trajectory.report(1, 0).objects[0].velocity_mps == pytest.approx((1.0, 0.0, 0.0))
+
+
+async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Path) -> None:
+    clock = SimulatedClock(20.0)
+    start_ns = clock.now_ns() + 1_000_000_000  # 50 ms of the wall
+    async with memory_bench(clock) as bench:
+        early: list[float] = []
+        reports = bench.collect(OBJECTS)
+        bench.bus.subscribe(OBJECTS, lambda m, _name: early.append((clock.now_ns() - m.stamp_ns) / 1e9))
+        config = RobotReplayConfig(recording=str(write(tmp_path, 31, 0.1)), start_ns=start_ns, robot_id="r2")
+        bench.start(RobotReplay, config)
+        await until(lambda: bool(reports) and reports[-1].seq == 31, what="the last report")
+        for report in reports:
+            assert report.stamp_ns == start_ns + (report.seq - 1) * 100_000_000
+            assert report.objects[0].id == "r2"
+            assert report.objects[0].position_m[0] == pytest.approx(0.2 * (report.seq - 1))
+        assert min(early) >= 0.0  # never before it is due
+        assert len(reports) >= 25  # newest wins when the machine is busy, but most come
+
+
+async def test_without_a_start_it_starts_at_once_and_what_is_past_is_left_out(tmp_path: Path) -> None:
+    clock = SimulatedClock(10.0)
+    path = str(write(tmp_path, 31, 0.1))
+    async with memory_bench(clock) as bench:
+        reports = bench.collect(OBJECTS)
+        before_ns = clock.now_ns()
+        bench.start(RobotReplay, RobotReplayConfig(recording=path))
+        await until(lambda: bool(reports), what="a report")
+        assert reports[0].seq == 1
+        assert before_ns <= reports[0].stamp_ns <= clock.now_ns()
+    clock = SimulatedClock(10.0)
+    async with memory_bench(clock) as bench:
+        reports = bench.collect(OBJECTS)
+        start_ns = clock.now_ns() - 2_000_000_000
+        bench.start(RobotReplay, RobotReplayConfig(recording=path, start_ns=start_ns))
+        await until(lambda: bool(reports) and reports[-1].seq == 31, what="the last report")
+        assert reports[0].seq > 20
+
+
+def test_faults_are_sentences() -> None:
+    with pytest.raises(ConfigError, match="robot_x"):
+        Trajectory(ImuRecording(path=Path("a.csv"), t_s=np.zeros(3), orientation_xyzw=np.zeros((3, 4))))
+    with pytest.raises(ConfigError, match="two samples at different times"):
+        Trajectory(recording([0.0, 0.0], [0.0, 1.0]))
+
+
+@pytest.mark.parametrize(("path", "what"), [("", "recording: is missing"), ("/none.csv", "cannot be read")])
+async def test_it_does_not_start_without_a_recording(path: str, what: str) -> None:
+    bus = MemoryBus()
+    launch = Launch(service=RobotReplay, config=RobotReplayConfig(recording=path))
+    with pytest.raises(ConfigError, match=what):
+        await run_service(launch, bus, SimulatedClock())
+    await bus.close()

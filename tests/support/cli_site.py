@@ -35,7 +35,7 @@ class Site:
 
     bus: ZenohBus
     endpoint: str
-    present: set[str] = field(default_factory=set)
+    present: set[str] = field(default_factory=set[str])
     _tasks: list[asyncio.Task[None]] = field(default_factory=list[asyncio.Task[None]])
 
     def start(self, service: type[AnyService], user: str = "") -> None:

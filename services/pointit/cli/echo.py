@@ -1,6 +1,7 @@
 """`pointit echo KEY`: messages as they come."""
 
 import asyncio
+import contextlib
 import functools
 
 import click
@@ -37,22 +38,22 @@ def command(key: str, *, count: int | None, as_json: bool, site: str, connect: t
 async def _echo(
     key: str, wanted: list[Wanted], count: int | None, *, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
+    loop = asyncio.get_running_loop()
     async with joined(site, connect) as bus:
         printer = _Printer(count, as_json=as_json)
         present = _presence(bus)
         for topic, name in wanted:
             bus.subscribe(topic, functools.partial(printer.show, topic), name or ANY)
-        said = False
+        told_s: float | None = None
         while not printer.done.is_set():
-            before = printer.shown
-            try:
-                await asyncio.wait_for(printer.done.wait(), SILENCE_S)
-            except TimeoutError:
-                if printer.shown != before:
-                    said = False
-                elif not said:
-                    said = True
-                    _tell_silence(key, wanted, present, any_yet=before > 0)
+            wait_s = printer.newest_s + SILENCE_S - loop.time()
+            if wait_s <= 0:
+                if told_s != printer.newest_s:
+                    told_s = printer.newest_s
+                    _tell_silence(key, wanted, present, any_yet=printer.shown > 0)
+                wait_s = SILENCE_S
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(printer.done.wait(), wait_s)
     return 0
 
 
@@ -60,8 +61,11 @@ class _Printer:
     """Prints messages until there are enough or nobody reads."""
 
     def __init__(self, count: int | None, *, as_json: bool) -> None:
+        self._now_s = asyncio.get_running_loop().time
         self.done = asyncio.Event()
         self.shown = 0
+        self.newest_s = self._now_s()
+        """When the newest came, or when waiting began."""
         self._count = count
         self._as_json = as_json
 
@@ -72,6 +76,7 @@ class _Printer:
             self.done.set()
             return
         self.shown += 1
+        self.newest_s = self._now_s()
         if self._count is not None and self.shown >= self._count:
             self.done.set()
 

@@ -15,7 +15,7 @@ from pointit.runtime.bus import AnyTopic, Subscription
 from pointit.runtime.process import EXIT_FAILED, run_async
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Message, encode
-from pointit.schemas.topics import ANY
+from pointit.schemas.topics import ANY, IMU
 
 
 @click.command("hz", params=site_options())
@@ -46,7 +46,7 @@ def command(
     With --json each window is one object on one line.
     """
     if not keys and not everything:
-        raise Mistake("which KEY? Name one, such as 'users/*/imu', or measure every topic with --all")
+        raise Mistake(f"which KEY? Name one, such as '{IMU.at(ANY)}', or measure every topic with --all")
     wanted = resolve_all([EVERYTHING] if everything else keys)
     named = resolve_all(key for key in keys if ANY not in key)
     quiet()

@@ -22,7 +22,7 @@ COMMANDS = (
 
 EXAMPLES = (
     ("pointit run", "a simulated person selects moving segments, in this terminal"),
-    ("pointit echo users/user1/cursor", "where the first person points, from another terminal"),
+    ("pointit hz --all", "what travels and how often, from another terminal"),
     ("pointit doctor", "is everything well, and if not, what to do"),
 )
 

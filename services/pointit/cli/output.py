@@ -114,7 +114,7 @@ def write_line(line: str) -> bool:
         sys.stdout.write(line + "\n")
         sys.stdout.flush()
     except BrokenPipeError:
-        # Python flushes once more at exit and would complain then.
+        # Python flushes once more at exit; its documentation has this against a complaint then.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return False
     return True

@@ -24,7 +24,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
         for topic, key in _rated(health, "in"):
             if health is None or not _is_old(key, topic, seen, health.uptime_s):
                 continue
-            writers = present_writers(topic, health.user or ANY, seen.present - {instance})
+            writers = present_writers(topic, health.user or ANY, seen.present)
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
                 stale.setdefault(instance, []).append((topic, key, writers))
     for instance, inputs in stale.items():

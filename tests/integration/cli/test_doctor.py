@@ -131,7 +131,7 @@ async def test_bytes_that_are_no_message(site: Site) -> None:
 
         async def spoil() -> None:
             while not stop.is_set():
-                site.bus.session.put(key, b"\xc1")
+                site.bus.session.put(key, b"\xc1")  # pyright: ignore[reportUnknownMemberType] - zenoh's stubs
                 await asyncio.sleep(0.05)
 
         spoiling = asyncio.create_task(spoil())

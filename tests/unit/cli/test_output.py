@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pointit.cli.echo import format_message
@@ -35,6 +35,8 @@ def rounded(tree: dict[str, Any]) -> Any:
 
 
 @given(st.dictionaries(names, trees, max_size=4))
+@example({"small": 1e-5, "large": -2e16, "whole": 3.0, "zero": -0.0})
+@example({"text": "1e-5", "word": "no", "braces": "{a: [b]}", "empty": ""})
 def test_a_line_is_yaml(tree: dict[str, Any]) -> None:
     line = to_line(tree)
     assert "\n" not in line

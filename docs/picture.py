@@ -4,6 +4,9 @@ import asyncio
 import re
 from pathlib import Path
 
+from rich._export_format import CONSOLE_SVG_FORMAT
+from rich.console import Console
+
 from pointit.cli.monitor import Monitor
 from pointit.cli.scenario import Choices, read_scenario, site_launches, user_launches
 from pointit.cli.score import Score
@@ -11,8 +14,6 @@ from pointit.cli.view import draw
 from pointit.runtime import SimulatedClock, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
-from rich._export_format import CONSOLE_SVG_FORMAT
-from rich.console import Console
 
 SPEED = 4.0
 MOMENT_S = 24.0

@@ -1,7 +1,7 @@
 """A bench for one or more services: a bus, a clock that stands still until moved, collected output."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
@@ -86,7 +86,7 @@ class Bench:
 
 
 @asynccontextmanager
-async def memory_bench(clock: Clock | None = None) -> AsyncIterator[Bench]:
+async def memory_bench(clock: Clock | None = None) -> AsyncGenerator[Bench]:
     """Yield a bench on a fresh memory bus; fails when a service of it failed."""
     bus = MemoryBus(Exchange())
     bench = Bench(bus, clock or ManualClock())

@@ -52,7 +52,7 @@ class Cursor(Message):
     surface_id: str = ""
     point_m: Annotated[Vec3 | None, Field(description="on the surface, {W}")] = None
     position_m: Annotated[float, Field(description="arc length along a strip or belt from its start")] = 0.0
-    miss_m: Annotated[float, Field(ge=0, description="closest distance of ray and surface")] = 0.0
+    miss_m: Annotated[float, Field(ge=0, description="from the ray to the point")] = 0.0
     miss_rad: Annotated[float, Field(ge=0, description="angle at the eyes between ray and point")] = 0.0
     range_m: Annotated[float, Field(ge=0, description="from the eyes to the point")] = 0.0
 

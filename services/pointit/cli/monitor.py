@@ -74,7 +74,8 @@ class Monitor:
         self.score.on_event(event)
         kind = self.score.kinds.get(event.object_id, "object")
         who = f" by {event.user}" if event.user else ""
-        self.events.append(f"{kind} {event.object_id} {event.event}{who} {event.reason}".rstrip())
+        number = event.object_id.rpartition("-")[2]
+        self.events.append(f"{kind} {number} {event.event}{who} {event.reason}".rstrip())
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         self.interactions[user] = interaction

@@ -12,10 +12,13 @@ from rich.text import Text
 from pointit.cli.monitor import Monitor
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
+from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 
 REFRESH_HZ = 8
 """The view is drawn in a thread of its own, this often."""
 NAME_WIDTH = 8
+SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
+"""Topics whose rates are shown, the chain from wrist to light."""
 
 
 def draw(monitor: Monitor, title: str, remaining_s: Callable[[], float]) -> RenderableType:
@@ -110,9 +113,8 @@ def _figures(monitor: Monitor) -> Text:
         for key in health.keys:
             if key.direction == "out" and key.rate_hz > 0:
                 rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
-    shown = {key.rpartition("/")[2] if "{" in key else key: rate for key, rate in rates.items()}
     parts += [
-        f"{name} {shown[name]:.0f} Hz" for name in ("imu", "ray", "cursor", "strips/frame") if name in shown
+        f"{name} {rates[topic.key]:.0f} Hz" for name, topic in SHOWN_RATES.items() if topic.key in rates
     ]
     if monitor.score.target_kinds:
         counts: dict[str, Any] = monitor.score.counts()

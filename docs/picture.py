@@ -1,6 +1,7 @@
 """Makes the README's picture of a running system: `python docs/picture.py`, after `scripts/demo` once."""
 
 import asyncio
+import io
 import re
 from pathlib import Path
 
@@ -38,9 +39,8 @@ async def photograph(path: Path) -> None:
             if any(0.3 < hover.progress < 0.9 for hover in monitor.hovers.values()):
                 break
             await asyncio.sleep(0.01)
-        with Path("/dev/null").open("w") as nowhere:
-            console = Console(record=True, width=110, file=nowhere, force_terminal=True)
-            console.print(draw(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
+        console = Console(record=True, width=110, file=io.StringIO(), force_terminal=True)
+        console.print(draw(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
     finally:
         services.cancel()
         await asyncio.wait({services})

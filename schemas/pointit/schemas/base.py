@@ -1,7 +1,7 @@
 """What every message shares: immutability, strictness, units and the time of capture."""
 
 import math
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -46,7 +46,7 @@ class Part(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
-    def replace(self, **changes: Any) -> "Part":
+    def replace(self, **changes: Any) -> Self:
         """Return a validated copy with `changes`."""
         return type(self).model_validate({**self.__dict__, **changes})
 

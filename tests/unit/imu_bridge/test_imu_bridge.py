@@ -1,6 +1,7 @@
 """The service with each of its sources: simulated, replay, serial on a pseudo-terminal."""
 
 import asyncio
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -28,9 +29,10 @@ from pointit.services.imu_bridge.config import (
     SerialConfig,
     SimulatedConfig,
 )
+from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedDevice
-from tests.support.bench import memory_bench, until
+from tests.support.bench import ManualClock, memory_bench, until
 from tests.support.pty_device import pty_device
 
 
@@ -106,6 +108,10 @@ async def test_a_request_is_refused_while_nothing_was_read(tmp_path: Path) -> No
             await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(), "anna")
 
 
+def has(samples: list[ImuSample], count: int) -> bool:
+    return len(samples) == count
+
+
 def recording(tmp_path: Path, rows: Sequence[Sequence[float]]) -> Path:
     path = tmp_path / "rec.csv"
     path.write_text("t,qw,qx,qy,qz\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
@@ -114,36 +120,53 @@ def recording(tmp_path: Path, rows: Sequence[Sequence[float]]) -> Path:
 
 async def test_a_replay_publishes_every_sample_at_its_time_repeats_included(tmp_path: Path) -> None:
     rows = [(5.0, 1, 0, 0, 0), (5.1, 1, 0, 0, 0), (5.3, 0, 0, 0, 1), (5.35, 0.6, 0, 0, 0.8)]
-    clock = SimulatedClock(5.0)
-    start_ns = clock.now_ns() + 500_000_000
+    clock = ManualClock()
+    start_ns = clock.now_ns() + 50_000_000
     async with memory_bench(clock) as bench:
-        arrivals: list[tuple[int, ImuSample]] = []
-        bench.bus.subscribe(IMU, lambda sample, _user: arrivals.append((clock.now_ns(), sample)))
+        samples = bench.collect(IMU, "anna")
         replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns)
         bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
-        await until(lambda: len(arrivals) == 4)
-        assert [(sample.stamp_ns - start_ns) / 1e6 for _, sample in arrivals] == [0, 100, 300, 350]
-        assert [sample.orientation_xyzw for _, sample in arrivals] == [
+        await asyncio.sleep(0.06)
+        for count, step_s in enumerate((0.05, 0.1, 0.2, 0.05)):
+            assert len(samples) == count  # not before its time
+            clock.advance(step_s)
+            await until(functools.partial(has, samples, count + 1))
+        assert [(sample.stamp_ns - start_ns) / 1e6 for sample in samples] == [0, 100, 300, 350]
+        assert [sample.orientation_xyzw for sample in samples] == [
             (0, 0, 0, 1),
             (0, 0, 0, 1),
             (0, 0, 1, 0),
             (0, 0, 0.8, 0.6),
         ]
-        assert all(0 <= at - sample.stamp_ns < 400_000_000 for at, sample in arrivals)
+
+
+async def test_a_late_replay_leaves_nothing_out(tmp_path: Path) -> None:
+    rows = [(t / 1000, 1.0, 0.0, 0.0, 0.0) for t in range(100)]
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        samples = bench.collect(IMU)
+        replay = ReplayConfig(recording=str(recording(tmp_path, rows)))
+        bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
+        await until(lambda: len(samples) == 1)
+        clock.advance(1.0)
+        await until(lambda: len(samples) == 100)
 
 
 async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
     rows = [(t / 10, 1.0, 0.0, 0.0, 0.0) for t in range(11)]
     clock = SimulatedClock(20.0)
-    async with memory_bench(clock) as bench:
-        samples = bench.collect(IMU)
-        start_ns = clock.now_ns() - 550_000_000
-        replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns, loop=True)
-        bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
-        await until(lambda: len(samples) >= 20)
-        steps = [b.stamp_ns - a.stamp_ns for a, b in itertools.pairwise(samples)]
-        assert set(steps) == {100_000_000}
-        assert 600_000_000 <= samples[0].stamp_ns - start_ns <= 900_000_000
+    start_ns = clock.now_ns() - 550_000_000
+    replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns, loop=True)
+    stamps_ns: list[int] = []
+    running = asyncio.create_task(
+        ReplaySource(replay, clock).run(lambda reading: stamps_ns.append(reading.stamp_ns))
+    )
+    await until(lambda: len(stamps_ns) >= 20)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert {b - a for a, b in itertools.pairwise(stamps_ns)} == {100_000_000}
+    assert stamps_ns[0] - start_ns >= 600_000_000
+    assert (stamps_ns[0] - start_ns) % 100_000_000 == 0
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,7 @@ class ReplaySource:
         await asyncio.Event().wait()
 
     async def _until(self, due_ns: int) -> None:
+        await asyncio.sleep(0)  # when late: readers in this process still get every sample
         while (wait_ns := due_ns - self._clock.now_ns()) > 0:
             await sleep(self._clock, wait_ns / NS_PER_S)
 

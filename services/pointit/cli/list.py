@@ -1,6 +1,7 @@
 """`pointit list`: what there is to run."""
 
 from collections.abc import Callable
+from typing import Any
 
 import click
 
@@ -28,7 +29,44 @@ def services() -> Section:
     )
 
 
-SECTIONS: dict[str, Callable[[], Section]] = {"services": services}
+def scenarios() -> Section:
+    """Return the shipped scenarios."""
+    from pointit.cli.scenario import read_scenario, scenario_names  # noqa: PLC0415 - only when asked for
+
+    rows: list[dict[str, Any]] = []
+    for name in scenario_names():
+        scenario = read_scenario(name)
+        rows.append({"name": name, "about": scenario.about, "services": [*scenario.site, *scenario.user]})
+    replay = {
+        "name": "replay",
+        "about": "a recorded arm and robot, compared with motion capture (--recording FILE.csv)",
+        "services": ["imu-bridge", "pointing", "localizer", "robot-replay"],
+    }
+    return Section(name="scenarios", about="run one with `pointit run NAME`", rows=(*rows, replay))
+
+
+def maps() -> Section:
+    """Return the shipped maps."""
+    from pointit.services.pui.map_file import load_map, shipped_maps  # noqa: PLC0415 - only when asked for
+
+    rows: list[dict[str, Any]] = []
+    for name in shipped_maps():
+        room = load_map(name, 0)
+        rows.append(
+            {
+                "name": name,
+                "strips": len(room.strips),
+                "pixels": sum(strip.pixels for strip in room.strips),
+                "belts": len(room.belts),
+                "lamps": len(room.lamps),
+            }
+        )
+    return Section(
+        name="maps", about="use one, or your own file, with `--set pui.map=NAME`", rows=tuple(rows)
+    )
+
+
+SECTIONS: dict[str, Callable[[], Section]] = {"scenarios": scenarios, "maps": maps, "services": services}
 """By name, in the order shown; a further section is a further row."""
 
 

@@ -76,9 +76,15 @@ def test_the_front_page_loads_no_command() -> None:
     assert not loaded & {"zenoh", "pydantic", "rich", "numpy", "scipy"}
 
 
-@pytest.mark.parametrize("name", ["topics", "list"])
-def test_tables_load_neither_network_nor_numerics(name: str) -> None:
-    assert not loaded_after(name) & {"zenoh", "scipy", "numpy", "serial", "yaml"}
+@pytest.mark.parametrize("line", ["topics", "list services"])
+def test_tables_load_neither_network_nor_numerics(line: str) -> None:
+    assert not loaded_after(*line.split()) & {"zenoh", "scipy", "numpy", "serial", "yaml"}
+
+
+def test_list_shows_scenarios_maps_and_services() -> None:
+    code, text = invoke("list")
+    assert code == 0
+    assert all(word in text for word in ("scenario_3", "replay", "lab", "led-driver"))
 
 
 def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:

@@ -31,8 +31,9 @@ class Pointing(Service[PointingConfig]):
         ray = self._model.ray(sample, self.clock.now_ns())
         if ray is None:
             self.bus.warn("stale", f"{self._model.stale} IMU samples came too late or out of order")
-        else:
-            self._rays.put(ray)
+            return
+        self.bus.clear("stale")
+        self._rays.put(ray)
 
 
 SERVICE = Pointing

@@ -1,0 +1,213 @@
+"""How processes end: soon, with an exit code that says what happened, whatever they wait for."""
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+
+import pytest
+
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas.topics import SERVICE_ALIVE
+from tests.support.bench import until
+from tests.support.buses import RouterProcess, free_port, router_process
+
+END_S = 2.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def process(*arguments: str) -> Generator[subprocess.Popen[str]]:
+    """Run Python with `arguments`; kill it if it is still there at the end."""
+    child = subprocess.Popen(
+        [sys.executable, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate(timeout=10)
+
+
+def line_with(child: subprocess.Popen[str], what: str) -> str:
+    """Return the first line of standard error that holds `what`."""
+    assert child.stderr is not None
+    for line in child.stderr:
+        if what in line:
+            return line
+    raise AssertionError(f"ended without saying {what!r}")
+
+
+def ended(child: subprocess.Popen[str], number: int) -> tuple[int, float]:
+    """Send a signal; return the exit code and the time it took, s."""
+    began_s = time.monotonic()
+    child.send_signal(number)
+    code = child.wait(10)
+    return code, time.monotonic() - began_s
+
+
+def pointing(endpoint: str) -> tuple[str, ...]:
+    return ("-m", "pointit.services.pointing", "--user", "anna", "--connect", endpoint)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_service_that_waits_for_its_router_ends_on_a_signal(number: int) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with process(*pointing(endpoint)) as child:
+        entry = json.loads(line_with(child, "nobody answers"))
+        assert endpoint in entry["message"]
+        code, took_s = ended(child, number)
+        assert code == 0
+        assert took_s < END_S
+        assert child.stderr is not None
+        assert "Traceback" not in child.stderr.read()
+
+
+def test_it_ends_while_somebody_listens_who_never_answers() -> None:
+    mute = socket.create_server(("127.0.0.1", 0))
+    with mute, process(*pointing(f"tcp/127.0.0.1:{mute.getsockname()[1]}")) as child:
+        line_with(child, "nobody answers")
+        code, took_s = ended(child, signal.SIGINT)
+        assert (code, took_s < END_S) == (0, True)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+async def test_a_service_that_runs_ends_on_a_signal_and_is_gone(number: int) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus = await ZenohBus.open(Link(listen=(endpoint,)))
+    told: list[tuple[str, bool]] = []
+    bus.watch(SERVICE_ALIVE, lambda name, present: told.append((name, present)))
+    with process(*pointing(endpoint)) as child:
+        await until(lambda: told == [("pointing.anna", True)], 15)
+        code, took_s = await asyncio.to_thread(ended, child, number)
+        assert (code, took_s < END_S) == (0, True)
+        await until(lambda: told[1:] == [("pointing.anna", False)])
+    await bus.close()
+
+
+async def test_a_service_that_lost_its_router_ends_on_a_signal() -> None:
+    async with router_process() as router:
+        bus = await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=5)
+        told: list[tuple[str, bool]] = []
+        bus.watch(SERVICE_ALIVE, lambda name, present: told.append((name, present)))
+        with process(*pointing(router.endpoint)) as child:
+            await until(lambda: bool(told), 15)
+            await bus.close()
+            router.stop()
+            await asyncio.to_thread(line_with, child, "is lost")
+            code, took_s = await asyncio.to_thread(ended, child, signal.SIGTERM)
+            assert (code, took_s < END_S) == (0, True)
+
+
+BODY = """
+import asyncio, sys
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Done, UserProfile, ButtonEvent
+from pointit.schemas.topics import *
+
+async def done(query, name): return Done()
+
+async def main():
+    bus = await ZenohBus.open(Link(listen=("{endpoint}",)))
+    for topic in (IMU, BUTTON, PROFILE):
+        bus.subscribe(topic, lambda message, name: None)
+    bus.publisher(IMU, "a")
+    bus.publisher(BUTTON, "a").put(ButtonEvent(stamp_ns=1))
+    bus.publisher(PROFILE, "a").put(UserProfile(stamp_ns=1))
+    bus.serve(SET_BRIGHTNESS, done)
+    bus.announce(USER_ALIVE, "a")
+    bus.watch(USER_ALIVE, lambda name, present: None)
+    await asyncio.sleep(0.3)
+    {end}
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.parametrize(
+    ("end", "code"), [("return", 0), ("sys.exit(3)", 3), ("raise ValueError", 1), ("await bus.close()", 0)]
+)
+def test_a_process_that_forgets_to_close_ends_all_the_same(end: str, code: int) -> None:
+    script = textwrap.dedent(BODY).format(endpoint=f"tcp/127.0.0.1:{free_port()}", end=end)
+    with process("-c", script) as child:
+        assert child.wait(20) == code
+
+
+STUBBORN = """
+import asyncio, threading
+from pointit.runtime import process
+process.END_PATIENCE_S = 0.5
+
+async def work():
+    print("ready", flush=True)
+    while True:
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            pass
+
+process.run_async(work())
+"""
+
+
+def test_what_does_not_end_is_cut_off_and_named() -> None:
+    with process("-c", STUBBORN) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        code, took_s = ended(child, signal.SIGTERM)
+        assert code == 1
+        assert took_s < END_S
+        assert child.stderr is not None
+        assert "Error: did not end within 0.5 s: " in (said := child.stderr.read())
+        assert "main" in said
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> None:
+    router = RouterProcess()
+    router.start()  # fails unless the address is in its first line
+    assert router.stop(number) < END_S
+
+
+def test_a_router_on_a_taken_port_says_so_in_a_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        done = subprocess.run(
+            [sys.executable, "-m", "pointit.cli", "router", "--listen", endpoint],
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"Error: cannot listen on {endpoint}: ")
+    assert done.stderr.count("\n") == 1
+    assert "--listen" in done.stderr
+
+
+def test_a_router_whose_address_is_none_says_so_in_a_sentence() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pointit.cli", "router", "--listen", "over there"],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "over there" in done.stderr
+    assert "tcp/127.0.0.1:7447" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,182 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""Bytes that nobody of ours has sent: dropped, counted, said once a second, and never the end of a reader."""
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator
+from typing import Any
+
+import msgpack
+import pytest
+import pytest_asyncio
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime import NoAnswerError, RefusedError, RequestError
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, encode
+from pointit.schemas.topics import IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
+from tests.support.bench import until
+from tests.support.buses import free_port
+
+SITE = "pointit/lab/"
+
+GARBAGE = {
+    "nothing": b"",
+    "text": b"hello",
+    "a list": msgpack.packb([1, 2, 3]),
+    "an empty map": msgpack.packb({}),
+    "unknown fields": msgpack.packb({"stamp_ns": 1, "surprise": 1}),
+    "keys that are no names": msgpack.packb({1: 2}),
+    "a map cut short": msgpack.packb({"stamp_ns": 1, "seq": 2})[:-3],
+    "more than one value": msgpack.packb({"stamp_ns": 1}) * 2,
+    "a list of four milliards": b"\xdd\xff\xff\xff\xff",
+    "a thousand lists in each other": b"\x91" * 1000,
+    "a name that is not UTF-8": b"\x81\xa2\xff\xfe\x01",
+    "not a number": msgpack.packb({"stamp_ns": float("nan")}),
+    "too big a number": msgpack.packb({"stamp_ns": 2**64 - 1, "seq": -1}),
+    "a norm that overflows": msgpack.packb({"stamp_ns": 1, "orientation_xyzw": [1e154] * 4}),
+    "a megabyte of zeros": bytes(1_000_000),
+    "a megabyte of text": msgpack.packb({"stamp_ns": 1, "seq": "x" * 1_000_000}),
+}
+
+
+@pytest_asyncio.fixture
+async def bus_and_stranger() -> AsyncIterator[tuple[ZenohBus, zenoh.Session]]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus = await ZenohBus.open(Link(listen=(endpoint,)))
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    stranger = await asyncio.to_thread(zenoh.open, config)
+    try:
+        yield bus, stranger
+    finally:
+        await asyncio.to_thread(stranger.close)
+        await bus.close()
+
+
+def name_for(row: Any) -> str:
+    return "anna" if row.placeholder else ""
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
+async def test_garbage_is_dropped_counted_and_said_once_a_second(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session], topic: Topic[Message], caplog: pytest.LogCaptureFixture
+) -> None:
+    bus, stranger = bus_and_stranger
+    caplog.set_level(logging.WARNING)
+    seen: list[Message] = []
+    began_s = time.monotonic()
+    subscription = bus.subscribe(topic, lambda message, _name: seen.append(message))
+    key = SITE + topic.at(name_for(topic))
+    for count, (what, payload) in enumerate(GARBAGE.items(), start=1):
+        stranger.put(key, payload)
+        await until(lambda count=count: subscription.traffic.invalid >= count, what=what)  # type: ignore[misc]
+    assert subscription.traffic.invalid == len(GARBAGE)
+    assert not seen
+    assert subscription.traffic.errors == 0
+    lines = [record for record in caplog.records if f"{topic.key}: dropped" in record.message]
+    assert 1 <= len(lines) <= 1 + (time.monotonic() - began_s)
+    assert all(len(record.message) < 400 for record in lines), "a megabyte does not belong in a log"
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+async def test_good_messages_go_on_between_bad_ones(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    seen: list[int] = []
+    subscription = bus.subscribe(IMU, lambda message, _name: seen.append(message.seq))
+    key = SITE + IMU.at("anna")
+    for seq in range(5):
+        stranger.put(key, b"garbage")
+        await until(lambda seq=seq: subscription.traffic.invalid == seq + 1)  # type: ignore[misc]
+        stranger.put(key, encode(ImuSample(stamp_ns=1, seq=seq, orientation_xyzw=(0, 0, 0, 1))))
+        await until(lambda seq=seq: seen == list(range(seq + 1)))  # type: ignore[misc]
+
+
+async def test_a_key_whose_name_cannot_be_one_is_dropped(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    seen: list[str] = []
+    subscription = bus.subscribe(IMU, lambda _message, name: seen.append(name))
+    told: list[str] = []
+    bus.watch(USER_ALIVE, lambda name, _present: told.append(name))
+    good = encode(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
+    for count, name in enumerate(("ä", "a b", "x" * 65, "-"), start=1):
+        stranger.put(f"{SITE}users/{name}/imu", good)
+        await until(lambda count=count: subscription.traffic.invalid == count)  # type: ignore[misc]
+    strange = stranger.liveliness().declare_token(f"{SITE}alive/users/a b")
+    known = stranger.liveliness().declare_token(f"{SITE}alive/users/anna")
+    await until(lambda: bool(told))
+    assert (seen, told) == ([], ["anna"])
+    strange.undeclare()
+    known.undeclare()
+
+
+async def test_a_delete_is_not_a_message(bus_and_stranger: tuple[ZenohBus, zenoh.Session]) -> None:
+    bus, stranger = bus_and_stranger
+    subscription = bus.subscribe(IMU, lambda _message, _name: None)
+    stranger.delete(SITE + IMU.at("anna"))
+    stranger.put(SITE + IMU.at("anna"), b"garbage")
+    await until(lambda: subscription.traffic.invalid == 1)
+    assert subscription.traffic.received == 1
+
+
+async def test_a_question_that_does_not_decode_is_refused_with_a_sentence(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    asked: list[str] = []
+
+    async def pose(_query: SetPose, name: str) -> Done:
+        asked.append(name)
+        return Done(message=name)
+
+    bus.serve(SET_POSE, pose)
+
+    def ask(key: str, payload: bytes | None) -> list[str]:
+        return [
+            reply.err.payload.to_string() if reply.err else reply.ok.payload.to_bytes().hex()  # type: ignore[union-attr]
+            for reply in stranger.get(SITE + key, payload=payload, timeout=2.0)
+        ]
+
+    for payload in (None, *GARBAGE.values()):
+        answers = await asyncio.to_thread(ask, SET_POSE.at("anna"), payload)
+        assert len(answers) == 1
+        assert answers[0].startswith("SetPose: ")
+    wild = await asyncio.to_thread(ask, SET_POSE.at("*"), encode(SetPose(position_m=(0, 0, 0))))
+    assert len(wild) == 1
+    assert "user '*'" in wild[0]
+    assert not asked
+    good = await asyncio.to_thread(ask, SET_POSE.at("anna"), encode(SetPose(position_m=(0, 0, 0))))
+    assert bytes.fromhex(good[0]) == encode(Done(message="anna"))
+
+
+async def test_a_reply_that_does_not_decode_is_an_error_that_names_the_server(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    answers = iter((b"garbage", b"refused"))
+
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            answer = next(answers)
+            if answer == b"refused":
+                query.reply_err(b"\xff not UTF-8")
+            else:
+                query.reply(query.key_expr, answer)
+
+    queryable = stranger.declare_queryable(SITE + SET_BRIGHTNESS.at(), Callback(reply, indirect=False))
+    with pytest.raises(RequestError, match="led-driver sent a broken reply to leds/brightness") as caught:
+        await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+    assert not isinstance(caught.value, NoAnswerError | RefusedError)
+    with pytest.raises(RefusedError, match="not UTF-8"):
+        await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+    queryable.undeclare()

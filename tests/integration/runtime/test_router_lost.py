@@ -1,0 +1,142 @@
+"""A router that is killed and comes back: said once, and everything works again."""
+
+import logging
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+import pytest
+import pytest_asyncio
+
+from pointit.runtime import NoAnswerError, WallClock
+from pointit.runtime.health import ServiceBus
+from pointit.runtime.zenoh_bus import EVENT_CACHE, ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import ButtonEvent, Done, ImuSample, SetBrightness, UserProfile
+from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
+from tests.support.bench import until
+from tests.support.buses import RouterProcess, router_process, settled
+
+RECOVERY_S = 15.0
+
+
+@dataclass
+class Two:
+    router: RouterProcess
+    a: ZenohBus
+    b: ZenohBus
+
+    async def cut(self) -> None:
+        self.router.stop()
+        await until(lambda: not self.a.connected and not self.b.connected)
+
+    async def heal(self) -> None:
+        self.router.start()
+        await until(lambda: self.a.connected and self.b.connected, RECOVERY_S)
+
+
+@pytest_asyncio.fixture
+async def two() -> AsyncIterator[Two]:
+    async with router_process() as router:
+        link = Link(connect=(router.endpoint,))
+        a, b = await ZenohBus.open(link, patience_s=5), await ZenohBus.open(link, patience_s=5)
+        try:
+            yield Two(router, a, b)
+        finally:
+            await b.close()
+            await a.close()
+
+
+async def test_it_is_said_once_down_and_once_up_and_shown_meanwhile(
+    two: Two, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    view = ServiceBus(two.a, WallClock(), "pointing", "pointing.anna", "anna")
+    assert view.report().status == "ok"
+    for _ in range(2):
+        caplog.clear()
+        await two.cut()
+        report = view.report()
+        assert report.status == "degraded"
+        assert f"router at {two.router.endpoint} lost 0 s ago" in report.warnings[0]
+        await two.heal()
+        assert view.report().warnings == ()
+        said = [(r.levelname, r.message) for r in caplog.records if "router at" in r.message]
+        assert said == [
+            ("WARNING", f"router at {two.router.endpoint} is lost; trying again until it is back"),
+            ("WARNING", f"router at {two.router.endpoint} is lost; trying again until it is back"),
+            ("INFO", f"router at {two.router.endpoint} is back"),
+            ("INFO", f"router at {two.router.endpoint} is back"),
+        ], "one line a bus and a change"
+
+
+async def test_latest_requests_and_presence_work_again(two: Two) -> None:
+    async def done(_query: SetBrightness, _name: str) -> Done:
+        return Done(message="done")
+
+    samples: list[int] = []
+    told: list[tuple[str, bool]] = []
+    two.b.subscribe(IMU, lambda message, _name: samples.append(message.seq))
+    two.b.watch(USER_ALIVE, lambda name, present: told.append((name, present)))
+    two.a.serve(SET_BRIGHTNESS, done)
+    two.a.announce(USER_ALIVE, "anna")
+    writer = two.a.publisher(IMU, "anna")
+    await until(lambda: told == [("anna", True)])
+
+    def put(seq: int) -> bool:
+        writer.put(ImuSample(stamp_ns=1, seq=seq, orientation_xyzw=(0, 0, 0, 1)))
+        return seq in samples
+
+    await until(lambda: put(1))
+    await two.cut()
+    await until(lambda: told[1:] == [("anna", False)])
+    put(2)
+    with pytest.raises(NoAnswerError):
+        await two.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+    await two.heal()
+    await until(lambda: told[2:] == [("anna", True)])
+    await until(lambda: put(3))
+    assert 2 not in samples
+    assert (await two.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))).message == "done"
+
+
+async def test_states_of_the_meantime_arrive(two: Two) -> None:
+    early: list[int] = []
+    two.b.subscribe(PROFILE, lambda message, _name: early.append(message.seq))
+    kept, changed = two.a.publisher(PROFILE, "anna"), two.a.publisher(PROFILE, "ben")
+    kept.put(UserProfile(stamp_ns=1, seq=1))
+    changed.put(UserProfile(stamp_ns=1, seq=10))
+    await until(lambda: sorted(early) == [1, 10])
+    await two.cut()
+    changed.put(UserProfile(stamp_ns=1, seq=11))
+    late: list[int] = []
+    two.b.subscribe(PROFILE, lambda message, _name: late.append(message.seq))
+    fresh = two.a.publisher(PROFILE, "carl")
+    fresh.put(UserProfile(stamp_ns=1, seq=20))
+    await two.heal()
+    await until(lambda: sorted(set(early[2:])) == [11, 20] and sorted(late) == [1, 11, 20], RECOVERY_S)
+    changed.put(UserProfile(stamp_ns=1, seq=12))
+    await until(lambda: early[-1] == late[-1] == 12)
+    assert early.count(11) == early.count(20) == 1
+
+
+@pytest.mark.parametrize("during", [20, EVENT_CACHE + 100])
+async def test_events_of_the_meantime_arrive_in_order_or_are_counted(two: Two, during: int) -> None:
+    seen: list[int] = []
+    subscription = two.b.subscribe(BUTTON, lambda message, _name: seen.append(message.seq))
+    writer = two.a.publisher(BUTTON, "anna")
+    await settled(two.a, two.b)
+    for seq in range(10):
+        writer.put(ButtonEvent(stamp_ns=1, seq=seq))
+    await until(lambda: seen == list(range(10)))
+    await two.cut()
+    total = 10 + during
+    for seq in range(10, total):
+        writer.put(ButtonEvent(stamp_ns=1, seq=seq))
+    await two.heal()
+    traffic = subscription.traffic
+    await until(lambda: len(seen) + traffic.lost == total, RECOVERY_S, f"{len(seen)}, {traffic}")
+    assert seen == sorted(set(seen))
+    assert traffic.lost == max(0, during - EVENT_CACHE)
+    writer.put(ButtonEvent(stamp_ns=1, seq=total))
+    await until(lambda: seen[-1] == total)
+    assert len(seen) + traffic.lost == total + 1

@@ -1,0 +1,220 @@
+"""Configuration: which source wins, and what a person is told about a mistake."""
+
+import contextlib
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field
+
+from pointit.runtime import Config, ConfigError
+from pointit.runtime.config import Layers, leaves, read_yaml
+
+
+class Arm(Config):
+    length_m: float = Field(default=0.7, gt=0, description="shoulder to finger, m")
+    side: Literal["left", "right"] = Field(default="right", description="which arm")
+
+
+class Limits(Config):
+    rate_hz: float | None = Field(default=None, description="highest rate, Hz; none: as it comes")
+
+
+class Sample(Config):
+    """What the tests configure."""
+
+    count: int = Field(default=3, ge=0, description="how many")
+    label: str = Field(default="none yet", description="what to call it")
+    is_on: bool = Field(default=False, description="whether it runs")
+    offsets_m: tuple[float, ...] = Field(default=(0.0, 1.0), description="places, m")
+    weights: dict[str, float] = Field(default={"a": 1.0}, description="share of each")
+    arm: Arm = Arm()
+    limits: Limits = Limits()
+
+
+class Needy(Config):
+    path: Path = Field(description="where it is")
+
+
+def built(**sources: object) -> Sample:
+    layers = Layers()
+    layers.add(sources, "file.yaml")
+    return layers.build(Sample)
+
+
+def test_later_sources_win_field_by_field() -> None:
+    layers = Layers()
+    assert layers.build(Sample) == Sample()
+    layers.add({"count": 4, "arm": {"length_m": 0.5, "side": "left"}, "weights": {"b": 2.0}}, "first.yaml")
+    layers.add({"arm": {"length_m": 0.6}}, "second.yaml")
+    layers.add_environment(
+        {"POINTIT_X__ARM__LENGTH_M": "0.8", "POINTIT_X__LABEL": "env", "POINTIT_Y__COUNT": "9", "HOME": "/"},
+        "POINTIT_X__",
+    )
+    layers.add_text(("label",), "option", "--label")
+    config = layers.build(Sample)
+    assert config.count == 4
+    assert config.arm == Arm(length_m=0.8, side="left")
+    assert config.label == "option"
+    assert config.weights == {"b": 2.0}
+
+
+def test_layers_do_not_change_what_was_laid() -> None:
+    first = {"arm": {"length_m": 0.5}}
+    layers = Layers()
+    layers.add(first, "first.yaml")
+    layers.add({"arm": {"length_m": 0.6}}, "second.yaml")
+    assert first == {"arm": {"length_m": 0.5}}
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"count": -1}, "file.yaml: count: Input should be greater than or equal to 0 (got -1)"),
+        ({"arm": {"length_m": "long"}}, "file.yaml: arm.length_m: Input should be a valid number"),
+        ({"arm": {"length_m": "long"}}, "(got 'long')"),
+        ({"arm": {"size": 3}}, "file.yaml: arm.size: Extra inputs are not permitted (got 3)"),
+        ({"arm": 3}, "file.yaml: arm: "),
+        (
+            {"offsets_m": [1, float("nan")]},
+            "file.yaml: offsets_m.1: Input should be a finite number (got nan)",
+        ),
+        ({"count": -1, "label": 3}, ", and 1 more"),
+    ],
+)
+def test_a_mistake_in_a_file_names_file_field_and_value(values: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        built(**values)
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_source_that_is_named_is_the_one_that_won() -> None:
+    layers = Layers()
+    layers.add({"arm": {"length_m": "long", "side": "left"}}, "file.yaml")
+    layers.add_environment({"POINTIT_X__ARM__LENGTH_M": "longer"}, "POINTIT_X__")
+    with pytest.raises(ConfigError, match=r"^variable POINTIT_X__ARM__LENGTH_M: arm.length_m: .*'longer'"):
+        layers.build(Sample)
+    layers.add_text(("arm", "length_m"), "-1", "--arm.length-m")
+    with pytest.raises(ConfigError, match=r"^--arm.length-m: arm.length_m: .*'-1'"):
+        layers.build(Sample)
+    layers.add_text(("arm", "length_m"), "1", "--arm.length-m")
+    assert layers.build(Sample).arm == Arm(length_m=1, side="left")
+
+
+def test_an_unknown_variable_is_a_mistake() -> None:
+    layers = Layers()
+    layers.add_environment({"POINTIT_X__COUNTT": "3"}, "POINTIT_X__")
+    with pytest.raises(ConfigError, match="variable POINTIT_X__COUNTT: countt: Extra inputs"):
+        layers.build(Sample)
+
+
+def test_a_required_field_that_is_absent() -> None:
+    with pytest.raises(ConfigError, match="path: Field required"):
+        Layers().build(Needy)
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "value"),
+    [
+        ("label", "red", "red"),
+        ("label", "no", "no"),  # YAML would make it False
+        ("label", "7", "7"),
+        ("label", "2024-01-01", "2024-01-01"),
+        ("label", " spaced ", "spaced"),
+        ("label", "'7'", "7"),
+        ("label", '"a: b"', "a: b"),
+        ("count", "5", 5),
+        ("is_on", "on", True),
+        ("is_on", "false", False),
+        ("offsets_m", "[1, 2.5]", (1.0, 2.5)),
+        ("offsets_m", "[]", ()),
+        ("weights", "{x: 1}", {"x": 1.0}),
+    ],
+)
+def test_text_is_read_as_the_field_wants_it(field: str, text: str, value: object) -> None:
+    layers = Layers()
+    layers.add_text((field,), text, "--" + field)
+    assert getattr(layers.build(Sample), field) == value
+
+
+@pytest.mark.parametrize(("text", "value"), [("1e-3", 0.001), ("50", 50.0), ("null", None), ("~", None)])
+def test_text_for_a_number_that_may_be_absent(text: str, value: float | None) -> None:
+    layers = Layers()
+    layers.add_text(("limits", "rate_hz"), text, "--limits.rate-hz")
+    assert layers.build(Sample).limits.rate_hz == value
+
+
+@pytest.mark.parametrize("text", ["[1, 2", "{a: ", "a: b: c", "'x", "\x00"])
+def test_text_that_is_no_value(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"^--offsets-m: is not a value"):
+        Layers().add_text(("offsets_m",), text, "--offsets-m")
+
+
+@given(st.text())
+def test_any_text_is_a_value_or_a_config_error(text: str) -> None:
+    layers = Layers()
+    with contextlib.suppress(ConfigError):  # anything else is a traceback for a person
+        layers.add_text(("label",), text, "--label")
+        assert isinstance(layers.build(Sample).label, str)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, min_value=1e-300))
+def test_numbers_survive_as_text(value: float) -> None:
+    layers = Layers()
+    layers.add_text(("arm", "length_m"), repr(value), "--arm.length-m")
+    assert layers.build(Sample).arm.length_m == value
+
+
+def test_yaml_files(tmp_path: Path) -> None:
+    file = tmp_path / "a.yaml"
+    file.write_text("count: 4\narm:\n  side: left\n", encoding="utf-8")
+    layers = Layers()
+    layers.add(read_yaml(file), str(file))
+    assert layers.build(Sample) == Sample(count=4, arm=Arm(side="left"))
+    file.write_text("# nothing\n", encoding="utf-8")
+    assert read_yaml(file) == {}
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"count: 4\narm: [1\nlabel: x\n", "is not YAML in line 3"),
+        (b"count: 4\n\tlabel: x\n", "is not YAML in line 2"),
+        (b"a: 1\n b: 2\n", "is not YAML in line 2"),
+        (b"\xff\xfe\x00", "is not YAML"),
+        (b"- 1\n- 2\n", "a mapping of names to values was expected, got list"),
+        (b"hello\n", "a mapping of names to values was expected, got str"),
+        (b"a: !!python/object/apply:os.getcwd []\n", "is not YAML in line 1"),
+    ],
+)
+def test_a_broken_file_is_told_in_one_sentence(tmp_path: Path, content: bytes, sentence: str) -> None:
+    file = tmp_path / "broken.yaml"
+    file.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        read_yaml(file)
+    assert str(caught.value).startswith(f"{file}: {sentence}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"absent.yaml: cannot be read \(No such file"):
+        read_yaml(tmp_path / "absent.yaml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_yaml(tmp_path)
+
+
+def test_every_parameter_is_listed_with_option_type_and_default() -> None:
+    assert {leaf.option: (leaf.type_name, leaf.default) for leaf in leaves(Sample)} == {
+        "--count": ("int", "3"),
+        "--label": ("text", "none yet"),
+        "--is-on": ("bool", "False"),
+        "--offsets-m": ("list of float", "[0.0, 1.0]"),
+        "--weights": ("mapping of text to float", "{'a': 1.0}"),
+        "--arm.length-m": ("float", "0.7"),
+        "--arm.side": ("one of left, right", "right"),
+        "--limits.rate-hz": ("float", "none"),
+    }
+    assert [leaf.default for leaf in leaves(Needy)] == ["required"]

@@ -1,0 +1,165 @@
+"""A service's account of itself."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from types import SimpleNamespace
+
+import pytest
+import pytest_asyncio
+
+from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.health import ServiceBus
+from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
+from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, USER_ALIVE
+from tests.support.bench import ManualClock, until
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.exchange = Exchange()
+        self.bus = MemoryBus(self.exchange)
+        self.clock = ManualClock()
+        self.view = ServiceBus(self.bus, self.clock, "pointing", "pointing.anna", "anna")
+
+
+@pytest.fixture
+def now_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Return the monotonic time, s, as one item to be moved by hand."""
+    now = [50.0]
+    frozen = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
+    monkeypatch.setattr("pointit.runtime.health.time", frozen)
+    return now
+
+
+@pytest_asyncio.fixture
+async def bench(now_s: list[float]) -> AsyncIterator[Bench]:
+    assert now_s
+    bench = Bench()
+    yield bench
+    await bench.view.close()
+    await bench.bus.close()
+
+
+def of(health: Health, key: str, direction: str) -> KeyHealth:
+    return next(entry for entry in health.keys if (entry.key, entry.direction) == (key, direction))
+
+
+async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
+    seen: list[int] = []
+    bench.view.subscribe(IMU, lambda message, _name: seen.append(message.seq), "anna")
+    out = bench.view.publisher(BUTTON, "anna")
+    writer = bench.bus.publisher(IMU, "anna")
+    silent = bench.view.report()
+    assert (of(silent, IMU.key, "in").rate_hz, of(silent, IMU.key, "in").age_s) == (0, None)
+    for seq in range(20):
+        now_s[0] += 0.1
+        writer.put(ImuSample(stamp_ns=1, seq=seq, orientation_xyzw=LEVEL))
+        if seq % 2:
+            out.put(ButtonEvent(stamp_ns=1))
+        await asyncio.sleep(0)
+    now_s[0] += 0.5
+    health = bench.view.report()
+    assert of(health, IMU.key, "in").rate_hz == pytest.approx(20 / 2.5)
+    assert of(health, IMU.key, "in").age_s == pytest.approx(0.5)
+    assert of(health, BUTTON.key, "out").rate_hz == pytest.approx(10 / 2.5)
+    now_s[0] += 1
+    later = bench.view.report()
+    assert of(later, IMU.key, "in").rate_hz == 0
+    assert of(later, IMU.key, "in").age_s == pytest.approx(1.5)
+    assert later.seq == health.seq + 1
+    assert later.uptime_s == pytest.approx(3.5)
+    assert (health.service, health.instance, health.user) == ("pointing", "pointing.anna", "anna")
+
+
+async def test_times_of_steps_and_of_the_data_put_out(bench: Bench, now_s: list[float]) -> None:
+    durations = [0.001 * index for index in range(1, 101)]
+    left = iter(durations)
+
+    def step(message: ImuSample, _name: str) -> None:
+        now_s[0] += next(left)
+        bench.clock.time_ns = message.stamp_ns + 5_000_000 * (message.seq + 1)
+        out.put(message)
+
+    out = bench.view.publisher(IMU, "ben")
+    bench.view.subscribe(IMU, step, "anna")
+    writer = bench.bus.publisher(IMU, "anna")
+    for seq in range(100):
+        writer.put(ImuSample(stamp_ns=bench.clock.now_ns(), seq=seq, orientation_xyzw=LEVEL))
+        await asyncio.sleep(0)
+    health = bench.view.report()
+    assert health.step is not None
+    assert health.latency is not None
+    assert (health.step.p50_s, health.step.p99_s) == pytest.approx((0.050, 0.099))
+    assert (health.latency.p50_s, health.latency.p99_s) == pytest.approx((0.250, 0.495))
+    assert bench.view.report().step is None, "of the time since the last report only"
+
+
+async def test_the_higher_of_two_times_is_the_99th_percentile(bench: Bench, now_s: list[float]) -> None:
+    left = iter((0.1, 0.3))
+
+    def step(_message: ButtonEvent, _name: str) -> None:
+        now_s[0] += next(left)
+
+    bench.view.subscribe(BUTTON, step)
+    writer = bench.bus.publisher(BUTTON, "anna")
+    for _ in range(2):
+        writer.put(ButtonEvent(stamp_ns=1))
+    await asyncio.sleep(0)
+    step_times = bench.view.report().step
+    assert step_times is not None
+    assert (step_times.p50_s, step_times.p99_s) == pytest.approx((0.1, 0.3))
+
+
+async def test_drops_errors_and_broken_watchers_are_counted(bench: Bench) -> None:
+    def fail(_message: object, _name: str) -> None:
+        raise RuntimeError("broken")
+
+    def fail_watching(_name: str, _present: bool) -> None:  # noqa: FBT001
+        raise RuntimeError("broken")
+
+    bench.view.subscribe(BUTTON, fail)
+    bench.view.watch(USER_ALIVE, fail_watching)
+    writer = bench.bus.publisher(BUTTON, "anna")
+    for seq in range(EVENT_CAPACITY + 3):
+        writer.put(ButtonEvent(stamp_ns=1, seq=seq))
+    bench.bus.announce(USER_ALIVE, "anna")
+    await until(lambda: bench.view.report().errors == EVENT_CAPACITY + 1)
+    assert of(bench.view.report(), BUTTON.key, "in").dropped == 3
+
+
+async def test_warnings_stay_until_they_are_cleared(bench: Bench) -> None:
+    assert bench.view.report().status == "ok"
+    bench.view.warn("imu", "no samples; is the wristband on?")
+    bench.view.warn("map", "no map")
+    bench.view.warn("imu", "no samples for 2 s")
+    for _ in range(2):
+        health = bench.view.report()
+        assert (health.status, health.warnings) == ("degraded", ("no samples for 2 s", "no map"))
+    bench.view.clear("imu")
+    bench.view.clear("never warned")
+    assert bench.view.report().warnings == ("no map",)
+    bench.view.clear("map")
+    assert bench.view.report().status == "ok"
+
+
+async def test_closing_takes_everything_back_presence_last(bench: Bench) -> None:
+    order: list[str] = []
+    watcher = MemoryBus(bench.exchange)
+
+    def gone(_name: str, present: bool) -> None:  # noqa: FBT001
+        if not present:
+            order.append("presence")
+            assert not bench.exchange.readers_of(IMU)
+
+    watcher.watch(SERVICE_ALIVE, gone)
+    bench.view.announce(SERVICE_ALIVE, "pointing.anna")
+    bench.view.subscribe(IMU, lambda _message, _name: None)
+    await asyncio.sleep(0)
+    await bench.view.close()
+    await until(lambda: order == ["presence"])
+    await bench.view.close()
+    await watcher.close()

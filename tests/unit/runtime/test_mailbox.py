@@ -1,0 +1,191 @@
+"""The buffer between foreign threads and the loop: nothing lost, nothing twice, nothing stuck."""
+
+import asyncio
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.mailbox import Dispatcher, Mailbox
+from pointit.schemas import ButtonEvent, ImuSample, Message
+from pointit.schemas.topics import BUTTON, IMU
+from tests.support.bench import until
+
+THREADS = 4
+
+
+@pytest.fixture
+def restless() -> Iterator[None]:
+    """Switch threads as often as Python can, to meet the races."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def press(seq: int) -> ButtonEvent:
+    return ButtonEvent(stamp_ns=1, seq=seq)
+
+
+@pytest.mark.usefixtures("restless")
+async def test_events_of_many_threads_all_come_each_thread_in_order() -> None:
+    seen: list[tuple[str, int]] = []
+    mailbox = Mailbox(BUTTON, lambda message, name: seen.append((name, message.seq)), Dispatcher())
+    each = 5000
+    events = [press(seq) for seq in range(each)]
+
+    def offer(name: str) -> None:
+        for event in events:
+            mailbox.offer(name, event)
+
+    threads = [threading.Thread(target=offer, args=(f"t{index}",)) for index in range(THREADS)]
+    for thread in threads:
+        thread.start()
+    traffic = mailbox.traffic
+    await until(lambda: len(seen) + traffic.dropped >= THREADS * each, 30)
+    for thread in threads:
+        thread.join()
+    assert traffic.received == THREADS * each
+    assert len(seen) + traffic.dropped == THREADS * each
+    for index in range(THREADS):
+        mine = [seq for name, seq in seen if name == f"t{index}"]
+        assert mine == sorted(set(mine))
+
+
+@pytest.mark.usefixtures("restless")
+async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() -> None:
+    newest: dict[str, int] = {}
+    handled = 0
+
+    def handle(message: Message, name: str) -> None:
+        nonlocal handled
+        handled += 1
+        newest[name] = message.seq
+
+    dispatcher = Dispatcher()
+    mailboxes = [Mailbox(IMU, handle, dispatcher) for _ in range(THREADS)]
+    each = 5000
+    samples = [ImuSample(stamp_ns=1, seq=seq, orientation_xyzw=(0, 0, 0, 1)) for seq in range(each)]
+
+    def offer(index: int) -> None:
+        for sample in samples:
+            for turn in range(THREADS):
+                mailboxes[(index + turn) % THREADS].offer(f"t{index}", sample)
+
+    threads = [threading.Thread(target=offer, args=(index,)) for index in range(THREADS)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):  # noqa: ASYNC110 - foreign threads set no event
+        await asyncio.sleep(0.01)
+    await until(lambda: newest == {f"t{index}": each - 1 for index in range(THREADS)})
+    total = sum(mailbox.traffic.received for mailbox in mailboxes)
+    assert total == THREADS * THREADS * each
+    await until(lambda: handled + sum(mailbox.traffic.dropped for mailbox in mailboxes) == total)
+
+
+@pytest.mark.usefixtures("restless")
+async def test_nothing_is_handled_after_close_whatever_threads_still_offer() -> None:
+    count = 0
+
+    def handle(_message: Message, _name: str) -> None:
+        nonlocal count
+        count += 1
+
+    mailbox = Mailbox(BUTTON, handle, Dispatcher())
+    stop = threading.Event()
+
+    def offer() -> None:
+        while not stop.is_set():
+            mailbox.offer("anna", press(0))
+
+    threads = [threading.Thread(target=offer) for _ in range(THREADS)]
+    for thread in threads:
+        thread.start()
+    await until(lambda: count > 100)
+    mailbox.close()
+    at_close = count
+    await asyncio.sleep(0.05)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    await asyncio.sleep(0)
+    assert count == at_close
+    assert len(mailbox._queue) <= EVENT_CAPACITY
+
+
+async def test_a_closed_mailbox_holds_nothing() -> None:
+    mailbox = Mailbox(BUTTON, lambda _message, _name: None, Dispatcher())
+    for seq in range(10):
+        mailbox.offer("anna", press(seq))
+    mailbox.close()
+    assert not mailbox._queue
+
+
+async def test_one_wake_up_drains_a_chain_but_lets_others_have_their_turn() -> None:
+    dispatcher = Dispatcher()
+    turns = 0
+    other_ran_at = -1
+
+    def again(message: Message, name: str) -> None:
+        nonlocal turns
+        turns += 1
+        if turns < 1000:
+            mailbox.offer(name, message)
+
+    def other() -> None:
+        nonlocal other_ran_at
+        other_ran_at = turns
+
+    mailbox = Mailbox(BUTTON, again, dispatcher)
+    mailbox.offer("anna", press(0))
+    asyncio.get_running_loop().call_soon(other)
+    await until(lambda: turns == 1000)
+    assert 1 < other_ran_at < 50, "neither one hop a wake-up, nor all of an endless chain"
+
+
+async def test_a_handler_that_ends_the_world_does_not_silence_the_dispatcher() -> None:
+    """Even what is no `Exception` leaves the dispatcher awake for the next."""
+    loop = asyncio.get_running_loop()
+    raised: list[BaseException] = []
+    loop.set_exception_handler(lambda _loop, context: raised.append(context["exception"]))
+    seen: list[int] = []
+
+    def handle(message: Message, _name: str) -> None:
+        if message.seq == 0:
+            raise asyncio.CancelledError
+        seen.append(message.seq)
+
+    mailbox = Mailbox(BUTTON, handle, Dispatcher())
+    mailbox.offer("anna", press(0))
+    await until(lambda: bool(raised))
+    mailbox.offer("anna", press(1))
+    await until(lambda: seen == [1])
+    loop.set_exception_handler(None)
+
+
+async def test_whatever_unpacking_raises_is_counted() -> None:
+    def unpack(_item: object) -> Message:
+        raise OverflowError("a norm beyond floats")
+
+    mailbox = Mailbox(BUTTON, lambda _message, _name: None, Dispatcher(), unpack)
+    for count in range(1, 4):
+        mailbox.offer("anna", b"")
+        await until(lambda count=count: mailbox.traffic.invalid == count)  # type: ignore[misc]
+
+
+def test_offers_after_the_loop_has_ended_do_no_harm() -> None:
+    async def make() -> Mailbox:
+        return Mailbox(BUTTON, lambda _message, _name: None, Dispatcher())
+
+    mailbox = asyncio.run(make())
+
+    def offer() -> None:
+        for seq in range(2000):
+            mailbox.offer("anna", press(seq))
+
+    thread = threading.Thread(target=offer)
+    thread.start()
+    thread.join()
+    assert len(mailbox._queue) == EVENT_CAPACITY

@@ -1,0 +1,211 @@
+"""Commands: what they say and with which code they end."""
+
+import asyncio
+import json
+import logging
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import ClassVar
+
+import click
+import pytest
+from pydantic import Field
+
+from pointit.runtime import (
+    Config,
+    ConfigError,
+    ConnectError,
+    ListenError,
+    NoAnswerError,
+    Service,
+)
+from pointit.runtime.config import leaves
+from pointit.runtime.process import load_config, run_async, run_command, service_command
+from pointit.runtime.service import Scope
+from pointit.schemas import KeyNameError
+
+
+class Arm(Config):
+    length_m: float = Field(default=0.7, gt=0, description="shoulder to finger, m")
+
+
+class SampleConfig(Config):
+    rate_hz: float = Field(default=50, gt=0, description="how often, Hz")
+    arm: Arm = Arm()
+
+
+class Sample(Service[SampleConfig]):
+    """Does nothing, often."""
+
+    NAME: ClassVar[str] = "sample-one"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = SampleConfig
+
+
+@pytest.fixture(autouse=True)
+def root() -> Iterator[None]:
+    """Put the root logger back as it was."""
+    logger = logging.getLogger()
+    handlers, level = list(logger.handlers), logger.level
+    yield
+    logger.handlers[:] = handlers
+    logger.setLevel(level)
+
+
+def ended(command: click.Command, *arguments: str) -> int:
+    with pytest.raises(SystemExit) as caught:
+        run_command(command, list(arguments))
+    assert isinstance(caught.value.code, int)
+    return caught.value.code
+
+
+def raising(error: BaseException) -> click.Command:
+    def callback() -> None:
+        raise error
+
+    return click.Command("x", callback=callback)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ConfigError("a.yaml: broken"), 2),
+        (KeyNameError("user 'a/b': no"), 2),
+        (click.UsageError("what?"), 2),
+        (ConnectError("nobody answers"), 1),
+        (ListenError("taken"), 1),
+        (NoAnswerError("pui does not answer"), 1),
+        (click.ClickException("failed"), 1),
+    ],
+)
+def test_errors_are_a_sentence_and_a_code(
+    error: Exception, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended(raising(error)) == code
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert (
+        shown.err.splitlines()[-1]
+        == f"Error: {error.message if isinstance(error, click.ClickException) else error}"
+    )
+    assert "Traceback" not in shown.err
+
+
+def test_a_fault_nobody_foresaw_is_a_sentence_a_code_of_its_own_and_a_traceback_in_the_log(
+    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert ended(raising(ZeroDivisionError("oops"))) == 70
+    assert "Error: a fault of PointIt itself (ZeroDivisionError: oops)" in capsys.readouterr().err
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError]
+
+
+@pytest.mark.parametrize(("result", "code"), [(0, 0), (3, 3), (None, 0)])
+def test_the_code_is_what_the_command_returns(result: int | None, code: int) -> None:
+    assert ended(click.Command("x", callback=lambda: result)) == code
+
+
+def test_ctrl_c_before_the_work_begins() -> None:
+    assert ended(raising(KeyboardInterrupt())) == 130
+
+
+async def wait_for_ever() -> int:
+    await asyncio.Event().wait()
+    return 1
+
+
+def kill_soon(number: int) -> Callable[[], int]:
+    async def work() -> int:
+        asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), number)
+        return await wait_for_ever()
+
+    return lambda: run_async(work())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_having_been_asked_to_end_is_no_failure(number: int) -> None:
+    before = signal.getsignal(number)
+    assert kill_soon(number)() == 0
+    assert signal.getsignal(number) is before
+
+
+def test_a_failure_while_ending_is_one() -> None:
+    async def work() -> int:
+        asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
+        try:
+            return await wait_for_ever()
+        finally:
+            raise ConnectError("could not say goodbye")
+
+    with pytest.raises(ConnectError):
+        run_async(work())
+
+
+def test_of_a_group_the_sentence_for_people_is_told() -> None:
+    async def fail(error: Exception) -> int:
+        raise error
+
+    async def work() -> int:
+        raise ExceptionGroup(
+            "a", [ExceptionGroup("b", [ZeroDivisionError()]), ExceptionGroup("c", [ConfigError("x")])]
+        )
+
+    with pytest.raises(ConfigError):
+        run_async(work())
+    with pytest.raises(ZeroDivisionError):
+        run_async(fail(ExceptionGroup("a", [ExceptionGroup("b", [ZeroDivisionError()])])))
+
+
+def test_help_documents_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended(service_command(Sample), "--help") == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "Does nothing, often." in words
+    assert "POINTIT_SAMPLE_ONE__<PARAMETER>" in words
+    for leaf in leaves(SampleConfig):
+        assert leaf.field.description is not None
+        assert f"{leaf.option} <{leaf.type_name}> {leaf.field.description}" in words
+        assert f"[default: {leaf.default}]" in words
+    for option in ("--user", "--site", "--connect", "--listen", "--config", "--clock", "--log-level"):
+        assert option in words
+
+
+def test_files_variables_and_options_in_this_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "sample.yaml"
+    file.write_text("rate_hz: 1\narm: {length_m: 0.1}\n", encoding="utf-8")
+    assert load_config(Sample, [file], {}) == SampleConfig(rate_hz=1, arm=Arm(length_m=0.1))
+    monkeypatch.setenv("POINTIT_SAMPLE_ONE__RATE_HZ", "2")
+    monkeypatch.setenv("POINTIT_SAMPLE_ONE__ARM__LENGTH_M", "0.2")
+    options = {("rate_hz",): "3", ("arm", "length_m"): None}
+    assert load_config(Sample, [file], options) == SampleConfig(rate_hz=3, arm=Arm(length_m=0.2))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--rate-hz", "-1"], "--rate-hz: rate_hz: Input should be greater than 0 (got '-1')"),
+        (["--arm.length-m", "long"], "--arm.length-m: arm.length_m: Input should be a valid number"),
+        (["--config", "absent.yaml"], "absent.yaml: cannot be read"),
+        (["--speed", "1"], "No such option"),
+        (["--user", "a/b"], "user 'a/b': use 1 to 64 letters"),
+        (["--site", "*"], "site '*': use 1 to 64 letters"),
+    ],
+)
+def test_what_is_typed_wrongly_is_told_with_code_2(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended(service_command(Sample), "--user", "anna", *arguments) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert "Traceback" not in error
+
+
+def test_an_address_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended(service_command(Sample), "--user", "anna", "--connect", "over there") == 1
+    assert "over there" in capsys.readouterr().err
+
+
+def test_logs_are_json_lines_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended(service_command(Sample), "--user", "anna", "--connect", "nowhere") == 1
+    logging.getLogger("pointit.test").warning("hello")
+    assert json.loads(capsys.readouterr().err.splitlines()[-1])["message"] == "hello"

@@ -1,0 +1,176 @@
+"""A service's life: constructed, present, reporting, ended; alone and with others."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import ClassVar
+
+import pytest
+import pytest_asyncio
+
+from pointit.runtime import (
+    BusClosedError,
+    Config,
+    Context,
+    Exchange,
+    Launch,
+    MemoryBus,
+    Service,
+    run_service,
+    run_services,
+)
+from pointit.runtime import service as service_module
+from pointit.runtime.service import Scope
+from pointit.schemas import Done, Health, KeyNameError, SetBrightness, UserProfile
+from pointit.schemas.topics import HEALTH, PROFILE, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
+from tests.support.bench import ManualClock, until
+
+
+class Worker(Service[Config]):
+    """Writes a state, answers a request, works until told otherwise."""
+
+    NAME: ClassVar[str] = "worker"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = Config
+
+    running: "ClassVar[list[Worker]]"
+
+    def __init__(self, config: Config, context: Context) -> None:
+        super().__init__(config, context)
+        self.go_on = asyncio.Event()
+        self.failure: Exception | None = None
+        self.cleaned_up = False
+        self.profiles = self.bus.publisher(PROFILE, self.user)
+        self.profiles.put(UserProfile(stamp_ns=1, seq=1))
+        self.bus.serve(SET_BRIGHTNESS, self._on_brightness)
+        self.running.append(self)
+
+    async def _on_brightness(self, _query: SetBrightness, _name: str) -> Done:
+        return Done()
+
+    async def run(self) -> None:
+        try:
+            await self.go_on.wait()
+            if self.failure is not None:
+                raise self.failure
+        finally:
+            self.profiles.put(UserProfile(stamp_ns=2, seq=2))  # the bus is still there
+            self.cleaned_up = True
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.exchange = Exchange()
+        self.bus, self.other = MemoryBus(self.exchange), MemoryBus(self.exchange)
+        self.health: list[Health] = []
+        self.alive: dict[str, bool] = {}
+        self.other.subscribe(HEALTH, lambda message, _name: self.health.append(message))
+        self.other.watch(SERVICE_ALIVE, self.alive.__setitem__)
+        self.other.watch(USER_ALIVE, self.alive.__setitem__)
+
+    def launch(self, user: str = "anna") -> Launch:
+        return Launch(service=Worker, config=Config(), user=user)
+
+
+@pytest_asyncio.fixture
+async def bench(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Bench]:
+    monkeypatch.setattr(service_module, "HEALTH_PERIOD_S", 0.02)
+    Worker.running = []
+    bench = Bench()
+    yield bench
+    await bench.bus.close()
+    await bench.other.close()
+
+
+async def test_it_is_present_and_reports_while_it_runs(bench: Bench) -> None:
+    task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
+    await until(lambda: bench.alive == {"worker.anna": True, "anna": True})
+    await until(lambda: len(bench.health) >= 3)
+    assert [report.seq for report in bench.health[:3]] == [1, 2, 3]
+    assert bench.health[0].instance == "worker.anna"
+    assert bench.exchange.states[PROFILE.key]
+    assert bench.exchange.desk_of(SET_BRIGHTNESS, "") is not None
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert Worker.running[0].cleaned_up
+    await until(lambda: bench.alive == {"worker.anna": False, "anna": False})
+    assert not bench.exchange.states[PROFILE.key]
+    assert bench.exchange.desk_of(SET_BRIGHTNESS, "") is None
+    assert not bench.bus.declarations
+
+
+async def test_presence_comes_when_it_is_ready_and_goes_when_nothing_is_left(bench: Bench) -> None:
+    states: list[tuple[bool, bool]] = []
+
+    def told(_name: str, present: bool) -> None:  # noqa: FBT001
+        served = bench.exchange.desk_of(SET_BRIGHTNESS, "") is not None
+        states.append((present, served))
+
+    bench.other.watch(SERVICE_ALIVE, told)
+    task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
+    await until(lambda: states == [(True, True)])
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    await until(lambda: states == [(True, True), (False, False)])
+
+
+async def test_a_run_that_returns_ends_the_service(bench: Bench) -> None:
+    task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
+    await until(lambda: bool(Worker.running))
+    Worker.running[0].go_on.set()
+    await asyncio.wait_for(task, 2)
+    await until(lambda: bench.alive["worker.anna"] is False)
+
+
+async def test_a_service_that_raises_ends_all_with_its_error(bench: Bench) -> None:
+    launches = [bench.launch(user) for user in ("anna", "ben", "carl")]
+    task = asyncio.create_task(run_services(launches, bench.bus, ManualClock()))
+    await until(lambda: len(Worker.running) == 3 and all(bench.alive.values()))
+    broken = Worker.running[1]
+    broken.failure = ZeroDivisionError("broken")
+    broken.go_on.set()
+    with pytest.raises(ExceptionGroup) as caught:
+        await task
+    assert caught.group_contains(ZeroDivisionError, match="broken")
+    assert all(worker.cleaned_up for worker in Worker.running)
+    await until(lambda: not any(bench.alive.values()))
+    assert not bench.bus.declarations
+
+
+async def test_a_constructor_that_raises_leaves_nothing_behind(bench: Bench) -> None:
+    class Broken(Worker):
+        def __init__(self, config: Config, context: Context) -> None:
+            super().__init__(config, context)
+            raise LookupError("no map")
+
+    launch = Launch(service=Broken, config=Config(), user="anna")
+    with pytest.raises(LookupError):
+        await run_service(launch, bench.bus, ManualClock())
+    assert not bench.bus.declarations
+    assert bench.alive == {}
+
+
+async def test_a_user_whose_name_cannot_stand_in_a_key_is_refused(bench: Bench) -> None:
+    with pytest.raises(KeyNameError, match="user"):
+        await run_service(bench.launch("a/b"), bench.bus, ManualClock())
+
+
+async def test_a_bus_closed_beneath_a_service_ends_it_without_complaint(bench: Bench) -> None:
+    class Quiet(Worker):
+        async def run(self) -> None:
+            await asyncio.Event().wait()
+
+    launch = Launch(service=Quiet, config=Config(), user="anna")
+    task = asyncio.create_task(run_service(launch, bench.bus, ManualClock()))
+    await until(lambda: bool(bench.health))
+    await bench.bus.close()
+    await asyncio.wait_for(task, 2)
+
+
+async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> None:
+    task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
+    await until(lambda: bool(bench.health))
+    await bench.bus.close()
+    with pytest.raises(ExceptionGroup) as caught:
+        await asyncio.wait_for(task, 2)
+    assert caught.group_contains(BusClosedError)

@@ -44,13 +44,18 @@ def open_port(settings: PortSettings) -> serial.Serial:
     Raises:
         OSError: it cannot be opened; `sentence` says why and what to do.
     """
-    return serial.Serial(
-        settings.port,
-        settings.baud,
-        timeout=settings.read_timeout_s,
-        write_timeout=settings.write_timeout_s,
-        exclusive=True,
-    )
+    try:
+        return serial.Serial(
+            settings.port,
+            settings.baud,
+            timeout=settings.read_timeout_s,
+            write_timeout=settings.write_timeout_s,
+            exclusive=True,
+        )
+    except OSError:
+        raise
+    except Exception as error:  # termios.error of a port that vanishes meanwhile, ValueError of its baud rate
+        raise OSError(_errno_of(error) or errno.EINVAL, str(error)) from error
 
 
 def sentence(error: BaseException, port: str) -> str:

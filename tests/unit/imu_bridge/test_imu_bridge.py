@@ -229,7 +229,7 @@ async def test_unplugged_and_back_is_said_once_each(tmp_path: Path, caplog: pyte
                 device.send(b"1,0,0,0\n")
                 await asyncio.sleep(0.01)
             await until(lambda: not reports[-1].warnings)
-    said = [record.getMessage() for record in caplog.records if "serial" in record.name]
+            said = [record.getMessage() for record in caplog.records if "serial" in record.name]
     assert len(said) == 2, said
     assert "went away" in said[0]
     assert said[1].endswith("is back")

@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import os
+import termios
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -42,6 +43,25 @@ def test_what_is_no_serial_port_is_said(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r".") as caught:
         open_port(PortSettings(port=str(path), baud=9600))
     assert "is not a serial port" in sentence(caught.value, str(path))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (termios.error(errno.EIO, "Input/output error"), "went away"),
+        (ValueError("Failed to set custom baud rate"), "does not do this baud rate"),
+    ],
+)
+def test_what_pyserial_raises_otherwise_is_an_error_of_the_port_too(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, words: str
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(OSError, match=r".") as caught:
+        open_port(PortSettings(port="x", baud=9600))
+    assert words in sentence(caught.value, "x")
 
 
 def test_the_ports_there_are_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,6 +87,9 @@ class LedDriverConfig(Config):
     """How strips look, how often they are drawn, and where they are sent."""
 
     max_rate_hz: float = Field(default=60.0, gt=0, le=1000, description="frames per second at most")
+    patience_s: float = Field(
+        default=1 / 30, ge=0, le=1, description="changes other than cursors wait so long for a cursor, s"
+    )
     brightness: Level = Field(default=1.0, description="of everything, until a request sets another")
     cursor_timeout_s: float = Field(
         default=0.5, gt=0, le=60, description="a cursor without news for so long vanishes, s"

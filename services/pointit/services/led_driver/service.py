@@ -51,7 +51,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._scene = Scene(
             cursor_timeout_s=config.cursor_timeout_s, objects_timeout_s=config.objects_timeout_s
         )
-        self._pacer = Pacer(config.max_rate_hz)
+        self._pacer = Pacer(config.max_rate_hz, config.patience_s)
         self._brightness = config.brightness
         self._renderer: Renderer | None = None
         self._frame_timer: asyncio.TimerHandle | None = None
@@ -126,7 +126,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self._scene.set_cursor(user, cursor, self.clock.now_ns())
-        self._wish()
+        self._wish(fresh=True)
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
         self._brightness = query.brightness
@@ -135,20 +135,22 @@ class LedDriver(Service[LedDriverConfig]):
             self._wish()
         return Done(message=f"the strips' brightness is {query.brightness:.0%} now")
 
-    def _wish(self) -> None:
-        """Draw as soon as the rate allows."""
+    def _wish(self, *, fresh: bool = False) -> None:
+        """Have a frame drawn, at once if a `fresh` cursor came and the rate allows."""
         if self._ended:  # what arrives while everything is taken down
             return
         loop = asyncio.get_running_loop()
-        wait_s = self._pacer.wish(loop.time())
+        wait_s = self._pacer.wish(loop.time(), fresh=fresh)
         if wait_s == 0.0:
             self._draw()
         elif wait_s is not None:
             self._frame_timer = loop.call_later(wait_s, self._draw)
 
     def _draw(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._pacer.drawn(loop.time())
+        if self._frame_timer is not None:
+            self._frame_timer.cancel()
+            self._frame_timer = None
+        self._pacer.drawn(asyncio.get_running_loop().time())
         if self._renderer is None:
             return
         now_ns = self.clock.now_ns()

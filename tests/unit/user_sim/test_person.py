@@ -131,10 +131,10 @@ def test_an_idle_arm_rests_towards_the_floor() -> None:
 def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
     life = Life(PRECISE)
     life.state("localizing")
-    life.run(1.0)
+    resting = life.ray(life.run(1.0))
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
-    resting = life.ray(life.run(0.34))
-    assert vector.elevation(resting) < math.radians(-60.0)
+    assert vector.angle_between(life.ray(life.run(0.34)), resting) < 1e-9
+    assert vector.angle_between(life.ray(life.run(0.1)), resting) > 1e-3
     settled = life.run(2.0)
     assert life.error_rad(settled, ROOM.lamps[0].position_m) < 1e-6
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(0, 0, 0)), "led_1")
@@ -229,6 +229,17 @@ def test_the_red_object_that_leaves_first_is_chosen_but_not_one_beyond_reach() -
     both = tuple(SelectedObject(id=name, user="anna", since_ns=0) for name in ("first", "second"))
     life.person.see(life.now_ns, Selection(stamp_ns=0, objects=both))
     assert choice(life) == "rest"
+
+
+@pytest.mark.parametrize(("along_m", "speed_mps"), [(0.0, 0.1), (5.0, -0.1)])
+def test_an_object_that_is_still_coming_in_is_waited_for(along_m: float, speed_mps: float) -> None:
+    life = Life(PRECISE)
+    life.state("pointing")
+    life.before_step = lambda: life.objects(
+        thing("a", "red", along_m + speed_mps * life.now_ns / NS_PER_S, speed_mps)
+    )
+    assert choice(life, 2.9) == "rest"
+    assert choice(life, 0.5) == "object a"
 
 
 def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_left() -> None:

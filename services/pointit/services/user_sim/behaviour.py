@@ -134,7 +134,7 @@ class Selecting:
         left_s = {
             name: sight.time_left_s(seen, now_ns)
             for name, seen in tasks.items()
-            if self._pause_until_ns.get(name, 0) <= now_ns
+            if self._pause_until_ns.get(name, 0) <= now_ns and sight.has_come(seen, now_ns)
         }
         worth = {name: left for name, left in left_s.items() if left >= self._needed_s}
         return min(worth, key=worth.__getitem__, default="")

@@ -40,7 +40,8 @@ class Person:
         self._sight = Sight(config.aim.visual_delay_s)
         self._wish = wish_of(config, user)
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
-        self._goal = self._wanted = REST
+        self._goal: Goal = REST
+        self._wanted: Goal = REST
         self._act_at_ns = 0
         self._pressed_ns: int | None = None
         self._presses = 0

@@ -90,6 +90,16 @@ class Sight:
             distance_m += self._linked_m(thing.surface, thing.surface_id)
         return distance_m / abs(speed) - (now_ns - seen.stamp_ns) / NS_PER_S
 
+    def has_come(self, seen: SeenObject, now_ns: int) -> bool:
+        """Return whether all of an object, and half as much again, has come in where its surface begins."""
+        thing = seen.thing
+        line = self._lines.get((thing.surface, thing.surface_id))
+        speed = thing.surface_speed_mps
+        if line is None or speed == 0.0:
+            return True
+        come_m = thing.surface_position_m if speed > 0.0 else line.length_m - thing.surface_position_m
+        return come_m + abs(speed) * (now_ns - seen.stamp_ns) / NS_PER_S >= thing.length_m
+
     def _linked_m(self, surface: str, line_id: str) -> float:
         total_m, passed = 0.0, {line_id}
         while (line_id := self._links.get(line_id, "")) and line_id not in passed:

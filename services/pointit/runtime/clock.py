@@ -65,6 +65,7 @@ class SiteClock:
 
     def __init__(self, bus: Bus) -> None:
         self._tick: ClockTick | None = None
+        self._ticked = asyncio.Event()
         self._subscription: Closable = bus.subscribe(CLOCK, self._on_tick)
 
     @property
@@ -79,12 +80,21 @@ class SiteClock:
             return time.time_ns()
         return tick.sim_ns + int((time.time_ns() - tick.stamp_ns) * tick.speed)
 
+    async def found(self, patience_s: float) -> bool:
+        """Wait for the site's time; return whether it came, so that nothing sees the jump towards it."""
+        try:
+            await asyncio.wait_for(self._ticked.wait(), patience_s)
+        except TimeoutError:
+            return False
+        return True
+
     def close(self) -> None:
         """Follow no longer."""
         self._subscription.close()
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick
+        self._ticked.set()
 
 
 async def sleep(clock: Clock, duration_s: float) -> None:

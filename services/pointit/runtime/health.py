@@ -190,8 +190,8 @@ class ServiceBus:
         with contextlib.ExitStack() as stack:
             for declared in (*self._tokens, *self._declared):
                 stack.callback(declared.close)
-        self._declared.clear()
-        self._tokens.clear()
+            self._declared.clear()
+            self._tokens.clear()
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`."""

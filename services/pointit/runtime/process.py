@@ -32,6 +32,8 @@ EXIT_FAULT = 70
 """An error that nobody foresaw (sysexits' EX_SOFTWARE)."""
 END_PATIENCE_S = 5.0
 """After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
+CLOCK_PATIENCE_S = 2.0
+"""How long a service waits for the simulated time that it is to follow, before it begins."""
 SWITCH_INTERVAL_S = 0.0005
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
@@ -263,13 +265,20 @@ async def _serve(launch: Launch, link: Link, *, follow: bool) -> int:
     if link.listen:
         link = Link(site=link.site, listen=link.listen)
     bus = await ZenohBus.open(link)
-    clock: Clock = SiteClock(bus) if follow else WallClock()
     try:
+        clock = await _site_clock(bus) if follow else WallClock()
         log.info("%s of site %s runs", launch.instance, link.site)
         await run_services([launch], bus, clock)
     finally:
         await bus.close()
     return 0
+
+
+async def _site_clock(bus: ZenohBus) -> Clock:
+    clock = SiteClock(bus)
+    if not await clock.found(CLOCK_PATIENCE_S):
+        log.warning("this site publishes no simulated time; it is wall time until it does")
+    return clock
 
 
 def _parameter(path: tuple[str, ...]) -> str:

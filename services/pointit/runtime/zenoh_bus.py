@@ -10,7 +10,6 @@ fill mailboxes.
 import asyncio
 import contextlib
 import functools
-import os
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
@@ -88,13 +87,10 @@ class _LatestWriter:
             priority=zenoh.Priority.INTERACTIVE_HIGH,
             allowed_destination=zenoh.Locality.REMOTE,
         )
-        self._wanted = False
+        self._wanted = False  # the listener tells at once if there is somebody
         self._listener = self._publisher.declare_matching_listener(
             Callback(self._on_matching, indirect=False)
         )
-        status: Any = self._publisher.matching_status  # the stubs say bool, which it is not
-        if status.matching:  # never set False here: the listener may have spoken
-            self._wanted = True
 
     def put(self, message: Message) -> None:
         if self._wanted:
@@ -111,8 +107,7 @@ class _LatestWriter:
 class _KeptWriter:
     """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
 
-    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, identity: bytes) -> None:
-        self._identity = identity
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
         # BLOCK would let one stuck reader stop this process for seconds; what DROP loses is fetched again
         # from this cache, and what cannot be fetched is counted by the reader.
         self._publisher = ext.declare_advanced_publisher(
@@ -128,7 +123,7 @@ class _KeptWriter:
         )
 
     def put(self, message: Message) -> None:
-        self._publisher.put(encode(message), attachment=self._identity)
+        self._publisher.put(encode(message))
 
     def undeclare(self) -> None:
         self._publisher.undeclare()
@@ -142,7 +137,7 @@ class ZenohPublisher(MemoryPublisher[M]):
         self._writer = (
             _LatestWriter(bus.session, topic, key)
             if topic.delivery is Delivery.LATEST
-            else _KeptWriter(bus.session, topic, key, bus.identity)
+            else _KeptWriter(bus.session, topic, key)
         )
         super().__init__(bus, topic, name)
 
@@ -171,7 +166,7 @@ class ZenohSubscription(MailboxSubscription):
                 )
             )
             return
-        self._identity = bus.identity
+        self._zid = bus.session.info.zid()
         self._began = bus.session.new_timestamp()
         is_event = topic.delivery is Delivery.EVENT
         subscriber = ext.declare_advanced_subscriber(
@@ -209,9 +204,9 @@ class ZenohSubscription(MailboxSubscription):
             self._mailbox.offer(name, sample)
 
     def _on_state(self, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        if attachment is not None and attachment.to_bytes() == self._identity:
-            return  # our own, fetched back from our own cache
+        source = sample.source_info
+        if source is not None and source.source_id.zid == self._zid:
+            return  # our own, fetched from our own cache when a lost router is back
         self._on_sample(sample)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
@@ -317,8 +312,6 @@ class ZenohBus(MemoryBus):
         super().__init__()
         self.session = session
         self.link = link
-        self.identity = os.urandom(8)
-        """Marks what this bus has put, to be known when it comes back from a cache."""
         self._watch = LinkWatch(session, link) if link.connect else None
 
     @classmethod

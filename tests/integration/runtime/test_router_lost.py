@@ -50,6 +50,10 @@ async def test_it_is_said_once_down_and_once_up_and_shown_meanwhile(
     two: Two, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
+    third = await ZenohBus.open(Link(connect=(two.router.endpoint,)))
+    await settled(two.a, two.b, third)
+    assert not [record for record in caplog.records if "router at" in record.message]
+    await third.close()
     view = ServiceBus(two.a, WallClock(), "pointing", "pointing.anna", "anna")
     assert view.report().status == "ok"
     for _ in range(2):
@@ -101,6 +105,8 @@ async def test_latest_requests_and_presence_work_again(two: Two) -> None:
 
 async def test_states_of_the_meantime_arrive(two: Two) -> None:
     early: list[int] = []
+    own: list[int] = []
+    two.a.subscribe(PROFILE, lambda message, _name: own.append(message.seq))
     two.b.subscribe(PROFILE, lambda message, _name: early.append(message.seq))
     kept, changed = two.a.publisher(PROFILE, "anna"), two.a.publisher(PROFILE, "ben")
     kept.put(UserProfile(stamp_ns=1, seq=1))
@@ -117,6 +123,7 @@ async def test_states_of_the_meantime_arrive(two: Two) -> None:
     changed.put(UserProfile(stamp_ns=1, seq=12))
     await until(lambda: early[-1] == late[-1] == 12)
     assert early.count(11) == early.count(20) == 1
+    assert sorted(own) == [1, 10, 11, 12, 20], "the writer's own process gets nothing twice"
 
 
 @pytest.mark.parametrize("during", [20, EVENT_CACHE + 100])

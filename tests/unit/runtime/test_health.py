@@ -146,20 +146,35 @@ async def test_warnings_stay_until_they_are_cleared(bench: Bench) -> None:
     assert bench.view.report().status == "ok"
 
 
-async def test_closing_takes_everything_back_presence_last(bench: Bench) -> None:
-    order: list[str] = []
-    watcher = MemoryBus(bench.exchange)
+class Order:
+    """Stands for something declared; notes when it is closed, and may fail to."""
 
-    def gone(_name: str, present: bool) -> None:  # noqa: FBT001
-        if not present:
-            order.append("presence")
-            assert not bench.exchange.readers_of(IMU)
+    def __init__(self, name: str, closed: list[str], error: Exception | None = None) -> None:
+        self.name = name
+        self.closed = closed
+        self.error = error
 
-    watcher.watch(SERVICE_ALIVE, gone)
+    def close(self) -> None:
+        self.closed.append(self.name)
+        if self.error is not None:
+            raise self.error
+
+
+async def test_closing_takes_everything_back_in_reverse_and_presence_last(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[str] = []
+    monkeypatch.setattr(bench.bus, "announce", lambda _presence, _name: Order("presence", closed))
+    monkeypatch.setattr(bench.bus, "publisher", lambda _topic, _name: Order("publisher", closed))
+    monkeypatch.setattr(
+        bench.bus, "watch", lambda _presence, _handler: Order("watch", closed, LookupError("broken"))
+    )
+    bench.view.publisher(IMU, "anna")
     bench.view.announce(SERVICE_ALIVE, "pointing.anna")
-    bench.view.subscribe(IMU, lambda _message, _name: None)
-    await asyncio.sleep(0)
+    bench.view.watch(USER_ALIVE, lambda _name, _present: None)
+    bench.view.health_publisher()
+    with pytest.raises(LookupError):
+        await bench.view.close()
+    assert closed == ["publisher", "watch", "publisher", "presence"]
     await bench.view.close()
-    await until(lambda: order == ["presence"])
-    await bench.view.close()
-    await watcher.close()
+    assert len(closed) == 4

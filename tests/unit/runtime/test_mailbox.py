@@ -123,6 +123,19 @@ async def test_a_closed_mailbox_holds_nothing() -> None:
     assert not mailbox._queue
 
 
+async def test_an_overflow_is_said_once_however_long_ago_the_last_line(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("pointit.runtime.mailbox.LOG_PERIOD_S", 0.0)
+    mailbox = Mailbox(BUTTON, lambda _message, _name: None, Dispatcher())
+    for round_, count in enumerate((EVENT_CAPACITY + 5, 10, 10, EVENT_CAPACITY + 7)):
+        for seq in range(count):
+            mailbox.offer("anna", press(seq))
+        await until(lambda: not mailbox._queue, what=f"round {round_}")
+    said = [record.message for record in caplog.records]
+    assert [line.split(", ")[1] for line in said] == ["5 events lost so far", "12 events lost so far"]
+
+
 async def test_one_wake_up_drains_a_chain_but_lets_others_have_their_turn() -> None:
     dispatcher = Dispatcher()
     turns = 0

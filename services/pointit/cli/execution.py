@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import os
 import sys
 import time
 from collections.abc import AsyncGenerator, Sequence
@@ -48,45 +49,74 @@ class Plan:
     may_move: bool = False
     """The address to listen on is only the default: take the next port when it is taken."""
     scored: bool = True
-    """A whole scenario: sum it up at the end."""
+    """A whole scenario: sum it up at the end, and without any cursor it has failed."""
     view: bool = True
     summary: Path | None = None
     as_json: bool = False
 
 
+def check_writable(summary: Path) -> None:
+    """Make sure, before a run, that its summary can be written after it.
+
+    Raises:
+        ConfigError: says why not.
+    """
+    if summary.is_dir():
+        raise ConfigError(f"--summary {summary}: is a directory, give a file in it")
+    if not summary.parent.is_dir():
+        raise ConfigError(f"--summary {summary}: there is no directory {summary.parent}")
+    if not os.access(summary if summary.exists() else summary.parent, os.W_OK):
+        raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
+
+
 def execute(plan: Plan, log_level: str) -> int:
-    """Run the plan; return the exit code: 0 well, 1 when it failed or no cursor ever appeared."""
+    """Run the plan; return the exit code: 0 well, 1 when it failed or no cursor ever appeared.
+
+    What people selected or missed is in the summary and does not make the run itself a failure.
+    """
     console = Console(stderr=True)
-    drawn = plan.view and console.is_terminal
+    drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
     return run_async(_run(plan, console if drawn else None))
 
 
 async def _run(plan: Plan, console: Console | None) -> int:
-    """Run the plan to its end; print and write the summary even when it is cut short."""
+    """Run the plan to its end; sum it up even when it is cut short."""
     bus = await _open(plan)
-    clock: Clock = SimulatedClock(plan.speed) if plan.speed != 1.0 else WallClock()
-    monitor = Monitor(Score(plan.target_kinds), clock)
-    began_s = time.monotonic()
     try:
+        clock: Clock = SimulatedClock(plan.speed) if plan.speed != 1.0 else WallClock()
+        monitor = Monitor(Score(plan.target_kinds), clock)
         monitor.attach(bus)
         if isinstance(clock, SimulatedClock):
             bus.publisher(CLOCK).put(clock.tick())
-        end_s = None if plan.duration_s is None else began_s + plan.duration_s / plan.speed
-        async with _services(plan, bus, clock) as work:
-            with _view(plan, monitor, console, end_s):
-                timeout = None if end_s is None else max(0.0, end_s - time.monotonic())
-                await asyncio.wait({work}, timeout=timeout)
-                if work.done():
-                    work.result()
+        began_s = time.monotonic()
+        failed = True
+        try:
+            await _live(plan, bus, clock, monitor, console)
+            failed = False
+        except asyncio.CancelledError:  # asked to end: what was reached counts
+            failed = False
+            raise
+        finally:
+            if not failed or monitor.first_cursor_unix_s is not None:
+                _sum_up(plan, monitor, (time.monotonic() - began_s) * plan.speed)
     finally:
-        if plan.scored:
-            _sum_up(plan, monitor, (time.monotonic() - began_s) * plan.speed)
         await bus.close()
     if plan.scored and monitor.first_cursor_unix_s is None:
         log.error("no cursor ever appeared; `pointit doctor` during a run says what is missing")
         return 1
     return 0
+
+
+async def _live(plan: Plan, bus: ZenohBus, clock: Clock, monitor: Monitor, console: Console | None) -> None:
+    """Run the services for the plan's duration, or until they end."""
+    end_s = None if plan.duration_s is None else time.monotonic() + plan.duration_s / plan.speed
+    async with _services(plan, bus, clock) as work:
+        with _view(plan, monitor, console, end_s):
+            timeout = None if end_s is None else max(0.0, end_s - time.monotonic())
+            await asyncio.wait({work}, timeout=timeout)
+            if work.done():
+                work.result()
 
 
 async def _open(plan: Plan) -> ZenohBus:
@@ -167,11 +197,14 @@ def _view(
 
 
 def _sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
+    """Print the summary, and write it where it is wanted; `duration_s` may hold the time that ending took."""
+    if not (plan.scored or plan.summary is not None or plan.as_json):
+        return
     summary: dict[str, Any] = {
         "scenario": plan.name,
         "site": plan.link.site,
         "seed": plan.seed,
-        "duration_s": round(duration_s, 3),
+        "duration_s": round(min(duration_s, plan.duration_s or duration_s), 3),
         "speed": plan.speed,
         "target_kinds": list(plan.target_kinds),
         **monitor.score.counts(),

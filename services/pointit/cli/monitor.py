@@ -9,7 +9,6 @@ from pointit.runtime import Bus, Clock
 from pointit.schemas import (
     Cursor,
     Environment,
-    Feedback,
     Health,
     Hover,
     Interaction,
@@ -19,7 +18,6 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import (
     CURSOR,
-    FEEDBACK,
     HEALTH,
     HOVER,
     INTERACTION,
@@ -28,6 +26,7 @@ from pointit.schemas.topics import (
     OBJECTS,
     SELECTION_EVENTS,
     STRIPS_FRAME,
+    USER_ALIVE,
 )
 
 LINES = 5
@@ -47,6 +46,8 @@ class Monitor:
     interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
     lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
     health: dict[str, Health] = field(default_factory=dict[str, Health])
+    heard_s: dict[str, float] = field(default_factory=dict[str, float])
+    """When a service's health came last, monotonic; another machine's clock may be apart."""
     events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
     latency: Latency = field(default_factory=Latency)
     cursor_count: int = 0
@@ -60,12 +61,19 @@ class Monitor:
         bus.subscribe(OBJECTS, lambda message, _name: self.score.on_objects(message))
         bus.subscribe(SELECTION_EVENTS, self._on_event)
         bus.subscribe(INTERACTION, self._on_interaction)
-        bus.subscribe(FEEDBACK, self._on_feedback)
         bus.subscribe(HOVER, self._on_hover)
         bus.subscribe(LAMP_COLOR, self._on_lamp)
         bus.subscribe(HEALTH, self._on_health)
         bus.subscribe(CURSOR, self._on_cursor)
         bus.subscribe(STRIPS_FRAME, self._on_frame)
+        bus.watch(USER_ALIVE, self._on_user)
+
+    def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if not present:  # nothing of theirs runs any more: what they did last is no news
+            for newest in (self.cursors, self.hovers, self.interactions):
+                newest.pop(user, None)
+            for instance in [name for name, health in self.health.items() if health.user == user]:
+                del self.health[instance], self.heard_s[instance]
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self.environment = environment
@@ -75,14 +83,14 @@ class Monitor:
         kind = self.score.kinds.get(event.object_id, "object")
         who = f" by {event.user}" if event.user else ""
         number = event.object_id.rpartition("-")[2]
-        self.events.append(f"{kind} {number} {event.event}{who} {event.reason}".rstrip())
+        reason = f": {event.reason}" if event.reason else ""
+        self.events.append(f"{kind} {number} {event.event}{who}{reason}")
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
+        before = self.interactions.get(user)
         self.interactions[user] = interaction
-
-    def _on_feedback(self, feedback: Feedback, user: str) -> None:
-        if feedback.text:
-            self.events.append(f"{user}: {feedback.text}")
+        if before is None or before.state != interaction.state:
+            self.events.append(f"{user}: {interaction.state}. {interaction.reason}".rstrip())
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         self.hovers[user] = hover
@@ -91,6 +99,7 @@ class Monitor:
         self.lamps[name] = lamp
 
     def _on_health(self, health: Health, instance: str) -> None:
+        self.heard_s[instance] = time.monotonic()
         self.health[instance] = health
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import shlex
+import shutil
 import signal
 import sys
 import tempfile
@@ -18,8 +19,11 @@ from pointit.services import registry
 
 log = logging.getLogger(__name__)
 
-STOP_PATIENCE_S = 1.5
+STOP_PATIENCE_S = 1.2
 """How long children may take to end before they are killed."""
+
+LAST_WORDS = 2000
+"""Bytes at the end of a child's log in which its last sentence is sought."""
 
 
 class Processes:
@@ -38,7 +42,7 @@ class Processes:
         self._watches: list[asyncio.Task[None]] = []
         self._ending = False
         self.folder = Path(tempfile.mkdtemp(prefix="pointit-"))
-        """Holds each service's configuration and, without a terminal of its own, its log."""
+        """Holds each service's configuration and log; stays when one of them failed."""
 
     def command(self, launch: Launch) -> tuple[str, ...]:
         """Return the command that starts `launch`."""
@@ -49,11 +53,15 @@ class Processes:
         return (*command, "--site", self._site, "--connect", self._connect, "--clock", self._clock)
 
     async def __aenter__(self) -> Self:
-        for launch in self._launches:
-            path = self.folder / f"{launch.instance}.yaml"
-            path.write_text(yaml.safe_dump(launch.config.model_dump(mode="json")), encoding="utf-8")
-        for launch in self._launches:
-            await self._start(launch)
+        try:
+            for launch in self._launches:
+                path = self.folder / f"{launch.instance}.yaml"
+                path.write_text(yaml.safe_dump(launch.config.model_dump(mode="json")), encoding="utf-8")
+            for launch in self._launches:
+                await self._start(launch)
+        except BaseException:
+            await self._end()
+            raise
         return self
 
     async def __aexit__(
@@ -62,21 +70,28 @@ class Processes:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        await self._end()
+
+    async def _end(self) -> None:
         self._ending = True
+        failed = [instance for instance, child in self._children.items() if child.returncode is not None]
+        waits = [asyncio.create_task(child.wait()) for child in self._children.values()]
         for child in self._children.values():
             if child.returncode is None:
                 child.send_signal(signal.SIGTERM)
-        waits = [asyncio.create_task(child.wait()) for child in self._children.values()]
         if waits:
             await asyncio.wait(waits, timeout=STOP_PATIENCE_S)
         for instance, child in self._children.items():
             if child.returncode is None:
                 log.warning("%s did not end in time and is killed", instance)
+                failed.append(instance)
                 child.kill()
         await asyncio.gather(*waits)
         for watch in self._watches:
             watch.cancel()
         await asyncio.gather(*self._watches, return_exceptions=True)
+        if not failed:
+            shutil.rmtree(self.folder, ignore_errors=True)
 
     async def _start(self, launch: Launch) -> None:
         path = self.folder / f"{launch.instance}.log"
@@ -87,6 +102,7 @@ class Processes:
                 stdin=asyncio.subprocess.PIPE,
                 stdout=output,
                 stderr=output,
+                process_group=0,  # a terminal's Ctrl-C is for the parent, which ends the children in order
             )
         self._children[launch.instance] = child
         watch = asyncio.create_task(self._watch(launch, child, path), name=f"watch {launch.instance}")
@@ -96,11 +112,28 @@ class Processes:
         code = await child.wait()
         if self._ending:
             return
-        how = f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        if code < 0:
+            how = f"was ended by {signal.Signals(-code).name}"
+        else:
+            how = f"ended with exit code {code}"
+            if why := last_words(path):
+                how += f": {why}"
         log.error(
-            "%s %s; its log is %s; start it again with: %s",
+            "%s %s; start it again with: %s (its log: %s)",
             launch.instance,
             how,
-            path,
             shlex.join(self.command(launch)),
+            path,
         )
+
+
+def last_words(path: Path) -> str:
+    """Return the error with which a service ended, from its log, or else the log's last line."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - LAST_WORDS))
+            lines = file.read().decode(errors="replace").strip().splitlines()
+    except OSError:
+        return ""
+    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+    return (errors or lines or [""])[-1].rstrip(".")

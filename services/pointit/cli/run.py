@@ -5,8 +5,15 @@ from typing import Any
 
 import click
 
-from pointit.cli.execution import Plan, execute
-from pointit.cli.scenario import Choices, Scenario, read_scenario, site_launches, user_launches
+from pointit.cli.execution import Plan, check_writable, execute
+from pointit.cli.scenario import (
+    Choices,
+    Scenario,
+    check_settings,
+    read_scenario,
+    site_launches,
+    user_launches,
+)
 from pointit.runtime import ConfigError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import link_options, log_option, run_async
@@ -18,7 +25,13 @@ def _options(function: Any) -> Any:
     for option in reversed(
         [
             click.option("--localize", is_flag=True, help="find out where people stand by pointing at lamps"),
-            click.option("--seed", default=0, show_default=True, help="of everything random"),
+            click.option(
+                "--seed",
+                default=0,
+                show_default=True,
+                type=click.IntRange(min=0),
+                help="of everything random",
+            ),
             click.option(
                 "--imu",
                 multiple=True,
@@ -91,6 +104,8 @@ def run(
     `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
     your own. It ends by itself with a summary; Ctrl-C ends it at once.
     """
+    if summary is not None:
+        check_writable(summary)
     if scenario == "replay":
         if recording is None:
             raise ConfigError("replay needs --recording FILE.csv, a person's recorded IMU")
@@ -107,12 +122,21 @@ def run(
                 as_json=as_json,
             )
         )
+    if recording is not None:
+        raise ConfigError(
+            f"--recording {recording}: only `pointit run replay` takes it; here --imu replay:FILE"
+        )
+    if options["listen"] and options["connect"]:
+        raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
     chosen = read_scenario(scenario)
     choices = _choices(options, leds)
+    people = 0 if site_only else users
+    if len(choices.imu) > people:
+        raise ConfigError(f"--imu is given for {len(choices.imu)} people, but there are {people} (--users)")
     launches = site_launches(chosen, choices)
-    if not site_only:
-        for index in range(users):
-            launches += user_launches(chosen, choices, f"user{index + 1}", index)
+    for index in range(people):
+        launches += user_launches(chosen, choices, f"user{index + 1}", index)
+    check_settings(launches, choices)
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
@@ -146,17 +170,21 @@ def user(name: str, scenario: str, place: int, **options: Any) -> int:
     """
     chosen: Scenario = read_scenario(scenario)
     choices = _choices(options, "")
+    if len(choices.imu) > 1:
+        raise ConfigError(f"--imu is given {len(choices.imu)} times for one person")
     if choices.imu:
         choices = Choices(
             seed=choices.seed,
             localize=choices.localize,
-            imu=["sim"] * (place - 1) + list(choices.imu[:1]),
+            imu=["sim"] * (place - 1) + list(choices.imu),
             files=choices.files,
             settings=choices.settings,
         )
+    launches = user_launches(chosen, choices, name, place - 1)
+    check_settings(launches, choices)
     plan = Plan(
         name=name,
-        launches=user_launches(chosen, choices, name, place - 1),
+        launches=launches,
         link=_link(options),
         duration_s=options["duration"],
         processes=options["processes"],

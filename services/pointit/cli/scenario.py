@@ -66,13 +66,13 @@ def read_scenario(name: str) -> Scenario:
         ConfigError: there is none, or a field is wrong.
     """
     if name.endswith((".yaml", ".yml")):
-        return _parse(Path(name))
+        return _parse(Path(name), name)
     if name not in scenario_names():
         raise ConfigError(
             f"no scenario {name!r}; there are {', '.join(scenario_names())} and replay, or give a .yaml file"
         )
     with resources.as_file(SHIPPED / f"{name}.yaml") as path:
-        return _parse(path)
+        return _parse(path, path.name)
 
 
 def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
@@ -86,6 +86,8 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         kind, _, port = choices.leds.partition(":")
         if kind != "expander" or not port:
             raise ConfigError(f"--leds {choices.leds!r}: give expander:PORT, such as expander:/dev/ttyUSB0")
+        if "led-driver" not in scenario.site:
+            raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
         extra["led-driver"] = {"outputs": [{"kind": "expander", "port": port}]}
     return [
         _launch(name, "site", (parameters, extra.get(name, {})), choices)
@@ -122,6 +124,21 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         _launch(name, "user", (parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()
     ]
+
+
+def check_settings(launches: Sequence[Launch], choices: Choices) -> None:
+    """Make sure that no `--set` is without effect.
+
+    Raises:
+        ConfigError: one is for a service that is not among `launches`.
+    """
+    running = {launch.service.NAME for launch in launches}
+    for setting in choices.settings:
+        service = _split(setting)[0][0]
+        if service not in running:
+            raise ConfigError(
+                f"--set {setting!r}: {service} is not among what this starts: {', '.join(sorted(running))}"
+            )
 
 
 def _device(device: str) -> dict[str, Any]:
@@ -179,7 +196,7 @@ def _split(setting: str) -> tuple[list[str], str]:
     return path, text
 
 
-def _parse(path: Path) -> Scenario:
+def _parse(path: Path, source: str) -> Scenario:
     layers = Layers()
-    layers.add(read_yaml(path), str(path.name))
+    layers.add(read_yaml(path), source)
     return layers.build(Scenario)

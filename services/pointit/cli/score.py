@@ -1,5 +1,7 @@
 """What a run comes to: which objects were selected, missed or wrong, and how fast the light followed."""
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,13 +11,17 @@ from pointit.schemas import Cursor, SelectionEvent, StripsFrame, TrackedObjects
 NS_PER_S = 1_000_000_000
 RECENT = 64
 """Cursors remembered to find out which capture a frame shows."""
+STEP = 1.005
+"""Latencies are counted in classes this much apart, so that a run of weeks takes no more memory."""
+LEAST_S = 1e-6
 
 
 @dataclass
 class Score:
-    """Follows objects and selections; pure."""
+    """Follows objects and selections; pure. Another thread may read it."""
 
     target_kinds: Sequence[str]
+    """Kinds to select; empty: anything may be selected and nothing need be."""
     kinds: dict[str, str] = field(default_factory=dict[str, str])
     """Kind by object id, of every object seen."""
     selected: set[str] = field(default_factory=set[str])
@@ -36,31 +42,29 @@ class Score:
             self.selected.add(event.object_id)
         elif event.event == "deselected":
             self.selected.discard(event.object_id)
-            if not self._is_target(event.object_id):
+            if self.target_kinds and self.kinds.get(event.object_id) not in self.target_kinds:
                 self.corrected += 1
         elif event.event == "left":
             self.left.add(event.object_id)
 
     def counts(self) -> dict[str, int]:
         """Return targets selected, missed (left unselected) and pending, and other objects selected."""
-        targets = {name for name in self.kinds if self._is_target(name)}
+        kinds, selected, left = dict(self.kinds), set(self.selected), set(self.left)  # each at one go
+        targets = {name for name, kind in kinds.items() if kind in self.target_kinds}
         return {
-            "selected": len(targets & self.selected),
-            "missed": len((targets & self.left) - self.selected),
-            "pending": len(targets - self.left - self.selected),
-            "wrong": len(self.selected - targets),
+            "selected": len(targets & selected if self.target_kinds else selected),
+            "missed": len((targets & left) - selected),
+            "pending": len(targets - left - selected),
+            "wrong": len(selected - targets if self.target_kinds else ()),
             "corrected": self.corrected,
         }
 
-    def _is_target(self, object_id: str) -> bool:
-        return self.kinds.get(object_id) in self.target_kinds
-
 
 class Latency:
-    """Time from capture at the wrist to the frame that shows it, wall seconds."""
+    """Time from capture at the wrist to the frame that shows it, wall seconds; another thread may read it."""
 
     def __init__(self) -> None:
-        self.values_s: list[float] = []
+        self._classes: Counter[int] = Counter()
         self._pending: dict[int, None] = {}
 
     def on_cursor(self, cursor: Cursor) -> None:
@@ -72,21 +76,33 @@ class Latency:
             del self._pending[next(iter(self._pending))]
 
     def on_frame(self, frame: StripsFrame, now_ns: int, speed: float) -> None:
-        """Take the first frame that shows a remembered capture."""
+        """Take the first frame that shows a remembered capture; `now_ns` runs `speed` times as fast."""
         if frame.stamp_ns in self._pending:
             del self._pending[frame.stamp_ns]
-            self.values_s.append((now_ns - frame.stamp_ns) / NS_PER_S / speed)
+            value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed
+            self._classes[round(math.log(max(value_s, LEAST_S), STEP))] += 1
+
+    @property
+    def count(self) -> int:
+        """Return how many captures were seen as light."""
+        return sum(dict(self._classes).values())
 
     def quantiles_ms(self) -> dict[str, float | None]:
-        """Return median and 99th percentile in milliseconds, none where nothing was measured."""
-        values = sorted(self.values_s)
-        if not values:
+        """Return median and 99th percentile in milliseconds, exact to 0.3 %; none if nothing was measured."""
+        classes = sorted(dict(self._classes).items())
+        total = sum(number for _, number in classes)
+        if not total:
             return {"p50": None, "p99": None}
-        last = len(values) - 1
-        return {
-            "p50": round(values[last // 2] * 1e3, 3),
-            "p99": round(values[int(last * 0.99)] * 1e3, 3),
-        }
+
+        def quantile(share: float) -> float:  # nearest rank
+            rank = math.ceil(share * total)
+            for exponent, number in classes:
+                rank -= number
+                if rank <= 0:
+                    return round(STEP**exponent * 1e3, 3)
+            raise AssertionError("unreachable: the ranks sum up to the total")
+
+        return {"p50": quantile(0.5), "p99": quantile(0.99)}
 
 
 def summary_lines(summary: dict[str, Any]) -> list[str]:
@@ -97,12 +113,13 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         if latency["p50"] is None
         else f"p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"
     )
-    lines = [
-        f"{summary['scenario']} ran {summary['duration_s']:.0f} s with {', '.join(summary['services'])}."
-    ]
+    speed = "" if summary["speed"] == 1.0 else f" at {summary['speed']:g} times the speed"
+    services = ", ".join(summary["services"])
+    lines = [f"{summary['scenario']} ran {summary['duration_s']:.0f} s{speed} with {services}."]
     if summary["target_kinds"]:
+        total = summary["selected"] + summary["missed"] + summary["pending"]
         lines.append(
-            f"Selected {summary['selected']} of the {'/'.join(summary['target_kinds'])} objects, "
+            f"Selected {summary['selected']} of {total} {'/'.join(summary['target_kinds'])} objects, "
             f"missed {summary['missed']}, still to do {summary['pending']}, "
             f"wrong {summary['wrong']} (taken back {summary['corrected']})."
         )

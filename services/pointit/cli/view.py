@@ -2,14 +2,16 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.monitor import Monitor
+from pointit.cli.observation import SILENT_S
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
@@ -17,27 +19,44 @@ from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 REFRESH_HZ = 8
 """The view is drawn in a thread of its own, this often."""
 NAME_WIDTH = 8
+BORDER_WIDTH = 4
+"""Columns that the frame and its padding take."""
+ROOMY_WIDTH = 72
+"""With fewer columns, people's rows are shortened."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown, the chain from wrist to light."""
 
 
 def draw(monitor: Monitor, title: str, remaining_s: Callable[[], float]) -> RenderableType:
-    """Return the whole view of what `monitor` holds now."""
-    parts: list[RenderableType] = []
-    if monitor.environment is not None:
-        width = max(20, Console().width - NAME_WIDTH - 8)
-        for strip in monitor.environment.strips:
-            parts.extend(_strip(monitor, strip, width))
-        if monitor.lamps:
-            parts.append(_lamps(monitor))
-    else:
-        parts.append(Text("waiting for the map …", style="dim"))
-    parts.append(_people(monitor))
-    parts.append(_figures(monitor))
-    parts.extend(Text(line, style="dim", no_wrap=True) for line in list(monitor.events))
-    left = remaining_s()
-    subtitle = f"{left:.0f} s left, Ctrl-C ends it" if left > 0 else "Ctrl-C ends it"
-    return Panel(Group(*parts), title=title, subtitle=subtitle, border_style="cyan")
+    """Return the whole view of what `monitor` holds when it is drawn, as wide as the terminal is then."""
+    return _View(monitor, title, remaining_s)
+
+
+@dataclass(frozen=True)
+class _View:
+    monitor: Monitor
+    title: str
+    remaining_s: Callable[[], float]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        monitor = self.monitor
+        environment = monitor.environment
+        parts: list[RenderableType] = []
+        if environment is None:
+            parts.append(Text("waiting for the map …", style="dim"))
+        else:
+            width = max(1, options.max_width - NAME_WIDTH - BORDER_WIDTH)
+            for strip in environment.strips:
+                parts.extend(_strip(monitor, strip, width))
+            if monitor.lamps:
+                parts.append(_lamps(monitor))
+        parts += [*_people(monitor, options.max_width), _figures(monitor)]
+        parts.extend(
+            Text(line, style="dim", no_wrap=True, overflow="ellipsis") for line in list(monitor.events)
+        )
+        left_s = self.remaining_s()
+        subtitle = f"{left_s:.0f} s left, Ctrl-C ends it" if left_s > 0 else "Ctrl-C ends it"
+        yield Panel(Group(*parts), title=self.title, subtitle=subtitle, border_style="cyan")
 
 
 def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
@@ -52,10 +71,11 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
         line.append("▌", style=f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})")
     marks = [" "] * cells
     length = Polyline(strip.line_m).length_m
-    for user, cursor in list(monitor.cursors.items()):
+    cursors = sorted(monitor.cursors.items())
+    for user, cursor in cursors:
         if cursor.surface == "strip" and cursor.surface_id == strip.id:
             cell = min(cells - 1, int(cursor.position_m / length * cells))
-            marks[cell] = "▲" if len(monitor.cursors) == 1 else user[-1]
+            marks[cell] = "▲" if len(cursors) == 1 else user[-1]
     return [line, Text(" " * NAME_WIDTH + "".join(marks), no_wrap=True)]
 
 
@@ -79,28 +99,33 @@ def _lamps(monitor: Monitor) -> Text:
     return text
 
 
-def _people(monitor: Monitor) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=True, header_style="dim")
-    for column in ("person", "state", "cursor", "object", "progress", "next step"):
-        table.add_column(column, no_wrap=column != "next step")
-    for user in sorted(set(monitor.interactions) | set(monitor.cursors)):
+def _people(monitor: Monitor, width: int) -> list[RenderableType]:
+    """Return what each person does, in columns that do not move, and below it what they should do next."""
+    narrow = width < ROOMY_WIDTH
+    bar = 4 if narrow else 10
+    table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="dim")
+    for column, least in (("person", 6), ("state", 10), ("cursor", 6 if narrow else 18), ("object", 6)):
+        table.add_column(column, no_wrap=True, min_width=least)
+    table.add_column("held", no_wrap=True, min_width=bar)
+    steps: list[RenderableType] = []
+    for user in sorted({*monitor.interactions, *monitor.cursors}):
         interaction = monitor.interactions.get(user)
         cursor = monitor.cursors.get(user)
         hover = monitor.hovers.get(user)
         where = "-"
         if cursor is not None and cursor.surface != "none":
-            where = f"{cursor.surface} {cursor.surface_id} at {cursor.position_m:.2f} m"
-        kind = monitor.score.kinds.get(hover.object_id, "") if hover is not None and hover.object_id else ""
-        filled = round(10 * hover.progress) if hover is not None and hover.object_id else 0
-        table.add_row(
-            user,
-            interaction.state if interaction is not None else "pointing",
-            where,
-            kind or "-",
-            "█" * filled + "░" * (10 - filled),
-            interaction.next_step if interaction is not None else "",
-        )
-    return table
+            place = "" if narrow else f"{cursor.surface} {cursor.surface_id} at "
+            where = f"{place}{cursor.position_m:.2f} m"
+        kind, filled = "-", 0
+        if hover is not None and hover.object_id:
+            kind = monitor.score.kinds.get(hover.object_id) or "?"
+            filled = round(bar * hover.progress)
+        state = interaction.state if interaction is not None else "-"
+        table.add_row(user, state, where, kind, "█" * filled + "░" * (bar - filled))
+        if interaction is not None:
+            reason = f"{interaction.reason} " if interaction.state == "idle" and interaction.reason else ""
+            steps.append(Text.assemble((f"{user}: ", "bold"), f"{reason}{interaction.next_step}"))
+    return [table, *steps]
 
 
 def _figures(monitor: Monitor) -> Text:
@@ -119,11 +144,11 @@ def _figures(monitor: Monitor) -> Text:
     if monitor.score.target_kinds:
         counts: dict[str, Any] = monitor.score.counts()
         parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
-    now_ns = time.time_ns()
+    heard_s, now_s = dict(monitor.heard_s), time.monotonic()
     ill = [
         name
         for name, health in list(monitor.health.items())
-        if health.warnings or now_ns - health.stamp_ns > 3_000_000_000
+        if health.warnings or now_s - heard_s.get(name, now_s) > SILENT_S
     ]
     text = Text(" · ".join(parts))
     if ill:

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Self, cast
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from pointit.runtime import Config, ConfigError, Launch
 from pointit.runtime.config import Layers, read_yaml
@@ -34,6 +34,21 @@ class Scenario(Config):
     places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
     site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
     user: dict[str, dict[str, Any]] = Field(default={}, description="services per person, by name")
+    _source: str = PrivateAttr(default="scenario")
+
+    @property
+    def source(self) -> str:
+        """Return where it stands, for errors."""
+        return self._source
+
+    @classmethod
+    def read(cls, path: Path, source: str) -> Self:
+        """Return the scenario in the file at `path`, called `source` in errors."""
+        layers = Layers()
+        layers.add(read_yaml(path), source)
+        scenario = layers.build(cls)
+        scenario._source = source  # noqa: SLF001 - its own
+        return scenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,13 +81,13 @@ def read_scenario(name: str) -> Scenario:
         ConfigError: there is none, or a field is wrong.
     """
     if name.endswith((".yaml", ".yml")):
-        return _parse(Path(name), name)
+        return Scenario.read(Path(name), name)
     if name not in scenario_names():
         raise ConfigError(
             f"no scenario {name!r}; there are {', '.join(scenario_names())} and replay, or give a .yaml file"
         )
     with resources.as_file(SHIPPED / f"{name}.yaml") as path:
-        return _parse(path, path.name)
+        return Scenario.read(path, path.name)
 
 
 def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
@@ -90,7 +105,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
             raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
         extra["led-driver"] = {"outputs": [{"kind": "expander", "port": port}]}
     return [
-        _launch(name, "site", (parameters, extra.get(name, {})), choices)
+        _launch(scenario, name, (parameters, extra.get(name, {})), choices)
         for name, parameters in scenario.site.items()
     ]
 
@@ -121,7 +136,7 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         services.pop("user-sim", None)
         services["imu-bridge"] = {**services.get("imu-bridge", {}), **_device(device)}
     return [
-        _launch(name, "user", (parameters, extra.get(name, {})), choices, user)
+        _launch(scenario, name, (parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()
     ]
 
@@ -153,17 +168,18 @@ def _device(device: str) -> dict[str, Any]:
 
 
 def _launch(
-    name: str, scope: str, layered: Sequence[Mapping[str, Any]], choices: Choices, user: str = ""
+    scenario: Scenario, name: str, layered: Sequence[Mapping[str, Any]], choices: Choices, user: str = ""
 ) -> Launch:
+    scope = "user" if user else "site"
     try:
         row = registry.process(name)
     except KeyError as error:
-        raise ConfigError(str(error.args[0])) from error
+        raise ConfigError(f"{scenario.source}: {scope}: {error.args[0]}") from error
     if row.scope != scope:
-        raise ConfigError(f"{name} is a service of scope {row.scope}; it cannot stand under {scope}:")
+        raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
     service = row.load()
     layers = Layers()
-    for values, source in zip(layered, ("scenario", "command line"), strict=True):
+    for values, source in zip(layered, (scenario.source, "command line"), strict=True):
         layers.add(values, f"{source}, {name}")
     for path in choices.files:
         layers.add(_section(path, name), f"{path}, {name}")
@@ -194,9 +210,3 @@ def _split(setting: str) -> tuple[list[str], str]:
     if path[0] not in {row.name for row in registry.PROCESSES}:
         raise ConfigError(f"--set {setting!r}: {path[0]!r} is no service; `pointit list` shows them")
     return path, text
-
-
-def _parse(path: Path, source: str) -> Scenario:
-    layers = Layers()
-    layers.add(read_yaml(path), source)
-    return layers.build(Scenario)

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import re
 import threading
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.errors import ConnectError, ListenError
+from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
@@ -22,6 +23,11 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where `pointit run` listens and every other command looks, on this machine only."""
 
 DEFAULT_SITE = "lab"
+
+ENDPOINT = re.compile(
+    r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):\d{1,5}([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
+)
+"""What Zenoh takes for an address: host and port, or what other protocols need (`serial//dev/ttyUSB0`)."""
 
 OPEN_RETRY_S = 0.5
 LEASE_MS = 3000
@@ -45,10 +51,13 @@ def configuration(link: Link) -> zenoh.Config:
     Who connects is a client: peers do not relay for peers, and gossip would pass by access rules.
 
     Raises:
-        ConnectError: an endpoint is not one.
+        ConfigError: an endpoint is not one.
         KeyNameError: the site's name cannot stand in a key.
     """
     check_name(link.site, "site")
+    for endpoint in (*link.listen, *link.connect):
+        if not ENDPOINT.fullmatch(endpoint):
+            raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
     config = zenoh.Config()
     if link.router:
         mode = "router"
@@ -77,10 +86,7 @@ def configuration(link: Link) -> zenoh.Config:
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise ConnectError(
-                f"Zenoh does not take {key} = {json.dumps(value)}: {error}; "
-                "an endpoint looks like tcp/127.0.0.1:7447"
-            ) from error
+            raise ConfigError(f"Zenoh does not take {key} = {json.dumps(value)}: {_short(error)}") from error
     return config
 
 

@@ -201,11 +201,11 @@ def test_what_is_typed_wrongly_is_told_with_code_2(
 
 
 def test_an_address_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ended(service_command(Sample), "--user", "anna", "--connect", "over there") == 1
+    assert ended(service_command(Sample), "--user", "anna", "--connect", "over there") == 2
     assert "over there" in capsys.readouterr().err
 
 
 def test_logs_are_json_lines_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ended(service_command(Sample), "--user", "anna", "--connect", "nowhere") == 1
+    assert ended(service_command(Sample), "--user", "anna", "--connect", "nowhere") == 2
     logging.getLogger("pointit.test").warning("hello")
     assert json.loads(capsys.readouterr().err.splitlines()[-1])["message"] == "hello"

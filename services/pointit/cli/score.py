@@ -26,11 +26,14 @@ class Score:
     """Kind by object id, of every object seen."""
     selected: set[str] = field(default_factory=set[str])
     left: set[str] = field(default_factory=set[str])
+    listed: dict[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
+    """By tracker, the objects that are there now."""
     corrected: int = 0
     """Wrong selections that were taken back."""
 
     def on_objects(self, message: TrackedObjects) -> None:
         """Take note of what there is."""
+        self.listed[message.tracker] = frozenset(thing.id for thing in message.objects)
         for thing in message.objects:
             self.kinds.setdefault(thing.id, thing.kind)
 
@@ -48,13 +51,17 @@ class Score:
             self.left.add(event.object_id)
 
     def counts(self) -> dict[str, int]:
-        """Return targets selected, missed (left unselected) and pending, and other objects selected."""
+        """Return targets selected, missed (left unselected) and pending, and other objects selected.
+
+        Pending are those still there; what vanished with its tracker or a reset is nobody's fault.
+        """
         kinds, selected, left = dict(self.kinds), set(self.selected), set(self.left)  # each at one go
+        there: frozenset[str] = frozenset().union(*list(self.listed.values()))
         targets = {name for name, kind in kinds.items() if kind in self.target_kinds}
         return {
             "selected": len(targets & selected if self.target_kinds else selected),
             "missed": len((targets & left) - selected),
-            "pending": len(targets - left - selected),
+            "pending": len((targets & there) - left - selected),
             "wrong": len(selected - targets if self.target_kinds else ()),
             "corrected": self.corrected,
         }

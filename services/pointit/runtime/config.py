@@ -99,6 +99,7 @@ class Layers:
 
     def add(self, values: Mapping[str, Any], source: str) -> None:
         """Lay `values` on top; mappings are merged, everything else is replaced."""
+        self._sources.setdefault((), source)  # of a value that is missing
         self._merge(self.values, values, (), source)
 
     def add_text(self, path: Sequence[str], text: str, source: str) -> None:
@@ -151,7 +152,7 @@ class Layers:
                 into[key] = value
 
     def _source_of(self, loc: tuple[str, ...]) -> str:
-        for length in range(len(loc), 0, -1):
+        for length in range(len(loc), -1, -1):
             source = self._sources.get(loc[:length])
             if source is not None:
                 return source

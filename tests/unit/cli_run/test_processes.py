@@ -1,0 +1,174 @@
+"""Child processes: commands anybody can type, last words, an end in order."""
+
+import asyncio
+import logging
+import os
+import shlex
+import signal
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+import yaml
+
+from pointit.cli.execution import check_writable
+from pointit.cli.processes import Processes, last_words
+from pointit.runtime import ConfigError, Launch
+from pointit.services.pointing.service import Pointing
+from pointit.services.selector.service import Selector
+from tests.support.bench import until
+from tests.support.buses import free_port
+
+PATIENCE_S = 20.0
+
+
+def launches() -> list[Launch]:
+    return [
+        Launch(service=Selector, config=Selector.CONFIG()),
+        Launch(service=Pointing, config=Pointing.CONFIG(), user="anna"),
+    ]
+
+
+def processes(*, simulated: bool = False) -> Processes:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"  # nobody is there: the children wait
+    return Processes(launches(), site="lab", connect=endpoint, simulated_time=simulated)
+
+
+def children(group: Processes) -> dict[str, asyncio.subprocess.Process]:
+    return group._children
+
+
+def test_a_command_names_everything_the_service_needs() -> None:
+    group = processes(simulated=True)
+    command = group.command(group._launches[1])
+    assert command[:3] == (sys.executable, "-m", "pointit.services.pointing")
+    options = dict(zip(command[3::2], command[4::2], strict=True))
+    assert options.pop("--connect").startswith("tcp/127.0.0.1:")
+    assert options == {
+        "--config": str(group.folder / "pointing.anna.yaml"),
+        "--user": "anna",
+        "--site": "lab",
+        "--clock": "site",
+    }
+    site_command = processes().command(group._launches[0])
+    assert "--user" not in site_command
+    assert site_command[-1] == "wall"
+
+
+async def test_they_live_and_end_with_the_block_and_leave_nothing() -> None:
+    group = processes()
+    async with group:
+        assert set(children(group)) == {"selector", "pointing.anna"}
+        assert all(child.returncode is None for child in children(group).values())
+        assert all(os.getpgid(child.pid) == child.pid for child in children(group).values())
+        written = yaml.safe_load((group.folder / "selector.yaml").read_text())
+        assert written == Selector.CONFIG().model_dump(mode="json")
+    assert all(child.returncode is not None for child in children(group).values())
+    assert not group.folder.exists()
+
+
+async def test_a_child_that_dies_is_reported_with_the_command_that_starts_it_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    group = processes()
+    async with group:
+        children(group)["selector"].send_signal(signal.SIGKILL)
+        await until(lambda: bool(caplog.records), PATIENCE_S, "a report")
+        (record,) = caplog.records
+        assert record.levelno == logging.ERROR
+        sentence = record.getMessage()
+        command = shlex.join(group.command(group._launches[0]))
+        assert sentence.startswith(f"selector was ended by SIGKILL; start it again with: {command} ")
+        assert str(group.folder / "selector.log") in sentence
+        assert children(group)["pointing.anna"].returncode is None
+    assert group.folder.exists()  # its log may be of interest
+
+
+async def test_a_child_that_fails_says_why(caplog: pytest.LogCaptureFixture) -> None:
+    group = processes()
+    path = group.folder / "selector.yaml"
+
+    def spoil(*_: object) -> str:
+        return "window_s: soon\n"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yaml, "safe_dump", spoil)
+        await group.__aenter__()
+    try:
+        await until(lambda: len(caplog.records) == 2, PATIENCE_S, "both reports")
+        sentences = sorted(record.getMessage() for record in caplog.records)
+        assert f"selector ended with exit code 2: {path}: window_s: " in sentences[1]
+        assert "'soon'" in sentences[1]
+    finally:
+        await group.__aexit__(None, None, None)
+
+
+async def test_a_start_that_is_cut_short_leaves_no_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    group = processes()
+    start = group._start
+    begun: list[str] = []
+
+    async def slow(launch: Launch) -> None:
+        if begun:
+            await asyncio.Event().wait()
+        begun.append(launch.instance)
+        await start(launch)
+
+    monkeypatch.setattr(group, "_start", slow)
+    entering = asyncio.create_task(group.__aenter__())
+    await until(lambda: bool(children(group)), PATIENCE_S, "the first child")
+    entering.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await entering
+    (child,) = children(group).values()
+    assert child.returncode is not None
+
+
+async def test_a_child_that_will_not_end_is_killed(caplog: pytest.LogCaptureFixture) -> None:
+    group = processes()
+    async with group:
+        child = psutil.Process(children(group)["selector"].pid)
+        child.suspend()
+        await until(lambda: child.status() == psutil.STATUS_STOPPED, PATIENCE_S, "it to stop")
+    assert children(group)["selector"].returncode == -signal.SIGKILL
+    assert [record.getMessage() for record in caplog.records] == [
+        "selector did not end in time and is killed"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        ("", ""),
+        ('{"message": "begins"}\nError: a.yaml: broken.\n', "a.yaml: broken"),
+        ("Error: first\nError: second\nand this\n", "second"),
+        ("one\ntwo\n", "two"),
+        ("x" * 5000 + "\nError: far behind\n", "far behind"),
+        ("Error: \xff\n", "\xff"),
+    ],
+)
+def test_last_words(tmp_path: Path, log: str, words: str) -> None:
+    path = tmp_path / "a.log"
+    path.write_text(log)
+    assert last_words(path) == words
+    assert last_words(tmp_path / "none.log") == ""
+
+
+def test_a_summary_that_cannot_be_written_is_found_before_the_run(tmp_path: Path) -> None:
+    check_writable(tmp_path / "new.json")
+    (tmp_path / "old.json").write_text("{}")
+    check_writable(tmp_path / "old.json")
+    assert (tmp_path / "old.json").read_text() == "{}"
+    assert not (tmp_path / "new.json").exists()
+    with pytest.raises(ConfigError, match=r"--summary .*: is a directory"):
+        check_writable(tmp_path)
+    with pytest.raises(ConfigError, match=r"--summary .*: there is no directory .*missing"):
+        check_writable(tmp_path / "missing" / "new.json")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder_is_found_too(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(ConfigError, match="cannot be written"):
+        check_writable(tmp_path / "new.json")

@@ -1,0 +1,256 @@
+"""From a scenario's file and the command line to the services that start."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.cli.scenario import (
+    Choices,
+    Scenario,
+    check_settings,
+    read_scenario,
+    scenario_names,
+    site_launches,
+    user_launches,
+)
+from pointit.runtime import ConfigError, Launch
+from pointit.services.registry import PROCESSES
+
+
+def config_of(launches: Sequence[Launch], name: str) -> dict[str, Any]:
+    """Return the parameters of the service `name`."""
+    (launch,) = (launch for launch in launches if launch.instance.split(".")[0] == name)
+    values: dict[str, Any] = launch.config.model_dump()
+    return values
+
+
+def names(launches: Sequence[Launch]) -> set[str]:
+    return {launch.instance for launch in launches}
+
+
+@pytest.fixture(autouse=True)
+def plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for process in PROCESSES:
+        monkeypatch.delenv(f"POINTIT_{process.name.upper().replace('-', '_')}__", raising=False)
+
+
+@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize("localize", [False, True])
+def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # noqa: FBT001 - a parameter
+    scenario = read_scenario(name)
+    choices = Choices(localize=localize)
+    site, user = site_launches(scenario, choices), user_launches(scenario, choices, "anna")
+    assert {"pui", "led-driver"} <= names(site)
+    assert {"pointing.anna", "localizer.anna", "supervisor.anna", "user-sim.anna"} == names(user)
+    assert all(launch.service.SCOPE == "site" for launch in site)
+    assert scenario.about.endswith(("m", "s"))
+    assert scenario.duration_s > 0
+
+
+def test_both_scenarios_of_the_paper_are_shipped() -> None:
+    assert {"scenario_2", "scenario_3"} <= set(scenario_names())
+    assert read_scenario("scenario_3").target_kinds == ("red",)
+    person = user_launches(read_scenario("scenario_3"), Choices(), "anna")
+    assert config_of(person, "user-sim")["target_kinds"] == ("red",)  # they want what counts
+
+
+def test_people_get_places_and_seeds_of_their_own() -> None:
+    scenario = read_scenario("scenario_3")
+    choices = Choices(seed=40)
+    people = [user_launches(scenario, choices, f"user{index + 1}", index) for index in range(4)]
+    for index, launches in enumerate(people):
+        place = scenario.places[index % len(scenario.places)]
+        simulated, localizer = config_of(launches, "user-sim"), config_of(launches, "localizer")
+        assert simulated["seed"] == 40 + index
+        assert simulated["position_m"] == localizer["position_m"] == place.position_m
+        assert simulated["yaw_deg"] == localizer["yaw_deg"] == place.yaw_deg
+        assert names(launches) == {
+            f"{name}.user{index + 1}" for name in ("pointing", "localizer", "supervisor", "user-sim")
+        }
+    assert len(scenario.places) == 3
+    assert people[3][0].config == people[0][0].config
+
+
+def test_localize_tells_nobody_where_people_stand() -> None:
+    launches = user_launches(read_scenario("scenario_3"), Choices(localize=True), "anna")
+    localizer, plain = (
+        config_of(launches, "localizer"),
+        config_of(user_launches(read_scenario("scenario_3"), Choices(), "anna"), "localizer"),
+    )
+    assert localizer["method"] == "static_targets"
+    assert plain["method"] == "fixed"
+    assert localizer["position_m"] != plain["position_m"]
+    assert config_of(launches, "supervisor")["localize"] is True
+    assert config_of(launches, "user-sim")["yaw_deg"] is None
+    assert config_of(launches, "user-sim")["position_m"] == plain["position_m"]
+
+
+@pytest.mark.parametrize(
+    ("device", "source", "section", "field"),
+    [
+        ("serial:/dev/ttyUSB7", "serial", "serial", "port"),
+        ("replay:/tmp/a:b.csv", "replay", "replay", "recording"),
+        ("simulated", "simulated", None, None),
+    ],
+)
+def test_a_device_takes_the_place_of_the_simulated_person(
+    device: str, source: str, section: str | None, field: str | None
+) -> None:
+    scenario = read_scenario("scenario_3")
+    choices = Choices(imu=["sim", device])
+    assert "user-sim.a" in names(user_launches(scenario, choices, "a", 0))
+    second = user_launches(scenario, choices, "b", 1)
+    assert "user-sim.b" not in names(second)
+    bridge = config_of(second, "imu-bridge")
+    assert bridge["source"] == source
+    if section is not None and field is not None:
+        assert bridge[section][field] == device.partition(":")[2]
+    assert "user-sim.c" in names(user_launches(scenario, choices, "c", 2))
+
+
+@pytest.mark.parametrize("device", ["nonsense", "serial", "serial:", "replay", "simulated:x", ""])
+def test_another_device_is_refused(device: str) -> None:
+    with pytest.raises(ConfigError, match=r"--imu '.*': give sim, simulated, serial:PORT or replay:FILE"):
+        user_launches(read_scenario("scenario_3"), Choices(imu=[device]), "a")
+
+
+def test_real_strips() -> None:
+    launches = site_launches(read_scenario("scenario_3"), Choices(leds="expander:/dev/ttyUSB0"))
+    (output,) = config_of(launches, "led-driver")["outputs"]
+    assert (output["kind"], output["port"]) == ("expander", "/dev/ttyUSB0")
+    for wrong in ("expander", "expander:", "ddp:x"):
+        with pytest.raises(ConfigError, match="--leds"):
+            site_launches(read_scenario("scenario_3"), Choices(leds=wrong))
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_a_run_without_strips_refuses_a_controller(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.yaml", "about: a\nplaces: [{position_m: [0, 0, 0]}]\nsite: {pui: {}}\n")
+    with pytest.raises(ConfigError, match="no led-driver"):
+        site_launches(read_scenario(str(path)), Choices(leds="expander:/dev/x"))
+
+
+def window_s(choices: Choices) -> Any:
+    return config_of(site_launches(read_scenario("scenario_3"), choices), "selector")["window_s"]
+
+
+def test_the_later_source_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = written(tmp_path / "first.yaml", "selector: {window_s: 1.1}\npui: {map: lab}\n")
+    second = written(tmp_path / "second.yaml", "selector: {window_s: 1.2}\n")
+    assert window_s(Choices()) == 0.8
+    assert window_s(Choices(files=[first])) == 1.1
+    assert window_s(Choices(files=[first, second])) == 1.2
+    monkeypatch.setenv("POINTIT_SELECTOR__WINDOW_S", "1.3")
+    assert window_s(Choices(files=[first, second])) == 1.3
+    assert window_s(Choices(files=[first], settings=["selector.window_s=1.4"])) == 1.4
+    assert window_s(Choices(settings=["selector.window_s=1.4", "selector.window_s=1.5"])) == 1.5
+
+
+def test_a_file_changes_what_the_command_line_set_and_leaves_the_rest(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.yaml", "user-sim: {seed: 77, arm: {tremor_rms_deg: 0.0}}\n")
+    simulated = config_of(
+        user_launches(read_scenario("scenario_3"), Choices(seed=3, files=[path]), "a"), "user-sim"
+    )
+    assert simulated["seed"] == 77
+    assert simulated["arm"]["tremor_rms_deg"] == 0.0
+    assert simulated["arm"]["reach_base_s"] == 0.25
+    assert simulated["behaviour"] == "select"
+
+
+def test_nested_parameters_can_be_set() -> None:
+    choices = Choices(settings=["conveyor-sim.feeder.sequence=[red, green]", "pui.map=lab"])
+    feeder = config_of(site_launches(read_scenario("scenario_3"), choices), "conveyor-sim")["feeder"]
+    assert feeder["sequence"] == ("red", "green")
+    shipped = config_of(site_launches(read_scenario("scenario_3"), Choices()), "conveyor-sim")["feeder"]
+    assert feeder["sequence"] != shipped["sequence"]
+    assert feeder["count"] == shipped["count"] > 0
+
+
+@pytest.mark.parametrize(
+    ("choices", "sentence"),
+    [
+        (Choices(settings=["selector"]), "write service.parameter=value"),
+        (Choices(settings=["selector=1"]), "write service.parameter=value"),
+        (Choices(settings=["selektor.window_s=1"]), "'selektor' is no service"),
+        (Choices(settings=["selector.window_s=soon"]), r"--set selector.window_s=soon: window_s: .*'soon'"),
+        (Choices(settings=["selector.nope=1"]), r"--set selector.nope=1: nope: "),
+    ],
+)
+def test_a_wrong_setting_is_named(choices: Choices, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        site_launches(read_scenario("scenario_3"), choices)
+
+
+def test_a_setting_without_effect_is_refused() -> None:
+    scenario = read_scenario("scenario_3")
+    choices = Choices(settings=["user-sim.think_s=0"])
+    launches = site_launches(scenario, choices)
+    with pytest.raises(
+        ConfigError, match=r"--set 'user-sim.think_s=0': user-sim is not among .*: conveyor-sim,"
+    ):
+        check_settings(launches, choices)
+    check_settings(launches + user_launches(scenario, choices, "anna"), choices)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("selektor: {}", "'selektor' is no service"),
+        ("selector: 3", "selector: a mapping of parameters was expected, got 3"),
+        ("selector: {window_s: soon}", r"a.yaml, selector: window_s: .*'soon'"),
+        ("[", "is not YAML in line"),
+    ],
+)
+def test_a_wrong_file_of_parameters_is_named(tmp_path: Path, text: str, sentence: str) -> None:
+    path = written(tmp_path / "a.yaml", text)
+    with pytest.raises(ConfigError, match=sentence) as caught:
+        site_launches(read_scenario("scenario_3"), Choices(files=[path]))
+    assert str(path) in str(caught.value)
+
+
+GOOD = "about: a\nplaces: [{position_m: [0, 0, 0]}]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("about: a\n", "places: Field required"),
+        ("about: a\nplaces: []\n", "places: "),
+        ("about: a\nplaces: [{position_m: [0, 0]}]\n", "places.0.position_m"),
+        (GOOD + "duration_s: -1\n", "duration_s: "),
+        (GOOD + "sites: {}\n", "sites: Extra inputs"),
+        (GOOD + "site: {puj: {}}\n", "site: no service 'puj'"),
+        (GOOD + "site: {pointing: {}}\n", "site: pointing must stand under user"),
+        (GOOD + "site: {pui: {mapp: lab}}\n", "pui: mapp: Extra inputs"),
+    ],
+)
+def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> None:
+    path = written(tmp_path / "mine.yaml", text)
+    with pytest.raises(ConfigError, match=sentence) as caught:
+        site_launches(read_scenario(str(path)), Choices())
+    assert str(path) in str(caught.value)
+
+
+def test_a_scenario_that_does_not_exist() -> None:
+    with pytest.raises(ConfigError, match=r"no scenario 'nope'; there are scenario_2, scenario_3 and replay"):
+        read_scenario("nope")
+    with pytest.raises(ConfigError, match=r"nope\.yml: cannot be read"):
+        read_scenario("/nowhere/nope.yml")
+
+
+def test_a_service_for_all_cannot_stand_under_user(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.yaml", GOOD + "user: {pui: {}}\n")
+    with pytest.raises(ConfigError, match="user: pui must stand under site"):
+        user_launches(read_scenario(str(path)), Choices(), "anna")
+
+
+def test_defaults_of_a_scenario() -> None:
+    scenario = Scenario.model_validate({"about": "a", "places": [{"position_m": (0.0, 0.0, 0.0)}]})
+    assert scenario.source == "scenario"
+    assert (scenario.duration_s, scenario.site, scenario.user) == (60.0, {}, {})

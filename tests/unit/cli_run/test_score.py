@@ -1,0 +1,183 @@
+"""What a run comes to: every count, and which frame a capture is seen in."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.cli.score import RECENT, Latency, Score, summary_lines
+from pointit.schemas import Cursor, SelectionEvent, StripsFrame, TrackedObject, TrackedObjects
+
+MS = 1_000_000
+
+
+def things(*pairs: tuple[str, str], tracker: str = "conveyor") -> TrackedObjects:
+    objects = tuple(TrackedObject(id=name, kind=kind, position_m=(0.0, 0.0, 0.0)) for name, kind in pairs)
+    return TrackedObjects(stamp_ns=1, tracker=tracker, objects=objects)
+
+
+def event(what: str, object_id: str, kind: str = "") -> SelectionEvent:
+    return SelectionEvent.model_validate(
+        {"stamp_ns": 1, "event": what, "object_id": object_id, "kind": kind, "user": "anna"}
+    )
+
+
+def of_reds(*messages: TrackedObjects | SelectionEvent, kinds: tuple[str, ...] = ("red",)) -> dict[str, int]:
+    score = Score(kinds)
+    for message in messages:
+        if isinstance(message, TrackedObjects):
+            score.on_objects(message)
+        else:
+            score.on_event(message)
+    return score.counts()
+
+
+NONE = {"selected": 0, "missed": 0, "pending": 0, "wrong": 0, "corrected": 0}
+TWO = things(("a", "red"), ("b", "blue"))
+
+
+def test_nothing_is_nothing() -> None:
+    assert of_reds() == NONE
+    assert of_reds(things()) == NONE
+
+
+def test_a_target_is_pending_until_it_is_selected() -> None:
+    assert of_reds(TWO) == {**NONE, "pending": 1}
+    assert of_reds(TWO, event("selected", "a")) == {**NONE, "selected": 1}
+    assert of_reds(TWO, event("selected", "a"), event("deselected", "a")) == {**NONE, "pending": 1}
+
+
+def test_a_target_that_left_is_missed_unless_selected() -> None:
+    assert of_reds(TWO, event("left", "a")) == {**NONE, "missed": 1}
+    assert of_reds(TWO, event("selected", "a"), event("left", "a")) == {**NONE, "selected": 1}
+    assert of_reds(TWO, event("left", "b")) == {**NONE, "pending": 1}  # no target, no loss
+
+
+def test_another_kind_is_wrong_until_it_is_taken_back() -> None:
+    assert of_reds(TWO, event("selected", "b")) == {**NONE, "pending": 1, "wrong": 1}
+    back = of_reds(TWO, event("selected", "b"), event("deselected", "b"))
+    assert back == {**NONE, "pending": 1, "corrected": 1}
+    assert of_reds(TWO, event("selected", "b"), event("left", "b"))["wrong"] == 1
+
+
+def test_refusals_and_dispatches_do_not_count() -> None:
+    assert of_reds(TWO, event("refused", "b"), event("dispatched", "a")) == {**NONE, "pending": 1}
+
+
+def test_an_event_may_come_before_the_object_is_listed() -> None:
+    assert of_reds(event("selected", "a", "red"), TWO) == {**NONE, "selected": 1}
+    assert of_reds(event("selected", "b", "blue")) == {**NONE, "wrong": 1}
+    assert of_reds(event("selected", "?")) == {**NONE, "wrong": 1}  # of no known kind
+
+
+def test_what_vanished_with_its_tracker_is_neither_missed_nor_pending() -> None:
+    assert of_reds(TWO, things(("c", "red"))) == {**NONE, "pending": 1}
+    assert of_reds(TWO, things()) == NONE
+    assert of_reds(TWO, things(("c", "red"), tracker="robot"))["pending"] == 2
+
+
+def test_without_targets_everything_may_be_selected_and_nothing_need_be() -> None:
+    messages = (TWO, event("selected", "b"), event("left", "a"))
+    assert of_reds(*messages, kinds=()) == {**NONE, "selected": 1}
+    assert of_reds(TWO, event("selected", "b"), event("deselected", "b"), kinds=()) == NONE
+
+
+@given(st.lists(st.tuples(st.sampled_from(["selected", "deselected", "left"]), st.sampled_from("abcd"))))
+def test_every_target_is_in_one_class(history: list[tuple[str, str]]) -> None:
+    kinds = {"a": "red", "b": "red", "c": "blue", "d": "blue"}
+    counts = of_reds(things(*kinds.items()), *(event(what, name) for what, name in history))
+    assert counts["selected"] + counts["missed"] + counts["pending"] == 2
+    assert 0 <= counts["wrong"] <= 2
+
+
+def cursor(stamp_ms: float, surface: str = "strip") -> Cursor:
+    return Cursor.model_validate({"stamp_ns": round(stamp_ms * MS), "surface": surface, "surface_id": "0"})
+
+
+def frame(stamp_ms: float) -> StripsFrame:
+    return StripsFrame(stamp_ns=round(stamp_ms * MS), strips=())
+
+
+def test_only_the_first_frame_of_a_capture_counts() -> None:
+    latency = Latency()
+    latency.on_cursor(cursor(100))
+    latency.on_frame(frame(100), 108 * MS, 1.0)
+    latency.on_frame(frame(100), 150 * MS, 1.0)  # the same capture, drawn again for something else
+    assert latency.count == 1
+    assert latency.quantiles_ms()["p50"] == pytest.approx(8, rel=0.003)
+
+
+def test_frames_of_unknown_captures_and_cursors_on_nothing_do_not_count() -> None:
+    latency = Latency()
+    latency.on_cursor(cursor(100, surface="none"))
+    latency.on_frame(frame(100), 108 * MS, 1.0)
+    latency.on_frame(frame(99), 108 * MS, 1.0)
+    assert latency.count == 0
+    assert latency.quantiles_ms() == {"p50": None, "p99": None}
+
+
+def test_simulated_time_is_turned_into_the_walls() -> None:
+    latency = Latency()
+    latency.on_cursor(cursor(100))
+    latency.on_frame(frame(100), 140 * MS, 4.0)
+    assert latency.quantiles_ms()["p50"] == pytest.approx(10, rel=0.003)
+
+
+def test_captures_that_are_never_shown_are_forgotten() -> None:
+    latency = Latency()
+    for number in range(RECENT + 1):
+        latency.on_cursor(cursor(number))
+    latency.on_frame(frame(0), 200 * MS, 1.0)
+    assert latency.count == 0
+    latency.on_frame(frame(1), 200 * MS, 1.0)
+    assert latency.count == 1
+
+
+@given(st.lists(st.floats(0.01, 5000), min_size=1, max_size=300))
+def test_quantiles_are_the_nearest_ranks(values_ms: list[float]) -> None:
+    latency = Latency()
+    for value in values_ms:
+        latency.on_cursor(cursor(1))
+        latency.on_frame(frame(1), round((1 + value) * MS), 1.0)
+    ordered = sorted(values_ms)
+    for name, share in (("p50", 0.5), ("p99", 0.99)):
+        expected = ordered[math.ceil(share * len(ordered)) - 1]
+        assert latency.quantiles_ms()[name] == pytest.approx(expected, rel=0.004, abs=0.0006)
+
+
+def test_a_clock_that_is_behind_gives_no_error() -> None:
+    latency = Latency()
+    latency.on_cursor(cursor(100))
+    latency.on_frame(frame(100), 99 * MS, 1.0)
+    assert latency.quantiles_ms()["p50"] == pytest.approx(0.001)
+
+
+SUMMARY = {
+    "scenario": "scenario_3",
+    "duration_s": 60.04,
+    "speed": 1.0,
+    "services": ["pui", "pointing.anna"],
+    "target_kinds": ["red"],
+    "selected": 3,
+    "missed": 1,
+    "pending": 2,
+    "wrong": 4,
+    "corrected": 5,
+    "latency_ms": {"p50": 8.04, "p99": 20.26},
+    "cursors": 7,
+    "frames": 9,
+}
+
+
+def test_a_summary_reads_well() -> None:
+    assert summary_lines(SUMMARY) == [
+        "scenario_3 ran 60 s with pui, pointing.anna.",
+        "Selected 3 of 6 red objects, missed 1, still to do 2, wrong 4 (taken back 5).",
+        "Wrist to light: p50 8.0 ms, p99 20.3 ms; 7 cursors, 9 frames.",
+    ]
+    bare = {**SUMMARY, "target_kinds": [], "speed": 2.5, "latency_ms": {"p50": None, "p99": None}}
+    assert summary_lines(bare) == [
+        "scenario_3 ran 60 s at 2.5 times the speed with pui, pointing.anna.",
+        "Wrist to light: not measured; 7 cursors, 9 frames.",
+    ]

@@ -1,0 +1,276 @@
+"""The terminal view of a monitor that is fed by hand."""
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+from rich.segment import Segment
+
+from pointit.cli.monitor import LINES, Monitor
+from pointit.cli.observation import SILENT_S
+from pointit.cli.score import Score
+from pointit.cli.view import NAME_WIDTH, draw, pixels_along
+from pointit.runtime import Exchange, MemoryBus, WallClock
+from pointit.schemas import (
+    Cursor,
+    Environment,
+    Health,
+    Hover,
+    Interaction,
+    KeyHealth,
+    LampColor,
+    SelectionEvent,
+    Strip,
+    StripFrame,
+    StripsFrame,
+    TrackedObject,
+    TrackedObjects,
+)
+from pointit.schemas.topics import (
+    CURSOR,
+    HEALTH,
+    HOVER,
+    INTERACTION,
+    LAMP_COLOR,
+    MAP,
+    OBJECTS,
+    SELECTION_EVENTS,
+    STRIPS_FRAME,
+    USER_ALIVE,
+)
+from tests.support.bench import until
+
+RED, BLUE, DARK = (255, 0, 0), (0, 0, 255), (0, 0, 0)
+FRAME = 2
+"""Columns of the border and its padding on the left."""
+
+
+def strip(name: str = "0", pixels: int = 40, direction: int = 1) -> Strip:
+    return Strip.model_validate(
+        {"id": name, "line_m": ((0.0, 0.0, 1.0), (4.0, 0.0, 1.0)), "pixels": pixels, "direction": direction}
+    )
+
+
+def frame(pixels: list[tuple[int, int, int]], name: str = "0") -> StripsFrame:
+    shown = StripFrame(id=name, rgb=b"".join(bytes(pixel) for pixel in pixels))
+    return StripsFrame(stamp_ns=1, strips=(shown,))
+
+
+def monitor_of(*strips: Strip, targets: tuple[str, ...] = ("red",)) -> Monitor:
+    monitor = Monitor(Score(targets), WallClock())
+    if strips:
+        monitor.environment = Environment(stamp_ns=1, name="test", strips=strips)
+    return monitor
+
+
+def cursor(position_m: float, surface_id: str = "0", surface: str = "strip") -> Cursor:
+    return Cursor.model_validate(
+        {"stamp_ns": 1, "surface": surface, "surface_id": surface_id, "position_m": position_m}
+    )
+
+
+def shown(monitor: Monitor, width: int = 100, left_s: float = 0.0) -> list[str]:
+    """Return the lines of the view without colours, border cut off."""
+    console = Console(file=io.StringIO(), width=width, color_system="truecolor", force_terminal=True)
+    lines = console.render_lines(draw(monitor, "PointIt test", lambda: left_s), console.options)
+    texts = ["".join(segment.text for segment in line) for line in lines]
+    assert all(len(text) == width for text in texts), texts
+    return texts
+
+
+def cells(monitor: Monitor, name: str = "0", width: int = 100) -> list[tuple[object, object]]:
+    """Return the colours of a strip's cells: of the left pixel and of the right one."""
+    console = Console(file=io.StringIO(), width=width, color_system="truecolor", force_terminal=True)
+    for line in console.render_lines(draw(monitor, "", lambda: 0.0), console.options):
+        if "".join(segment.text for segment in line)[FRAME:].startswith(f"{name:<{NAME_WIDTH}}"):
+            return [_colours(segment) for segment in line for _ in segment.text if "▌" in segment.text]
+    raise AssertionError("the strip is not shown")
+
+
+def _colours(segment: Segment) -> tuple[object, object]:
+    assert segment.style is not None
+    assert segment.style.color is not None
+    assert segment.style.bgcolor is not None
+    return segment.style.color.triplet, segment.style.bgcolor.triplet
+
+
+def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:
+    """Return the line below a strip, from its first cell on."""
+    lines = shown(monitor, width)
+    row = next(i for i, line in enumerate(lines) if line[FRAME:].startswith(f"{name:<{NAME_WIDTH}}"))
+    return lines[row + 1][FRAME + NAME_WIDTH :]
+
+
+def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end() -> None:
+    monitor = monitor_of(strip())
+    monitor.frame = frame([RED, BLUE] + [DARK] * 38)
+    drawn = cells(monitor)
+    assert len(drawn) == 20
+    assert drawn[0] == (RED, BLUE)
+    assert set(drawn[1:]) == {(DARK, DARK)}
+
+
+def test_a_strip_that_runs_backwards_is_drawn_forwards() -> None:
+    monitor = monitor_of(strip(direction=-1))
+    monitor.frame = frame([RED, BLUE] + [DARK] * 38)
+    drawn = cells(monitor)
+    assert drawn[-1] == (BLUE, RED)
+    assert set(drawn[:-1]) == {(DARK, DARK)}
+    assert pixels_along(monitor.frame, strip(direction=-1))[-1] == RED
+
+
+def test_a_strip_longer_than_the_terminal_is_thinned_out() -> None:
+    monitor = monitor_of(strip(pixels=150))
+    monitor.frame = frame([RED] * 75 + [BLUE] * 75)
+    drawn = cells(monitor, width=52)
+    assert len(drawn) == 52 - NAME_WIDTH - 2 * FRAME
+    assert drawn[: len(drawn) // 2] == [(RED, RED)] * (len(drawn) // 2)
+    assert drawn[len(drawn) // 2 :] == [(BLUE, BLUE)] * (len(drawn) // 2)
+
+
+def test_a_strip_without_a_frame_or_with_a_torn_one_is_dark() -> None:
+    assert pixels_along(None, strip(pixels=3)) == [DARK] * 3
+    assert pixels_along(frame([RED], "other"), strip(pixels=3)) == [DARK] * 3
+    torn = StripsFrame(stamp_ns=1, strips=(StripFrame(id="0", rgb=b"\xff\0\0\1"),))
+    assert pixels_along(torn, strip(pixels=3)) == [RED]
+    monitor = monitor_of(strip())
+    monitor.frame = torn
+    assert cells(monitor)
+
+
+@pytest.mark.parametrize(("position_m", "cell"), [(0.0, 0), (1.0, 5), (3.99, 19), (4.0, 19)])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_the_cursor_stands_below_its_place(position_m: float, cell: int, direction: int) -> None:
+    monitor = monitor_of(strip(direction=direction), strip("1"))
+    monitor.cursors["anna"] = cursor(position_m)
+    assert marks(monitor).index("▲") == cell
+    assert "▲" not in marks(monitor, "1")
+
+
+def test_cursors_of_several_people_are_told_apart() -> None:
+    monitor = monitor_of(strip())
+    monitor.cursors |= {"user1": cursor(0.0), "user2": cursor(2.0), "user3": cursor(1.0, "0", "belt")}
+    assert marks(monitor).split() == ["1", "2", "│"]
+
+
+def test_before_there_is_a_map_it_says_so() -> None:
+    text = "\n".join(shown(monitor_of(), left_s=12.4))
+    assert "waiting for the map" in text
+    assert "12 s left, Ctrl-C ends it" in text
+    assert " s left" not in "\n".join(shown(monitor_of()))
+
+
+def everything() -> Monitor:
+    monitor = monitor_of(strip(pixels=150), strip("1", 150, -1))
+    monitor.lamps["led_0"] = LampColor(stamp_ns=1, color=(255, 255, 0))
+    monitor.lamps["led_1"] = LampColor(stamp_ns=1, color=(0, 0, 0))
+    monitor.score.kinds["x-1"] = "red"
+    monitor.cursors["anna"] = cursor(1.5)
+    monitor.hovers["anna"] = Hover(stamp_ns=1, object_id="x-1", progress=0.5)
+    monitor.interactions["anna"] = Interaction(stamp_ns=1, state="pointing", next_step="Point.", reason="So.")
+    monitor.interactions["ben"] = Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="Silent.")
+    monitor.events.append("red 1 selected by anna")
+    return monitor
+
+
+def test_people_are_shown_with_what_they_do_and_should_do() -> None:
+    lines = shown(everything())
+    anna, ben = (next(line for line in lines if line[FRAME:].startswith(name)) for name in ("anna ", "ben "))
+    assert anna[FRAME:].split()[:6] == ["anna", "pointing", "strip", "0", "at", "1.50"]
+    assert "red     █████░░░░░" in anna
+    assert ben[FRAME:].split()[:3] == ["ben", "idle", "-"]
+    assert any("anna: Point." in line for line in lines)
+    assert any("ben: Silent. Press." in line for line in lines)
+    assert any("● led_0  ○ led_1" in line for line in lines)
+    assert any("red 1 selected by anna" in line for line in lines)
+
+
+@pytest.mark.parametrize("width", [40, 60, 71, 72, 80, 200])
+def test_it_fits_every_terminal(width: int) -> None:
+    text = "\n".join(shown(everything(), width))
+    for what in ("anna", "pointing", "1.50 m", "red", "█", "▲", "selected 0", "Press."):
+        assert what in text
+
+
+def test_it_stands_still_while_cursors_come_and_go() -> None:
+    monitor = everything()
+    with_cursor = shown(monitor, 80)
+    monitor.cursors["anna"] = cursor(0.0, surface="none")
+    monitor.hovers["anna"] = Hover(stamp_ns=1)
+    without = shown(monitor, 80)
+    header = next(line for line in with_cursor if "state" in line)
+    assert header in without
+    assert len(with_cursor) == len(without)
+
+
+def health(instance: str, *warnings: str, rate_hz: float = 50.0, user: str = "") -> Health:
+    keys = (
+        KeyHealth(key=CURSOR.key, direction="out", rate_hz=rate_hz),
+        KeyHealth(key=STRIPS_FRAME.key, direction="in", rate_hz=7.0),
+    )
+    return Health(
+        stamp_ns=1, service=instance, instance=instance, user=user, pid=1, keys=keys, warnings=warnings
+    )
+
+
+async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = MemoryBus(Exchange())
+    monitor = monitor_of()
+    monitor.attach(bus)
+    token = bus.announce(USER_ALIVE, "anna")
+    bus.publisher(MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
+    thing = TrackedObject(id="x-1", kind="red", position_m=(0.0, 0.0, 0.0))
+    bus.publisher(OBJECTS).put(TrackedObjects(stamp_ns=1, objects=(thing,)))
+    bus.publisher(LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(255, 255, 0)))
+    stamp_ns = time.time_ns()
+    bus.publisher(CURSOR, "anna").put(
+        Cursor(stamp_ns=stamp_ns, surface="strip", surface_id="0", position_m=1.0)
+    )
+    bus.publisher(HOVER, "anna").put(Hover(stamp_ns=1, object_id="x-1", progress=1.0))
+    bus.publisher(HEALTH, "pui").put(health("pui"))
+    bus.publisher(HEALTH, "pointing.anna").put(health("pointing.anna", "ill", user="anna"))
+    await until(lambda: monitor.cursor_count == 1 and len(monitor.health) == 2)
+    bus.publisher(STRIPS_FRAME).put(StripsFrame(stamp_ns=stamp_ns, strips=()))
+    interactions = bus.publisher(INTERACTION, "anna")
+    interactions.put(Interaction(stamp_ns=1, state="idle", reason="Silent."))
+    await until(lambda: monitor.frame_count == 1 and "anna" in monitor.interactions)
+    interactions.put(Interaction(stamp_ns=2, state="idle", reason="Silent."))  # the same again is no event
+    await until(lambda: monitor.interactions["anna"].stamp_ns == 2)
+    interactions.put(Interaction(stamp_ns=3, state="pointing", reason="Asked."))
+    events = bus.publisher(SELECTION_EVENTS)
+    events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="x-1", user="anna"))
+    events.put(SelectionEvent(stamp_ns=2, event="refused", object_id="x-1", user="ben", reason="anna's"))
+    await until(lambda: len(monitor.events) == 4)
+    assert set(monitor.events) == {
+        "anna: idle. Silent.",
+        "anna: pointing. Asked.",
+        "red 1 selected by anna",
+        "red 1 refused by ben: anna's",
+    }
+    assert monitor.first_cursor_unix_s is not None
+    assert monitor.latency.count == 1
+    text = "\n".join(shown(monitor, 200))
+    for what in ("wrist to light p50", "cursor 100 Hz", "selected 1, missed 0, wrong 0", "● led_0", "▲"):
+        assert what in text
+    assert "frame 7 Hz" not in text  # that is what somebody read
+    assert "look at: pointing.anna (pointit doctor)" in text
+    token.close()  # anna leaves, and what she did last with her
+    await until(lambda: "anna" not in monitor.cursors)
+    text = "\n".join(shown(monitor, 200))
+    assert "▲" not in text
+    assert "look at" not in text
+    now_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now_s + SILENT_S + 1)
+    assert "look at: pui" in "\n".join(shown(monitor, 200))
+    monkeypatch.undo()
+    await bus.close()
+
+
+def test_only_the_newest_events_are_kept() -> None:
+    monitor = monitor_of()
+    for number in range(LINES + 3):
+        monitor.events.append(f"event {number}")
+    text = "\n".join(shown(monitor))
+    assert "event 2" not in text
+    assert f"event {LINES + 2}" in text

@@ -207,7 +207,7 @@ def test_a_router_whose_address_is_none_says_so_in_a_sentence() -> None:
         timeout=20,
         check=False,
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "over there" in done.stderr
     assert "tcp/127.0.0.1:7447" in done.stderr
     assert done.stderr.count("\n") == 1

@@ -9,8 +9,9 @@ import pytest_asyncio
 
 from pointit.runtime import NoAnswerError, WallClock
 from pointit.runtime.health import ServiceBus
-from pointit.runtime.zenoh_bus import EVENT_CACHE, ZenohBus
+from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
+from pointit.runtime.zenoh_topics import EVENT_CACHE
 from pointit.schemas import ButtonEvent, Done, ImuSample, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
 from tests.support.bench import until
@@ -73,6 +74,22 @@ async def test_it_is_said_once_down_and_once_up_and_shown_meanwhile(
         ], "one line a bus and a change"
 
 
+async def test_of_two_routers_the_other_takes_over(two: Two, caplog: pytest.LogCaptureFixture) -> None:
+    async with router_process() as spare:
+        link = Link(connect=(two.router.endpoint, spare.endpoint))
+        bus = await ZenohBus.open(link)
+        caplog.set_level(logging.INFO)
+        await two.cut()
+        where = f"router at {two.router.endpoint} or {spare.endpoint}"
+        await until(
+            lambda: any(f"{where} is back" in record.message for record in caplog.records), RECOVERY_S
+        )
+        assert bus.connected
+        said = [record.message for record in caplog.records if where in record.message]
+        assert said == [f"{where} is lost; trying again until it is back", f"{where} is back"]
+        await bus.close()
+
+
 async def test_latest_requests_and_presence_work_again(two: Two) -> None:
     async def done(_query: SetBrightness, _name: str) -> Done:
         return Done(message="done")
@@ -94,7 +111,7 @@ async def test_latest_requests_and_presence_work_again(two: Two) -> None:
     await two.cut()
     await until(lambda: told[1:] == [("anna", False)])
     put(2)
-    with pytest.raises(NoAnswerError):
+    with pytest.raises(NoAnswerError, match="led-driver cannot be asked for leds/brightness: router at"):
         await two.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
     await two.heal()
     await until(lambda: told[2:] == [("anna", True)])

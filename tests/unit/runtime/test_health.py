@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from types import SimpleNamespace
 
 import pytest
@@ -164,11 +164,17 @@ async def test_closing_takes_everything_back_in_reverse_and_presence_last(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     closed: list[str] = []
-    monkeypatch.setattr(bench.bus, "announce", lambda _presence, _name: Order("presence", closed))
-    monkeypatch.setattr(bench.bus, "publisher", lambda _topic, _name: Order("publisher", closed))
-    monkeypatch.setattr(
-        bench.bus, "watch", lambda _presence, _handler: Order("watch", closed, LookupError("broken"))
-    )
+    made = {
+        "announce": Order("presence", closed),
+        "publisher": Order("publisher", closed),
+        "watch": Order("watch", closed, LookupError("broken")),
+    }
+
+    def give(order: Order) -> Callable[[object, object], Order]:
+        return lambda _row, _more: order
+
+    for method, order in made.items():
+        monkeypatch.setattr(bench.bus, method, give(order))
     bench.view.publisher(IMU, "anna")
     bench.view.announce(SERVICE_ALIVE, "pointing.anna")
     bench.view.watch(USER_ALIVE, lambda _name, _present: None)

@@ -1,0 +1,126 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Asking and answering over Zenoh."""
+
+import asyncio
+import contextlib
+import functools
+from typing import TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus import Server
+from pointit.runtime.errors import RefusedError, RequestError
+from pointit.runtime.memory_bus import Desk, MemoryBus, no_answer, shutting_down
+from pointit.runtime.zenoh_wire import decoded, encoding_of, name_in
+from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
+from pointit.schemas.topics import Request
+
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
+"""Waits between tries when nobody answered: a server that was just declared may not be known yet."""
+
+
+class ZenohDesk(Desk[Q, R]):
+    """Answers this process's callers, and those of others."""
+
+    def __init__(
+        self, bus: MemoryBus, session: zenoh.Session, request: Request[Q, R], server: Server[Q, R], name: str
+    ) -> None:
+        super().__init__(bus, request, server, name)
+        self._loop = asyncio.get_running_loop()
+        self._open = True
+        self._queryable = session.declare_queryable(
+            request.at(name),
+            Callback(self._on_query, indirect=False),
+            complete=True,
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
+
+    def _undeclare(self) -> None:
+        self._open = False
+        super()._undeclare()
+        self._queryable.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's thread
+        try:
+            self._loop.call_soon_threadsafe(self._receive, query)
+        except RuntimeError:  # the loop is gone
+            query.drop()
+
+    def _receive(self, query: zenoh.Query) -> None:
+        if not self._open:
+            query.drop()
+            return
+        try:
+            name = name_in(self.request, str(query.key_expr))
+            asked = decoded(self.request.query, query.payload, query.encoding)
+        except SchemaError as error:
+            with query:
+                query.reply_err(str(error).encode())
+        else:
+            self.start(asked, name).add_done_callback(functools.partial(self._reply, query))
+
+    def _reply(self, query: zenoh.Query, answer: asyncio.Task[R]) -> None:
+        with query:  # dropped in every case: otherwise the caller waits for its time-out
+            if answer.cancelled():
+                query.reply_err(shutting_down(self.request).encode())
+                return
+            error = answer.exception()
+            if error is None:
+                payload = encode(answer.result())
+                query.reply(str(query.key_expr), payload, encoding=encoding_of(self.request.reply))
+            else:
+                query.reply_err(str(error).encode())
+
+
+async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float) -> R:
+    """Return the reply; an empty answer is tried again: the server may just be arriving.
+
+    Raises:
+        RequestError: as `Bus.call`.
+    """
+    for wait_s in (*EMPTY_RETRY_S, None):
+        for reply in await _get(session, key, query, timeout_s):
+            if reply.ok is not None:
+                try:
+                    result: R = decoded(request.reply, reply.ok.payload, reply.ok.encoding)
+                except DecodeError as error:
+                    raise RequestError(f"{request.server} sent a broken reply to {key}: {error}") from error
+                return result
+            if reply.err is not None:
+                reason = reply.err.payload.to_bytes().decode(errors="replace")
+                if reason != "Timeout":  # Zenoh's own word for it
+                    raise RefusedError(reason)
+        if wait_s is not None:
+            await asyncio.sleep(wait_s)
+    raise no_answer(request, key)
+
+
+async def _get(session: zenoh.Session, key: str, query: Query, timeout_s: float) -> list[zenoh.Reply]:
+    loop = asyncio.get_running_loop()
+    done = asyncio.Event()
+    replies: list[zenoh.Reply] = []
+
+    def finish() -> None:  # on Zenoh's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            loop.call_soon_threadsafe(done.set)
+
+    token = zenoh.CancellationToken()
+    session.get(
+        key,
+        Callback(replies.append, finish, indirect=False),
+        payload=encode(query),
+        encoding=encoding_of(type(query)),
+        timeout=timeout_s,
+        cancellation_token=token,
+    )
+    try:
+        await done.wait()
+    except asyncio.CancelledError:
+        loop.run_in_executor(None, token.cancel)
+        raise
+    return replies

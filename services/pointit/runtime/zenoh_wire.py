@@ -1,0 +1,29 @@
+"""How messages and keys look on Zenoh."""
+
+from typing import Any
+
+import zenoh
+
+from pointit.runtime.bus import AnyTopic
+from pointit.schemas import Message, Query, decode
+from pointit.schemas.codec import MEDIA_TYPE
+from pointit.schemas.topics import Presence, Request, check_name
+
+
+def encoding_of(kind: type[Message] | type[Query]) -> zenoh.Encoding:
+    """Return the encoding that says which message in which version the bytes are."""
+    return zenoh.Encoding(MEDIA_TYPE).with_schema(kind.schema_name())
+
+
+def decoded(kind: type[Any], payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:
+    """Return the message of `kind` in a payload from anywhere; raises `DecodeError` if it is not one."""
+    schema = "" if encoding is None else str(encoding).partition(";")[2]
+    return decode(kind, b"" if payload is None else payload.to_bytes(), schema)
+
+
+def name_in(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
+    """Return the name in a key that somebody else wrote; raises `SchemaError` if it cannot be one."""
+    name = row.name_in(key)
+    if row.placeholder:
+        check_name(name, row.placeholder)
+    return name

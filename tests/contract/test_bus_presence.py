@@ -1,0 +1,172 @@
+"""What every bus promises of presence and its end: passed in memory, between peers and through a router."""
+
+import asyncio
+import logging
+import time
+
+import pytest
+
+from pointit.runtime import (
+    Bus,
+    BusClosedError,
+)
+from pointit.schemas import (
+    Done,
+    SetBrightness,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    IMU,
+    PROFILE,
+    SET_BRIGHTNESS,
+    USER_ALIVE,
+)
+from tests.support.bench import until
+from tests.support.buses import Site
+from tests.support.sinks import Roll, Sink, imu, press, profile
+
+
+class TestPresence:
+    async def test_now_later_and_gone(self, site: Site) -> None:
+        site.a.announce(USER_ALIVE, "anna")
+        rolls = [Roll() for _ in site.buses]
+        for bus, roll in zip(site.buses, rolls, strict=True):
+            bus.watch(USER_ALIVE, roll)
+        await until(lambda: all(roll.told == [("anna", True)] for roll in rolls))
+        ben = site.b.announce(USER_ALIVE, "ben")
+        await until(lambda: all(roll.told[1:] == [("ben", True)] for roll in rolls))
+        ben.close()
+        ben.close()
+        await until(lambda: all(roll.told[2:] == [("ben", False)] for roll in rolls))
+
+    async def test_a_bus_that_closes_is_gone(self, site: Site) -> None:
+        roll = Roll()
+        site.a.watch(USER_ALIVE, roll)
+        site.c.announce(USER_ALIVE, "anna")
+        await until(lambda: roll.told == [("anna", True)])
+        await site.c.close()
+        await until(lambda: roll.told[1:] == [("anna", False)])
+
+    async def test_two_under_one_name_are_gone_with_the_last(self, site: Site) -> None:
+        rolls = [Roll() for _ in site.buses]
+        for bus, roll in zip(site.buses, rolls, strict=True):
+            bus.watch(USER_ALIVE, roll)
+        tokens = [bus.announce(USER_ALIVE, "anna") for bus in (site.a, site.a, site.b)]
+        await until(lambda: all(roll.told == [("anna", True)] for roll in rolls))
+        for token in tokens[:2]:
+            token.close()
+        await site.settle()
+        assert [roll.told for roll in rolls] == [[("anna", True)]] * 3
+        tokens[2].close()
+        await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in rolls))
+
+    async def test_a_watcher_that_raises_is_logged_and_stops_nobody(
+        self, site: Site, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        def fail(_name: str, _present: bool) -> None:  # noqa: FBT001
+            raise RuntimeError("broken watcher")
+
+        roll = Roll()
+        site.b.watch(USER_ALIVE, fail)
+        site.b.watch(USER_ALIVE, roll)
+        for name in ("anna", "ben"):
+            site.a.announce(USER_ALIVE, name)
+        await until(lambda: len(roll.told) == 2)
+        await until(lambda: sum("watcher of alive/users" in r.message for r in caplog.records) == 2)
+        assert all(record.exc_info for record in caplog.records if "watcher" in record.message)
+
+    async def test_nothing_is_told_after_close(self, site: Site) -> None:
+        roll, other = Roll(), Roll()
+        watching = site.b.watch(USER_ALIVE, roll)
+        site.b.watch(USER_ALIVE, other)
+        site.a.announce(USER_ALIVE, "anna")
+        await until(lambda: bool(roll.told))
+        watching.close()
+        watching.close()
+        site.a.announce(USER_ALIVE, "ben")
+        await until(lambda: len(other.told) == 2)
+        assert roll.told == [("anna", True)]
+
+
+class TestClose:
+    async def test_nothing_works_and_nothing_runs_afterwards(self, site: Site) -> None:
+        sink, roll, alive = Sink(), Roll(), Sink()
+        latest, event, state = (
+            site.b.publisher(IMU, "anna"),
+            site.b.publisher(BUTTON, "anna"),
+            site.b.publisher(PROFILE, "anna"),
+        )
+        site.b.subscribe(BUTTON, sink)
+        site.b.watch(USER_ALIVE, roll)
+        site.c.subscribe(BUTTON, alive)
+        writer = site.a.publisher(BUTTON, "ben")
+        await site.settle()
+        for seq in range(50):
+            writer.put(press(seq))
+        closing = asyncio.create_task(site.b.close())
+        await asyncio.sleep(0)
+        told = (list(sink.seen), list(roll.told))
+        await closing
+        site.a.announce(USER_ALIVE, "carl")
+        writer.put(press(50))
+        await until(lambda: alive.of("ben")[-1:] == [50])
+        assert (sink.seen, roll.told) == told
+        with pytest.raises(BusClosedError):
+            latest.put(imu(1))
+        with pytest.raises(BusClosedError):
+            event.put(press(1))
+        with pytest.raises(BusClosedError):
+            state.put(profile(1))
+        with pytest.raises(BusClosedError):
+            site.b.publisher(IMU, "anna")
+        with pytest.raises(BusClosedError):
+            site.b.subscribe(IMU, sink)
+        with pytest.raises(BusClosedError):
+            site.b.announce(USER_ALIVE, "anna")
+        with pytest.raises(BusClosedError):
+            site.b.watch(USER_ALIVE, roll)
+        with pytest.raises(BusClosedError):
+            await site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+
+    async def test_closing_twice_and_closing_what_is_closed_is_fine(self, site: Site) -> None:
+        async def done(_query: SetBrightness, _name: str) -> Done:
+            return Done()
+
+        declared = [
+            site.b.publisher(IMU, "anna"),
+            site.b.subscribe(IMU, Sink()),
+            site.b.serve(SET_BRIGHTNESS, done),
+            site.b.announce(USER_ALIVE, "anna"),
+            site.b.watch(USER_ALIVE, Roll()),
+        ]
+        declared[0].close()
+        with pytest.raises(BusClosedError):
+            declared[0].put(imu(1))  # type: ignore[attr-defined]
+        await asyncio.gather(site.b.close(), site.b.close())
+        await site.b.close()
+        for one in declared:
+            one.close()
+
+    async def test_calls_that_wait_end_with_their_bus(self, site: Site) -> None:
+        asked = asyncio.Event()
+
+        async def slow(_query: SetBrightness, _name: str) -> Done:
+            asked.set()
+            await asyncio.Event().wait()
+            return Done()
+
+        site.a.serve(SET_BRIGHTNESS, slow)
+        call = asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1)))
+        await asyncio.wait_for(asked.wait(), 2)
+        began_s = time.monotonic()
+        await site.b.close()
+        with pytest.raises(BusClosedError):
+            await call
+        assert time.monotonic() - began_s < 1.5
+
+    async def test_the_bus_has_no_trouble(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
+        assert [bus.trouble for bus in site.buses] == [""] * 3
+        buses: tuple[Bus, ...] = site.buses
+        for bus in reversed(buses):  # the one that the others are connected to comes last
+            await bus.close()
+        assert not [record for record in caplog.records if record.levelno >= logging.WARNING]

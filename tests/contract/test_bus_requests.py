@@ -1,0 +1,214 @@
+"""What every bus promises of requests: passed in memory, between peers and through a router."""
+
+import asyncio
+import time
+
+import pytest
+
+from pointit.runtime import (
+    NoAnswerError,
+    RefusedError,
+)
+from pointit.runtime.bus import MAX_IN_FLIGHT
+from pointit.schemas import (
+    AddPackage,
+    AddPackageReply,
+    Done,
+    SetBrightness,
+    SetPose,
+)
+from pointit.schemas.topics import (
+    ADD_PACKAGE,
+    SET_BRIGHTNESS,
+    SET_POSE,
+)
+from tests.support.bench import until
+from tests.support.buses import Site
+
+
+class TestRequests:
+    async def test_the_reply_comes_back_typed(self, site: Site) -> None:
+        async def add(query: AddPackage, name: str) -> AddPackageReply:
+            assert name == ""
+            return AddPackageReply(object_id=f"{query.kind}-1", message="added")
+
+        site.a.serve(ADD_PACKAGE, add)
+        for bus in site.buses:
+            reply = await bus.call(ADD_PACKAGE, AddPackage(kind="red"))
+            assert reply == AddPackageReply(object_id="red-1", message="added")
+
+    async def test_the_name_tells_whom_it_is_about(self, site: Site) -> None:
+        async def pose(_query: SetPose, name: str) -> Done:
+            return Done(message=name)
+
+        async def own(_query: SetPose, name: str) -> Done:
+            return Done(message=f"only {name}")
+
+        site.a.serve(SET_POSE, pose, "anna")
+        site.b.serve(SET_POSE, own, "ben")
+        for bus in site.buses:
+            for name, said in (("anna", "anna"), ("ben", "only ben")):
+                assert (await bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), name)).message == said
+        with pytest.raises(NoAnswerError):
+            await site.c.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "carl")
+
+    async def test_a_server_of_every_name_is_told_which(self, site: Site) -> None:
+        async def pose(_query: SetPose, name: str) -> Done:
+            return Done(message=name)
+
+        site.a.serve(SET_POSE, pose)
+        for bus in site.buses:
+            assert (await bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "dora")).message == "dora"
+
+    async def test_a_refusal_comes_with_the_servers_sentence(self, site: Site) -> None:
+        async def refuse(_query: SetBrightness, _name: str) -> Done:
+            raise RefusedError("the strips are off; switch them on")
+
+        site.a.serve(SET_BRIGHTNESS, refuse)
+        for bus in site.buses:
+            with pytest.raises(RefusedError, match=r"^the strips are off; switch them on$"):
+                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+
+    async def test_a_server_that_fails_says_so_in_a_sentence(
+        self, site: Site, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        async def fail(_query: SetBrightness, _name: str) -> Done:
+            raise ZeroDivisionError("oops")
+
+        site.a.serve(SET_BRIGHTNESS, fail)
+        for bus in site.buses:
+            caplog.clear()
+            with pytest.raises(RefusedError) as caught:
+                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+            assert str(caught.value) == "led-driver failed on leds/brightness: ZeroDivisionError: oops"
+            assert any(record.exc_info for record in caplog.records), "the traceback is the server's"
+
+    async def test_a_server_that_asks_another_in_vain_passes_the_sentence_on(self, site: Site) -> None:
+        async def forward(_query: SetBrightness, _name: str) -> Done:
+            raise NoAnswerError("conveyor-sim does not answer")
+
+        site.a.serve(SET_BRIGHTNESS, forward)
+        for bus in site.buses:
+            with pytest.raises(RefusedError, match=r"^conveyor-sim does not answer$"):
+                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+
+    async def test_a_wrong_reply_is_an_error_that_names_both(self, site: Site) -> None:
+        async def wrong(_query: AddPackage, _name: str) -> AddPackageReply:
+            return Done()  # type: ignore[return-value]  # the defect under test
+
+        site.a.serve(ADD_PACKAGE, wrong)
+        for bus in site.buses:
+            with pytest.raises(RefusedError, match="Done, not a AddPackageReply"):
+                await bus.call(ADD_PACKAGE, AddPackage(kind="red"))
+
+    async def test_nobody_there_is_known_within_a_second(self, site: Site) -> None:
+        for bus in site.buses:
+            began_s = time.monotonic()
+            with pytest.raises(NoAnswerError, match="led-driver does not answer leds/brightness"):
+                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+            assert time.monotonic() - began_s < 1
+
+    async def test_too_slow_is_no_answer_and_the_server_goes_on(self, site: Site) -> None:
+        go_on, done = asyncio.Event(), asyncio.Event()
+
+        async def slow(_query: SetBrightness, _name: str) -> Done:
+            await go_on.wait()
+            done.set()
+            return Done()
+
+        site.a.serve(SET_BRIGHTNESS, slow)
+        await site.settle()
+        for bus in site.buses:
+            with pytest.raises(
+                NoAnswerError, match=r"led-driver does not answer leds/brightness within 0\.1 s"
+            ):
+                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=0.1)
+        go_on.set()
+        await asyncio.wait_for(done.wait(), 2)
+
+    async def test_a_caller_may_give_up(self, site: Site) -> None:
+        asked, go_on, done = asyncio.Event(), asyncio.Event(), asyncio.Event()
+
+        async def slow(_query: SetBrightness, _name: str) -> Done:
+            asked.set()
+            await go_on.wait()
+            done.set()
+            return Done()
+
+        site.a.serve(SET_BRIGHTNESS, slow)
+        for bus in site.buses:
+            for event in (asked, go_on, done):
+                event.clear()
+            call = asyncio.create_task(bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1)))
+            await asyncio.wait_for(asked.wait(), 2)
+            began_s = time.monotonic()
+            call.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await call
+            assert time.monotonic() - began_s < 1
+            go_on.set()
+            await asyncio.wait_for(done.wait(), 2)
+
+    async def test_a_hundred_calls_at_once_each_get_their_own_reply(self, site: Site) -> None:
+        together = asyncio.Barrier(100)
+
+        async def pose(query: SetPose, name: str) -> Done:
+            await together.wait()  # nobody is answered before all have asked
+            return Done(message=f"{name} {query.yaw_rad:g}")
+
+        site.a.serve(SET_POSE, pose)
+        await site.settle()
+        for bus in site.buses:
+            replies = await asyncio.gather(
+                *(
+                    bus.call(SET_POSE, SetPose(position_m=(0, 0, 0), yaw_rad=i), f"u{i}", timeout_s=10)
+                    for i in range(100)
+                )
+            )
+            assert [reply.message for reply in replies] == [f"u{i} {i}" for i in range(100)]
+
+    async def test_too_many_at_once_are_refused_and_not_queued(self, site: Site) -> None:
+        go_on = asyncio.Event()
+
+        async def slow(_query: SetBrightness, _name: str) -> Done:
+            await go_on.wait()
+            return Done()
+
+        site.a.serve(SET_BRIGHTNESS, slow)
+        await site.settle()
+        calls = [
+            asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=10))
+            for _ in range(MAX_IN_FLIGHT + 20)
+        ]
+        await until(lambda: sum(call.done() for call in calls) == 20)
+        go_on.set()
+        results = await asyncio.gather(*calls, return_exceptions=True)
+        refused = [str(result) for result in results if isinstance(result, RefusedError)]
+        assert len(refused) == 20
+        assert all("led-driver is busy with 256 other requests" in sentence for sentence in refused)
+
+    async def test_a_server_that_ends_tells_those_who_wait(self, site: Site) -> None:
+        stopped: list[str] = []
+
+        async def slow(_query: SetPose, name: str) -> Done:
+            try:
+                await asyncio.Event().wait()
+            finally:
+                stopped.append(name)
+            return Done()
+
+        served = site.a.serve(SET_POSE, slow)
+        await site.settle()
+        calls = [
+            asyncio.create_task(bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "anna"))
+            for bus in site.buses
+        ]
+        await asyncio.sleep(0.2)
+        served.close()
+        served.close()
+        for call in calls:
+            with pytest.raises(RefusedError, match="localizer is shutting down"):
+                await call
+        assert stopped == ["anna"] * 3
+        with pytest.raises(NoAnswerError):
+            await site.b.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "anna")

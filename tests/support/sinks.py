@@ -1,0 +1,61 @@
+"""Messages to send, and places to put what arrives."""
+
+import asyncio
+import time
+
+from pointit.runtime import Publisher
+from pointit.schemas import ButtonEvent, ImuSample, Message, UserProfile
+from tests.support.bench import until
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+def imu(seq: int) -> ImuSample:
+    return ImuSample(stamp_ns=seq, seq=seq, orientation_xyzw=LEVEL)
+
+
+def press(seq: int) -> ButtonEvent:
+    return ButtonEvent(stamp_ns=seq, seq=seq)
+
+
+def profile(seq: int) -> UserProfile:
+    return UserProfile(stamp_ns=seq, seq=seq)
+
+
+class Sink:
+    """Keeps what a subscription hands over, as (name, seq)."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self.seen: list[tuple[str, int]] = []
+
+    def __call__(self, message: Message, name: str) -> None:
+        self.messages.append(message)
+        self.seen.append((name, message.seq))
+
+    def of(self, name: str) -> list[int]:
+        return [seq for key, seq in self.seen if key == name]
+
+
+async def reached(publisher: Publisher[ImuSample], *sinks: Sink) -> None:
+    """Put until everybody has got something: *latest* promises nothing to who is not known yet."""
+    deadline_s = time.monotonic() + 5
+    while not all(sink.seen for sink in sinks):
+        assert time.monotonic() < deadline_s
+        publisher.put(imu(0))
+        await asyncio.sleep(0.01)
+    publisher.put(imu(1))
+    await until(lambda: all(sink.seen[-1][1] == 1 for sink in sinks))  # nothing is on its way any more
+    for sink in sinks:
+        sink.seen.clear()
+        sink.messages.clear()
+
+
+class Roll:
+    """Who is present, as a watcher was told."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, bool]] = []
+
+    def __call__(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        self.told.append((name, present))

@@ -10,7 +10,7 @@ UNIT_TOLERANCE = 1e-3
 
 
 def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
-    norm = math.sqrt(math.fsum(v * v for v in values))
+    norm = math.hypot(*values)
     if abs(norm - 1.0) > UNIT_TOLERANCE:
         raise ValueError(f"must have norm 1, has {norm:.6g}")
     return values

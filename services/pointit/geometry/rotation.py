@@ -67,7 +67,7 @@ def normalized(q: Quaternion) -> Quaternion:
     Raises:
         ValueError: `q` is null.
     """
-    length = math.sqrt(math.fsum(c * c for c in q))
+    length = math.hypot(*q)
     if length == 0.0:
         raise ValueError("the null quaternion is no rotation")
     return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)

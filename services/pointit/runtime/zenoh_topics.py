@@ -7,7 +7,7 @@ from typing import Protocol, TypeVar
 
 import zenoh
 from zenoh import ext
-from zenoh.handlers import Callback
+from zenoh.handlers import Callback, RingChannel
 
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.mailbox import Mailbox
@@ -47,20 +47,20 @@ class _LatestWriter:
             allowed_destination=zenoh.Locality.REMOTE,
         )
         self._wanted = False  # the listener tells at once if there is somebody
-        self._listener = self._publisher.declare_matching_listener(
-            Callback(self._on_matching, indirect=False)
-        )
+        # No callback of ours here: it would wait for Python's lock on the thread that ends the heartbeats of
+        # _KeptWriter, whose `undeclare` waits for that thread with the lock held, 10 s (Zenoh 1.10).
+        self._listener = self._publisher.declare_matching_listener(RingChannel(1))
 
     def put(self, message: Message) -> None:
+        news = self._listener.try_recv()
+        if news is not None:
+            self._wanted = news.matching
         if self._wanted:
             self._publisher.put(encode(message))
 
     def undeclare(self) -> None:
         self._listener.undeclare()
         self._publisher.undeclare()
-
-    def _on_matching(self, status: zenoh.MatchingStatus) -> None:  # on Zenoh's thread
-        self._wanted = status.matching
 
 
 class _KeptWriter:

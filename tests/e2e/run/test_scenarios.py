@@ -1,0 +1,167 @@
+"""`pointit run`: the shipped scenarios from their start to their summary."""
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.bench import until
+from tests.support.buses import free_port
+from tests.support.commands import Commands, onlooker, summary_of
+
+SITE = {"pui", "selector", "led-driver", "conveyor-sim"}
+PERSON = ("pointing", "localizer", "supervisor", "user-sim")
+
+
+def listen() -> tuple[str, str]:
+    return "--listen", f"tcp/127.0.0.1:{free_port()}"
+
+
+def person(*users: str) -> set[str]:
+    return {f"{service}.{user}" for service in PERSON for user in users}
+
+
+def assert_flawless(summary: dict[str, Any]) -> None:
+    """Every target that came was selected, and nothing else."""
+    assert summary["selected"] > 0, summary
+    assert (summary["missed"], summary["pending"], summary["wrong"]) == (0, 0, 0), summary
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(150)
+async def test_the_simulated_person_selects_every_red_segment_and_no_other(
+    commands: Commands, tmp_path: Path
+) -> None:
+    seeds = (1, 2, 3)
+    paths = [tmp_path / f"{seed}.json" for seed in seeds]
+    runs = [
+        commands.start(
+            "run",
+            "scenario_3",
+            "--duration",
+            "60",
+            "--seed",
+            str(seed),
+            "--no-view",
+            "--summary",
+            str(path),
+            *listen(),
+        )
+        for seed, path in zip(seeds, paths, strict=True)
+    ]
+    for seed, path, ended in zip(seeds, paths, [await run.end(120) for run in runs], strict=True):
+        assert ended.code == 0, ended.err
+        assert "Traceback" not in ended.err
+        summary = json.loads(path.read_text())
+        assert_flawless(summary)
+        assert summary["seed"] == seed
+        assert set(summary["services"]) == SITE | person("user1")
+        assert summary["duration_s"] == pytest.approx(60, abs=0.5)
+        assert 0 < summary["latency_ms"]["p50"] <= summary["latency_ms"]["p99"]
+        assert summary["latency_ms"]["p50"] < 50
+        assert summary["cursors"] > 1000
+        assert summary["frames"] > 500
+        assert f"Selected {summary['selected']} of {summary['selected']} red objects" in ended.out
+
+
+async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
+    option, endpoint = listen()
+    run = commands.start("run", "scenario_2", "--speed", "4", "--no-view", "--json", option, endpoint)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: seen.surfaces("user1") == {"0", "1"}, 40, "cursors on both strips")
+        await seen.sees_more(seen.frames, "frames")
+    ended = await run.stop()
+    assert ended.code == 0
+    summary = summary_of(ended)
+    assert summary["scenario"] == "scenario_2"
+    assert set(summary["services"]) == {"pui", "led-driver"} | person("user1")
+    assert (summary["selected"], summary["missed"], summary["wrong"]) == (0, 0, 0)
+    assert summary["cursors"] > 0
+
+
+async def test_a_short_run_ends_by_itself(commands: Commands) -> None:
+    ended = await commands.pointit("run", "scenario_2", "--duration", "3", "--no-view", "--json", *listen())
+    assert ended.code == 0, ended.err
+    summary = summary_of(ended)
+    assert summary["duration_s"] == pytest.approx(3, abs=0.1)
+    assert 3 < ended.took_s < 8
+    assert summary["latency_ms"]["p50"] is not None
+
+
+@pytest.mark.slow
+async def test_localizing_two_people_and_the_other_ways_to_run(commands: Commands, tmp_path: Path) -> None:
+    common = ("--speed", "4", "--duration", "44", "--no-view", "--json")
+    localizing = commands.start("run", "scenario_3", "--localize", *common, *listen())
+    option, endpoint = listen()
+    two = commands.start("run", "scenario_3", "--users", "2", *common, option, endpoint)
+    own = tmp_path / "mine.yaml"
+    own.write_text(
+        "about: my own\nduration_s: 20\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
+        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
+        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
+    )
+    mine = commands.start("run", str(own), "--speed", "4", "--no-view", "--json", *listen())
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1", "user2")
+    ended = await localizing.end()
+    assert ended.code == 0, ended.err
+    summary = summary_of(ended)
+    assert summary["selected"] > 0
+    assert summary["wrong"] == 0
+    ended = await two.end()
+    assert ended.code == 0, ended.err
+    summary = summary_of(ended)
+    assert set(summary["services"]) == SITE | person("user1", "user2")
+    assert summary["selected"] > 0
+    assert summary["wrong"] == 0
+    ended = await mine.end()
+    assert ended.code == 0, ended.err
+    assert summary_of(ended)["scenario"] == "mine"
+    assert summary_of(ended)["duration_s"] == pytest.approx(20, abs=0.5)
+
+
+@pytest.mark.slow
+async def test_processes_select_as_well_and_follow_the_simulated_clock(commands: Commands) -> None:
+    """At speed 2 a segment comes every 1.5 s of the wall: without the site's clock nothing would fit."""
+    common = ("run", "scenario_3", "--processes", "--no-view", "--json")
+    plain = commands.start(*common, "--duration", "12", *listen())
+    option, endpoint = listen()
+    fast = commands.start(*common, "--duration", "24", "--speed", "2", option, endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.sees_more(seen.objects, "objects")
+        first = seen.objects[-1]
+        began_s = asyncio.get_running_loop().time()
+        await until(lambda: seen.objects[-1].stamp_ns - first.stamp_ns > 6e9, 20, "6 s of the site's time")
+        assert asyncio.get_running_loop().time() - began_s == pytest.approx(3, abs=0.5)
+    for command, duration_s, speed in ((plain, 12, 1), (fast, 24, 2)):
+        ended = await command.end()
+        assert ended.code == 0, ended.err
+        summary = summary_of(ended)
+        assert summary["duration_s"] == duration_s
+        assert summary["speed"] == speed
+        assert summary["selected"] > 0
+        assert summary["wrong"] == 0
+        assert 0 < summary["latency_ms"]["p50"] < 60  # of the wall
+        assert 12 < ended.took_s < 20
+        assert "Traceback" not in ended.err
+
+
+async def test_no_cursor_is_a_failure(commands: Commands) -> None:
+    ended = await commands.pointit(
+        "run", "scenario_2", "--duration", "2", "--set", "user-sim.behaviour=rest", "--no-view", *listen()
+    )
+    assert ended.code == 1
+    assert "no cursor ever appeared" in ended.err
+    assert "Wrist to light: not measured" in ended.out
+
+
+async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Commands) -> None:
+    """Somebody who holds too short: the run did its job, and the summary says what came of it."""
+    arguments = ("--duration", "40", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")
+    ended = await commands.pointit("run", "scenario_3", *arguments, *listen())
+    assert ended.code == 0, ended.err
+    summary = summary_of(ended)
+    assert summary["selected"] == 0
+    assert summary["missed"] + summary["pending"] > 0

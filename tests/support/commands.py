@@ -1,0 +1,220 @@
+"""Whole `pointit` commands in processes of their own, and an onlooker on their bus."""
+
+import asyncio
+import contextlib
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects
+from pointit.schemas.topics import (
+    CURSOR,
+    HEALTH,
+    INTERACTION,
+    OBJECTS,
+    SERVICE_ALIVE,
+    STRIPS_FRAME,
+    USER_ALIVE,
+)
+from tests.support.bench import until
+
+PATIENCE_S = 30.0
+_numbers = itertools.count()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ended:
+    """A command that ended."""
+
+    code: int
+    out: str
+    err: str
+    took_s: float
+    """From the start, or from the signal that ended it."""
+
+    @property
+    def sentence(self) -> str:
+        """Return the error it ended with."""
+        (line,) = (line for line in self.err.splitlines() if line.startswith("Error: "))
+        return line.removeprefix("Error: ")
+
+
+class Command:
+    """A running command; what it prints goes to files, so that it never waits for a reader."""
+
+    def __init__(self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
+        self._out = folder / f"{next(_numbers)}.out"
+        self._err = self._out.with_suffix(".err")
+        self._began_s = time.monotonic()
+        inherited = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
+        with self._out.open("wb") as out, self._err.open("wb") as err:
+            self.process = subprocess.Popen(
+                arguments,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                env={**inherited, **environment},
+                start_new_session=True,
+            )
+
+    @property
+    def out(self) -> str:
+        return self._out.read_text(errors="replace")
+
+    @property
+    def err(self) -> str:
+        return self._err.read_text(errors="replace")
+
+    @property
+    def is_running(self) -> bool:
+        return self.process.poll() is None
+
+    def logged(self) -> list[str]:
+        """Return the messages it has logged."""
+        lines = [line for line in self.err.splitlines() if line.startswith("{")]
+        return [json.loads(line)["message"] for line in lines]
+
+    async def says(self, what: str) -> None:
+        """Wait until it has printed or logged `what`."""
+
+        def said() -> bool:
+            return what in self.err or what in self.out
+
+        await until(lambda: said() or not self.is_running, PATIENCE_S, f"{what!r} in {self.err}")
+        assert said(), f"it ended with {self.process.returncode} without saying {what!r}: {self.err}"
+
+    async def end(self, patience_s: float = PATIENCE_S) -> Ended:
+        """Wait until it ends by itself."""
+        await until(lambda: not self.is_running, patience_s, f"its end; it says {self.err[-2000:]}")
+        return self._ended(self._began_s)
+
+    async def stop(self, number: int = signal.SIGINT) -> Ended:
+        """Send what Ctrl-C sends, or another signal, and wait for the end."""
+        began_s = time.monotonic()
+        self.process.send_signal(number)
+        await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")
+        return self._ended(began_s)
+
+    def family(self) -> list[psutil.Process]:
+        """Return it and all that it has started."""
+        me = psutil.Process(self.process.pid)
+        return [me, *me.children(recursive=True)]
+
+    def kill(self) -> None:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for process in reversed(self.family()):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    process.kill()
+        self.process.wait(10)
+
+    def _ended(self, began_s: float) -> Ended:
+        took_s = time.monotonic() - began_s
+        return Ended(code=self.process.returncode, out=self.out, err=self.err, took_s=took_s)
+
+
+class Commands:
+    """Starts commands and kills those that are left."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._started: list[Command] = []
+
+    def start(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Command:
+        """Start `pointit …`."""
+        return self.run([sys.executable, "-m", "pointit.cli", *arguments], environment)
+
+    def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
+        """Start any command."""
+        command = Command(arguments, self._folder, environment or {})
+        self._started.append(command)
+        return command
+
+    async def pointit(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Ended:
+        """Run `pointit …` to its end."""
+        return await self.start(*arguments, environment=environment).end()
+
+    def kill_all(self) -> None:
+        for command in self._started:
+            command.kill()
+
+
+@dataclass
+class Onlooker:
+    """What somebody sees who joins a site and only looks on."""
+
+    bus: ZenohBus
+    present: set[str] = field(default_factory=set[str])
+    people: set[str] = field(default_factory=set[str])
+    health: dict[str, Health] = field(default_factory=dict[str, Health])
+    """The newest of each instance."""
+    cursors: dict[str, list[Cursor]] = field(default_factory=lambda: defaultdict(list))
+    """By user."""
+    interactions: dict[str, list[Interaction]] = field(default_factory=lambda: defaultdict(list))
+    objects: list[TrackedObjects] = field(default_factory=list[TrackedObjects])
+    frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
+
+    def look(self) -> None:
+        self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
+        self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.subscribe(HEALTH, self.health_of)
+        self.bus.subscribe(CURSOR, lambda message, user: self.cursors[user].append(message))
+        self.bus.subscribe(INTERACTION, lambda message, user: self.interactions[user].append(message))
+        self.bus.subscribe(OBJECTS, lambda message, _name: self.objects.append(message))
+        self.bus.subscribe(STRIPS_FRAME, lambda message, _name: self.frames.append(message))
+
+    def health_of(self, health: Health, instance: str) -> None:
+        self.health[instance] = health
+
+    def surfaces(self, user: str) -> set[str]:
+        """Return the strips on which the person's cursor was seen."""
+        return {cursor.surface_id for cursor in self.cursors[user] if cursor.surface == "strip"}
+
+    def object_ids(self) -> set[str]:
+        return {thing.id for message in self.objects for thing in message.objects}
+
+    async def sees_cursors(self, *users: str, patience_s: float = PATIENCE_S) -> None:
+        """Wait until each of `users` moves a cursor over a strip from now on."""
+        for user in users:
+            self.cursors[user].clear()
+        await until(lambda: all(self.surfaces(user) for user in users), patience_s, f"cursors of {users}")
+
+    async def sees_more(self, messages: Sequence[Message], what: str) -> None:
+        """Wait until more than now of `messages` have come."""
+        count = len(messages)
+        await until(lambda: len(messages) > count, PATIENCE_S, what)
+
+
+def _change(names: set[str], name: str, *, here: bool) -> None:
+    (names.add if here else names.discard)(name)
+
+
+@contextlib.asynccontextmanager
+async def onlooker(endpoint: str, site: str = "lab") -> AsyncGenerator[Onlooker]:
+    """Yield somebody who looks on at `site`, as soon as it is there."""
+    async with asyncio.timeout(PATIENCE_S):
+        bus = await ZenohBus.open(Link(site=site, connect=(endpoint,)))
+    seen = Onlooker(bus)
+    seen.look()
+    try:
+        yield seen
+    finally:
+        await bus.close()
+
+
+def summary_of(ended: Ended) -> dict[str, Any]:
+    """Return the summary that a run with --json has printed."""
+    summary: dict[str, Any] = json.loads(ended.out)
+    return summary

@@ -135,6 +135,7 @@ def _topic_channel(topic: Topic[Any]) -> dict[str, Any]:
     return {
         **_channel(topic.key, topic.placeholder, [topic.message], topic.about),
         "x-delivery": topic.delivery.value,
+        "x-max-bytes": topic.message.max_bytes,
         "x-rate-hz": topic.rate_hz,
         "x-writers": list(topic.writers),
     }
@@ -144,6 +145,7 @@ def _request_channel(request: Request[Any, Any]) -> dict[str, Any]:
     return {
         **_channel(request.key, request.placeholder, [request.query, request.reply], request.about),
         "x-delivery": "request",
+        "x-max-bytes": request.query.max_bytes,
         "x-server": request.server,
     }
 

@@ -1,9 +1,11 @@
 """What every message shares: immutability, strictness, units and the time of capture."""
 
 import math
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field
+
+T = TypeVar("T")
 
 UNIT_TOLERANCE = 1e-3
 """How far the norm of a unit vector or quaternion may be from 1 and still be taken (float32 devices)."""
@@ -41,10 +43,17 @@ Rgb = tuple[
 """Red, green, blue, 0 to 255 each."""
 
 
+Many = Annotated[tuple[T, ...], FailFast()]
+"""Any number of them; the first that is wrong is the only one told: a million complaints take seconds."""
+
+
 class Part(BaseModel):
     """A piece of a message: frozen, strict, finite, nothing unknown."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    max_bytes: ClassVar[int] = 16 * 1024
+    """A longer payload is refused unread: it can be no honest message, and to read it takes time."""
 
     def replace(self, **changes: Any) -> Self:
         """Return a validated copy with `changes`."""

@@ -1,5 +1,6 @@
 """Messages to bytes and back: msgpack maps with the field names; the only importer of msgpack."""
 
+import reprlib
 from typing import Any, TypeVar
 
 import msgpack
@@ -9,6 +10,13 @@ from pointit.schemas.base import Message, Part, Query
 from pointit.schemas.errors import DecodeError
 
 P = TypeVar("P", bound=Part)
+
+MAX_FIELDS = 256
+"""No map of a message has more, of whatever version; what claims to have is refused before it is read."""
+
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
+_REPR.maxlevel = 2
 
 MEDIA_TYPE = "application/msgpack"
 """The Zenoh encoding; the message's name and version follow as its schema."""
@@ -37,8 +45,10 @@ def decode(kind: type[P], payload: bytes, schema: str = "") -> P:
     Raises:
         DecodeError: in one sentence, what is wrong with which field.
     """
+    if len(payload) > kind.max_bytes:
+        raise DecodeError(f"{kind.__name__}: has {len(payload)} bytes, at most {kind.max_bytes} are taken")
     try:
-        data = msgpack.unpackb(payload, use_list=False, strict_map_key=True)
+        data = msgpack.unpackb(payload, use_list=False, strict_map_key=True, max_map_len=MAX_FIELDS)
     except (ValueError, msgpack.exceptions.UnpackException, RecursionError) as error:
         raise DecodeError(f"{kind.__name__}: not msgpack ({type(error).__name__}: {error})") from error
     if not isinstance(data, dict):
@@ -54,7 +64,7 @@ def explain(error: ValidationError) -> str:
     details = error.errors(include_url=False)
     first = details[0]
     where = ".".join(str(part) for part in first["loc"]) or "(whole)"
-    value = repr(first["input"])
+    value = _REPR.repr(first["input"])  # the whole of it may be a million numbers
     shown = value if len(value) <= 60 else value[:57] + "..."
     more = f", and {len(details) - 1} more" if len(details) > 1 else ""
     return f"{where}: {first['msg'].removeprefix('Value error, ')} (got {shown}){more}"

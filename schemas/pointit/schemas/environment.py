@@ -1,13 +1,13 @@
 """The room: lamps, LED strips, belts, and what moves on them."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Message, Part, Rgb, Vec3
+from pointit.schemas.base import Many, Message, Part, Rgb, Vec3
 from pointit.schemas.pointing import SurfaceKind
 
-Line = Annotated[tuple[Vec3, ...], Field(min_length=2)]
+Line = Annotated[Many[Vec3], Field(min_length=2)]
 """A polyline, vertices in {W}, metres."""
 
 
@@ -45,11 +45,14 @@ class BeltLink(Part):
 class Environment(Message):
     """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`."""
 
+    max_bytes: ClassVar[int] = 1024 * 1024
+    """Room for 10 000 strips."""
+
     name: str
-    lamps: tuple[Lamp, ...] = ()
-    strips: tuple[Strip, ...] = ()
-    belts: tuple[Belt, ...] = ()
-    links: tuple[BeltLink, ...] = ()
+    lamps: Many[Lamp] = ()
+    strips: Many[Strip] = ()
+    belts: Many[Belt] = ()
+    links: Many[BeltLink] = ()
 
 
 class TrackedObject(Part):
@@ -69,8 +72,11 @@ class TrackedObject(Part):
 class TrackedObjects(Message):
     """All tracked objects of one tracker at one time; an object that is no longer listed has left."""
 
+    max_bytes: ClassVar[int] = 512 * 1024
+    """Room for 2000 objects with all fields."""
+
     tracker: Annotated[str, Field(description="who tracks them; each tracker lists its own")] = ""
-    objects: tuple[TrackedObject, ...] = ()
+    objects: Many[TrackedObject] = ()
 
 
 class ConveyorState(Message):
@@ -98,4 +104,7 @@ class StripFrame(Part):
 class StripsFrame(Message):
     """The pixels of every strip; `stamp_ns` is the newest capture time that went into it."""
 
-    strips: tuple[StripFrame, ...]
+    max_bytes: ClassVar[int] = 1024 * 1024
+    """Room for 64 strips of 4096 pixels, all that one expander drives."""
+
+    strips: Many[StripFrame]

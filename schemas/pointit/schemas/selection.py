@@ -1,10 +1,10 @@
 """What is selected, by whom and since when."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Message, Part
+from pointit.schemas.base import Many, Message, Part
 
 
 class SelectedObject(Part):
@@ -18,7 +18,10 @@ class SelectedObject(Part):
 class Selection(Message):
     """Everything that is selected now."""
 
-    objects: tuple[SelectedObject, ...] = ()
+    max_bytes: ClassVar[int] = 512 * 1024
+    """Room for all objects that can be tracked."""
+
+    objects: Many[SelectedObject] = ()
 
 
 class SelectionEvent(Message):

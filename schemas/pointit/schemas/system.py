@@ -1,10 +1,10 @@
 """What services say about themselves: time, health, what should be running."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Message, Part
+from pointit.schemas.base import Many, Message, Part
 
 
 class ClockTick(Message):
@@ -36,18 +36,20 @@ class Quantiles(Part):
 class Health(Message):
     """One service's own account, once a second."""
 
+    max_bytes: ClassVar[int] = 64 * 1024
+
     service: str
     instance: str
     pid: Annotated[int, Field(ge=0)]
     host: str = ""
     user: str = ""
     uptime_s: Annotated[float, Field(ge=0)] = 0.0
-    keys: tuple[KeyHealth, ...] = ()
+    keys: Many[KeyHealth] = ()
     step: Annotated[Quantiles | None, Field(description="time spent in its handlers")] = None
     latency: Annotated[Quantiles | None, Field(description="from capture to its output")] = None
     errors: Annotated[int, Field(ge=0, description="handlers that raised, since the start")] = 0
     status: Literal["ok", "degraded"] = "ok"
-    warnings: Annotated[tuple[str, ...], Field(description="what is wrong and what to do")] = ()
+    warnings: Annotated[Many[str], Field(description="what is wrong and what to do")] = ()
 
 
 class ExpectedService(Part):
@@ -55,11 +57,14 @@ class ExpectedService(Part):
 
     service: str
     user: str = ""
-    command: tuple[str, ...] = ()
+    command: Many[str] = ()
 
 
 class Deployment(Message):
     """What `pointit run` or `pointit user` started; lets `doctor` tell what is missing."""
 
+    max_bytes: ClassVar[int] = 512 * 1024
+    """Room for 64 people."""
+
     name: Annotated[str, Field(description="the scenario, or the user")]
-    services: tuple[ExpectedService, ...] = ()
+    services: Many[ExpectedService] = ()

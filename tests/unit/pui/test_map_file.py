@@ -1,5 +1,6 @@
 """Maps: the shipped one, the toolkit's, and every way to get one wrong."""
 
+import json
 import math
 from pathlib import Path
 
@@ -159,6 +160,15 @@ def test_a_broken_map_is_one_sentence(tmp_path: Path, text: str, parts: str) -> 
     assert "\n" not in said
     for part in parts.split("|"):
         assert part in said, said
+
+
+def test_a_map_too_large_to_travel_is_refused(tmp_path: Path) -> None:
+    line = [[0.5, number / 7, 1.5] for number in range(40_000)]
+    path = write(tmp_path, json.dumps({"strips": {"long": {"line": line, "pixels": 60, "direction": 1}}}))
+    with pytest.raises(
+        ConfigError, match=r"site.yaml: the map has \d+ bytes as it travels and at most 1048576"
+    ):
+        read_map(path, 0)
 
 
 def test_numbers_that_yaml_takes_for_text_are_numbers(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import time
 from typing import Any
 
 import msgpack
@@ -13,10 +14,15 @@ from pydantic import ValidationError
 from pointit.schemas import (
     Cursor,
     DecodeError,
+    Environment,
     ImuSample,
     Message,
     PointingRay,
     Query,
+    Strip,
+    StripFrame,
+    StripsFrame,
+    TrackedObject,
     TrackedObjects,
     UserProfile,
     decode,
@@ -98,7 +104,7 @@ def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject)
         pytest.param(b"\xc6\xff\xff\xff\xff", id="bytes of 4 G"),
         pytest.param(b"\xdb\xff\xff\xff\xff", id="text of 4 G"),
         pytest.param(b"\xc9\xff\xff\xff\xff\x01", id="extension of 4 G"),
-        pytest.param(b"\xdd\x00\x10\x00\x00" + b"\xc0" * 0x100000, id="a million nils"),
+        pytest.param(b"\xdd\x00\x0f\x00\x00" + b"\xc0" * 0xF0000, id="a million nils"),
         pytest.param(b"\xd7\xff" + b"\xff" * 8, id="time stamp out of range"),
         pytest.param(b"\x81\xc0\x01", id="nil as a field's name"),
         pytest.param(b"\x81\x90\x01", id="array as a field's name"),
@@ -107,8 +113,77 @@ def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject)
     ],
 )
 def test_bombs_and_rubbish_are_decode_errors(payload: bytes) -> None:
-    with pytest.raises(DecodeError, match=r"^ImuSample: .{5,200}$"):
-        decode(ImuSample, payload)
+    with pytest.raises(DecodeError, match=r"^Environment: (?!has \d+ bytes).{5,200}$"):
+        decode(Environment, payload)
+
+
+def test_what_is_too_long_is_refused_unread() -> None:
+    padding = ImuSample.max_bytes - len(packed(skin=b""))
+    with pytest.raises(DecodeError, match=r"^ImuSample: skin: Extra inputs"):
+        decode(ImuSample, packed(skin=b"x" * (padding - 1)))  # one more to say how long it is
+    with pytest.raises(DecodeError, match=r"^ImuSample: has 16385 bytes, at most 16384 are taken$"):
+        decode(ImuSample, packed(skin=b"x" * padding))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        pytest.param({"objects": ((),) * 500_000}, id="a complaint for each byte"),
+        pytest.param({f"field{number}": None for number in range(40_000)}, id="a complaint for each field"),
+        pytest.param({"objects": ({f"f{number}": None for number in range(40_000)},)}, id="deeper"),
+    ],
+)
+def test_a_flood_of_mistakes_does_not_become_a_flood_of_complaints(payload: dict[str, Any]) -> None:
+    bytes_ = msgpack.packb(payload)
+    assert len(bytes_) <= TrackedObjects.max_bytes
+    began_s = time.process_time()
+    with pytest.raises(DecodeError):
+        decode(TrackedObjects, bytes_)
+    assert time.process_time() - began_s < 0.1  # 10 ms; all complaints took 1.6 s
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        pytest.param(
+            StripsFrame(
+                stamp_ns=1,
+                strips=tuple(StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64)),
+            ),
+            id="a full expander",
+        ),
+        pytest.param(
+            TrackedObjects(
+                stamp_ns=2**62,
+                objects=tuple(
+                    TrackedObject(
+                        id=f"19a9f0c2b31-{n}",
+                        kind="yellow",
+                        position_m=(1.5, 2.5, 3.5),
+                        velocity_mps=(0.1, 0.2, 0.3),
+                        surface="strip",
+                        surface_id="strip_10",
+                    )
+                    for n in range(2000)
+                ),
+            ),
+            id="2000 objects",
+        ),
+        pytest.param(
+            Environment(
+                stamp_ns=1,
+                name="hall",
+                strips=tuple(
+                    Strip(id=f"strip_{n}", line_m=((0.5, n, 1.5), (9.5, n, 1.5)), pixels=150)
+                    for n in range(10_000)
+                ),
+            ),
+            id="10 000 strips",
+        ),
+    ],
+)
+def test_the_largest_that_is_meant_to_travel_does(message: Message) -> None:
+    assert decode(type(message), encode(message)) == message
 
 
 def test_what_is_wrong_is_said_in_a_short_line() -> None:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.config import read_yaml
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Belt, BeltLink, Environment, KeyNameError, Lamp, Strip
+from pointit.schemas import Belt, BeltLink, Environment, KeyNameError, Lamp, Strip, encode
 from pointit.schemas.topics import check_name
 from pointit.services.pui.map_model import BeltEntry, LedEntry, LinkEntry, MapFile, StripEntry, shown
 
@@ -66,7 +66,7 @@ def read_map(path: Path, stamp_ns: int) -> Environment:
     if not (file.leds or file.strips or file.belts):
         raise ConfigError(f"{path}: the map is empty; give at least one of leds, strips, belts")
     _check_links(path, file)
-    return Environment(
+    environment = Environment(
         stamp_ns=stamp_ns,
         name=path.stem,
         lamps=tuple(Lamp(id=name, position_m=led.position) for name, led in file.leds.items()),
@@ -79,6 +79,13 @@ def read_map(path: Path, stamp_ns: int) -> Environment:
         ),
         links=tuple(BeltLink(source=link.source, target=link.target) for link in file.links),
     )
+    size = len(encode(environment))
+    if size > Environment.max_bytes:
+        raise ConfigError(
+            f"{path}: the map has {size} bytes as it travels and at most {Environment.max_bytes} are taken; "
+            "split it into several sites"
+        )
+    return environment
 
 
 def _check_names(path: Path, section: str, entries: Any) -> None:

@@ -247,6 +247,18 @@ def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
             assert due_s is not None
 
 
+def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
+    clock = ManualClock()
+    scene = Scene()
+    scene.set_cursor("anna", cursor(clock, 0.5), clock.now_ns())
+    scene.set_objects(package(clock), clock.now_ns())
+    clock.advance(-3600.0)
+    scene.forget(clock.now_ns())
+    assert scene.cursors() == []
+    assert scene.objects(clock.now_ns()) == []
+    assert scene.next_change_ns() is None
+
+
 def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     clock = ManualClock()
     scene = Scene()

@@ -286,7 +286,8 @@ async def test_a_refused_start_does_not_stop_what_goes_on() -> None:
         assert progress[-1].phase == "sampling"
 
 
-async def test_a_robot_is_followed_from_the_start() -> None:
+@pytest.mark.parametrize("stray_s", [0.0, 3600.0], ids=["clean", "with strays an hour ahead"])
+async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
     clock = ManualClock()
     person = Person(0.5, -0.3, 1.1)
     async with memory_bench(clock) as bench:
@@ -304,6 +305,11 @@ async def test_a_robot_is_followed_from_the_start() -> None:
             bench.put(OBJECTS, TrackedObjects(stamp_ns=now_ns, objects=(package, item)))
             bench.put(RAY, person.ray(robot, now_ns), USER)
             await bench.settle(4)
+            if stray_s and tick % 20 == 0:
+                stray_ns = now_ns + round(stray_s * 1e9)
+                bench.put(OBJECTS, TrackedObjects(stamp_ns=stray_ns, objects=(item,)))
+                bench.put(RAY, person.ray((9.0, 9.0, 1.0), stray_ns), USER)
+                await bench.settle(4)
         await until(lambda: bool(poses), what="a pose")
         assert math.hypot(poses[-1].position_m[0] - person.x, poses[-1].position_m[1] - person.y) < 0.05
         assert poses[-1].method == "moving_target"

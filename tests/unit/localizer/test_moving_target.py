@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Localization, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import Localization, PointingRay, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.moving_target import Following, MovingTarget
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pairing import RayWindow, Track
@@ -156,6 +156,16 @@ def test_a_track_is_linear_between_reports_and_unknown_in_gaps() -> None:
     assert known.tolist() == [False, True, True, True, False, False, False]
     assert places[2].tolist() == pytest.approx([0.5, 0.0, 1.0])
     assert places[3].tolist() == pytest.approx([2.0, 0.0, 1.0])
+
+
+def test_a_clock_that_is_set_back_stops_neither_window_nor_track() -> None:
+    window, track = RayWindow(10.0), Track(10.0)
+    for at_s in (5000, 5001, 100, 101, 102):
+        stamp_ns = at_s * 1_000_000_000
+        window.add(PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0)))
+        track.add(stamp_ns, (1.0, 2.0, 3.0))
+    assert len(window) == 3
+    assert window.newest_ns == track.newest_ns == 102_000_000_000
 
 
 def test_a_window_forgets_and_takes_no_older_ray() -> None:

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import BodyMeasures, ImuSample, UserProfile
-from pointit.schemas.topics import IMU, PROFILE, RAY
+from pointit.schemas.topics import HEALTH, IMU, PROFILE, RAY
 from pointit.services.pointing.eye_finger import EyeFinger
 from pointit.services.pointing.service import Pointing
-from tests.support.bench import ManualClock, memory_bench
+from tests.support.bench import ManualClock, memory_bench, until
 
 angles = st.floats(-math.pi, math.pi)
 elevations = st.floats(-1.5, 1.5)
@@ -56,6 +56,44 @@ def test_stale_and_older_samples_make_no_ray() -> None:
     assert model.ray(sample(0, 0, stamp_ns=1_000_000_000), 1_100_000_000) is not None
     assert model.ray(sample(0, 0, stamp_ns=900_000_000), 1_000_000_000) is None
     assert model.stale == 2
+
+
+S = 1_000_000_000
+
+
+def test_one_sample_from_the_future_makes_no_ray_and_spoils_none() -> None:
+    model = EyeFinger(stale_after_s=0.2)
+    now_ns = 1_700_000_000 * S
+    assert model.ray(sample(0, 0, now_ns), now_ns) is not None
+    assert model.ray(sample(0, 0, now_ns + 3600 * S), now_ns) is None
+    assert model.ray(sample(0, 0, 2**64 - 1), now_ns) is None
+    assert model.ray(sample(0, 0, now_ns + S // 50), now_ns + S // 50) is not None
+    assert model.stale == 2
+
+
+def test_a_clock_that_is_set_back_stops_nothing() -> None:
+    model = EyeFinger(stale_after_s=0.2)
+    now_ns = 1_700_000_000 * S
+    assert model.ray(sample(0, 0, now_ns), now_ns) is not None
+    back_ns = now_ns - 3600 * S
+    assert model.ray(sample(0, 0, back_ns), back_ns) is not None
+    assert model.ray(sample(0, 0, back_ns - S // 50), back_ns) is None
+
+
+async def test_health_says_what_is_wrong_with_the_stamps() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        rays = bench.collect(RAY, "anna")
+        health = bench.collect(HEALTH)
+        bench.start(Pointing, user="anna")
+        await bench.settle()
+        bench.put(IMU, sample(0, 0, clock.now_ns() + 3600 * S), "anna")
+        await until(lambda: any("3600.0 s ahead of this" in text for h in health for text in h.warnings))
+        bench.put(IMU, sample(0, 0, clock.now_ns() - 7 * S), "anna")
+        await until(lambda: any("is 7.0 s old" in text for h in health for text in h.warnings))
+        bench.put(IMU, sample(0, 0, clock.now_ns()), "anna")
+        await bench.settle()
+        assert len(rays) == 1
 
 
 def test_the_left_shoulder_is_on_the_left() -> None:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Cursor, TrackedObject, TrackedObjects
-from pointit.services.selector.hover import Whereabouts
+from pointit.services.selector.hover import MAX_TRACKERS, Whereabouts
 
 S = 1_000_000_000
 
@@ -112,6 +112,15 @@ def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
     whereabouts.update(listing(tracker="two"))
     assert under(whereabouts, cursor(1.15)) == "a"
     assert whereabouts.kinds == {"a": "red"}
+
+
+def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
+    whereabouts = Whereabouts()
+    for number in range(10 * MAX_TRACKERS):
+        whereabouts.update(listing(on_strip(f"x{number}", 9.0), tracker=f"x{number}"))
+        whereabouts.update(listing(on_strip("a", 1.0), tracker="ours"))
+    assert under(whereabouts, cursor(1.0)) == "a"
+    assert len(whereabouts.kinds) == MAX_TRACKERS
 
 
 def test_a_silent_trackers_objects_cannot_be_hovered() -> None:

@@ -1,6 +1,7 @@
 """What is to be seen on the strips now: the newest of everything, as long as it is fresh."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 from pointit.schemas import (
     Cursor,
@@ -14,6 +15,8 @@ from pointit.services.led_driver.config import Color
 from pointit.services.led_driver.render import CursorMark, ObjectMark
 
 NS_PER_S = 1_000_000_000
+
+T = TypeVar("T")
 
 _UNKNOWN = UserProfile(stamp_ns=0)
 
@@ -51,17 +54,10 @@ class Scene:
         self._profiles[user] = profile
 
     def forget(self, now_ns: int) -> None:
-        """Drop what is too old."""
-        for user in [
-            user for user, (at, _) in self._cursors.items() if now_ns - at >= self._cursor_timeout_ns
-        ]:
-            del self._cursors[user]
-        for user in [
-            user for user, (at, _) in self._hovers.items() if now_ns - at >= self._cursor_timeout_ns
-        ]:
-            del self._hovers[user]
-        for key in [key for key, (at, _) in self._objects.items() if now_ns - at >= self._objects_timeout_ns]:
-            del self._objects[key]
+        """Drop what is too old, or came at a time still to come: the clock was set back."""
+        _forget(self._cursors, now_ns, self._cursor_timeout_ns)
+        _forget(self._hovers, now_ns, self._cursor_timeout_ns)
+        _forget(self._objects, now_ns, self._objects_timeout_ns)
 
     def next_change_ns(self) -> int | None:
         """Return when something will be too old if nothing more is heard of it."""
@@ -116,6 +112,11 @@ class Scene:
             progress=progress,
             hover_color=hover_color,
         )
+
+
+def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> None:
+    for name in [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]:
+        del heard[name]
 
 
 def newest_stamp_ns(cursors: Sequence[CursorMark]) -> int | None:

@@ -39,7 +39,12 @@ class RayWindow:
         return self._rays[-1].stamp_ns if self._rays else -1
 
     def add(self, ray: PointingRay) -> None:
-        """Take `ray` unless it is older than one already taken; forget what left the window."""
+        """Take `ray` unless it is older than one already taken; forget what left the window.
+
+        A whole window back, the clock was set: it begins anew.
+        """
+        if ray.stamp_ns < self.newest_ns - self._window_ns:
+            self._rays.clear()
         if ray.stamp_ns <= self.newest_ns:
             return
         self._rays.append(ray)
@@ -73,7 +78,9 @@ class Track:
         return self._places[-1][0] if self._places else -1
 
     def add(self, stamp_ns: int, position_m: Vec3) -> None:
-        """Take the place at `stamp_ns` unless it is older than one already taken."""
+        """Take the place at `stamp_ns` unless it is older than one already taken; see `RayWindow.add`."""
+        if stamp_ns < self.newest_ns - self._window_ns:
+            self._places.clear()
         if stamp_ns <= self.newest_ns:
             return
         self._places.append((stamp_ns, position_m))

@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from typing import ClassVar, Literal
 
-from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
+from pointit.runtime import NS_PER_S, Context, Publisher, RefusedError, Service, sleep
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     CancelLocalization,
@@ -39,6 +39,9 @@ from pointit.services.localizer.static_targets import StaticTargets
 
 STEP_HZ = 20.0
 """How often a procedure is stepped while it runs."""
+
+AHEAD_NS = NS_PER_S
+"""Rays and objects stamped further in the future are wrong, and would make all that follow look late."""
 
 ON = (255, 255, 255)
 OFF = (0, 0, 0)
@@ -89,12 +92,25 @@ class Localizer(Service[LocalizerConfig]):
         self._map = environment
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
-        if self._procedure is not None:
+        if self._procedure is not None and self._is_timely(RAY.key, ray.stamp_ns):
             self._procedure.on_ray(ray)
 
     def _on_objects(self, objects: TrackedObjects, _name: str) -> None:
-        if isinstance(self._procedure, MovingTarget):
+        if isinstance(self._procedure, MovingTarget) and self._is_timely(OBJECTS.key, objects.stamp_ns):
             self._procedure.on_objects(objects)
+
+    def _is_timely(self, key: str, stamp_ns: int) -> bool:
+        """Return whether `stamp_ns` is not in the future, but for clocks that differ a little, and say so."""
+        ahead_ns = stamp_ns - self.clock.now_ns()
+        if ahead_ns <= AHEAD_NS * self.clock.speed:
+            self.bus.clear(f"future {key}")
+            return True
+        self.bus.warn(
+            f"future {key}",
+            f"{key} is stamped {ahead_ns / NS_PER_S:.1f} s ahead of this machine's clock and left out: "
+            "synchronize the clocks of the machines",
+        )
+        return False
 
     async def _start(self, query: StartLocalization, _user: str) -> Done:
         method = query.method or self.config.method

@@ -9,5 +9,8 @@ class PointingConfig(Config):
     """When an orientation still makes a ray."""
 
     stale_after_s: float = Field(
-        default=0.2, gt=0, le=10, description="samples older than this make no ray, s"
+        default=0.2,
+        gt=0,
+        le=10,
+        description="samples older, or so far in the future, make no ray, s",
     )

@@ -15,7 +15,7 @@ class EyeFinger:
         self._newest_ns = -1
         self._seq = 0
         self.stale = 0
-        """Samples that came too late."""
+        """Samples that came too late, out of order, or from the future."""
         self.set_profile(profile if profile is not None else UserProfile(stamp_ns=0))
 
     def set_profile(self, profile: UserProfile) -> None:
@@ -27,8 +27,13 @@ class EyeFinger:
         self._arm: Vec3 = (body.shoulder_to_wrist_m + body.wrist_to_finger_m, 0.0, 0.0)
 
     def ray(self, sample: ImuSample, now_ns: int) -> PointingRay | None:
-        """Return the ray of `sample`, or none when it is stale or older than one already used."""
-        if now_ns - sample.stamp_ns > self._stale_ns or sample.stamp_ns < self._newest_ns:
+        """Return the ray of `sample`, or none when it is stale or older than one already used.
+
+        Too far in the future is as wrong as too old. When the clock is set back, it begins anew.
+        """
+        if self._newest_ns > now_ns + self._stale_ns:
+            self._newest_ns = -1
+        if abs(now_ns - sample.stamp_ns) > self._stale_ns or sample.stamp_ns < self._newest_ns:
             self.stale += 1
             return None
         self._newest_ns = sample.stamp_ns

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from pointit.runtime import Context, Service
+from pointit.runtime import NS_PER_S, Context, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import ImuSample, UserProfile
 from pointit.schemas.topics import IMU, PROFILE, RAY
@@ -28,12 +28,23 @@ class Pointing(Service[PointingConfig]):
         self._model.set_profile(profile)
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
-        ray = self._model.ray(sample, self.clock.now_ns())
+        now_ns = self.clock.now_ns()
+        ray = self._model.ray(sample, now_ns)
         if ray is None:
-            self.bus.warn("stale", f"{self._model.stale} IMU samples came too late or out of order")
+            self.bus.warn("stale", self._complaint((now_ns - sample.stamp_ns) / NS_PER_S))
             return
         self.bus.clear("stale")
         self._rays.put(ray)
+
+    def _complaint(self, age_s: float) -> str:
+        limit_s = self.config.stale_after_s
+        if age_s < -limit_s:
+            what = f"is {-age_s:.1f} s ahead of this machine's clock: synchronize the two clocks"
+        elif age_s > limit_s:
+            what = f"is {age_s:.1f} s old: look for a slow link, or synchronize the clocks"
+        else:
+            what = "is out of order: do two sources write it?"
+        return f"{self._model.stale} IMU samples made no ray, the last {what}"
 
 
 SERVICE = Pointing

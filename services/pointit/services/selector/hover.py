@@ -15,6 +15,9 @@ NS_PER_S = 1_000_000_000
 LINES = ("strip", "belt")
 """Surfaces with an arc length; everything else is compared in space."""
 
+MAX_TRACKERS = 64
+"""Of more, the one longest unheard is forgotten."""
+
 
 class _OnLine:
     """Objects on one strip or belt."""
@@ -77,7 +80,10 @@ class Whereabouts:
 
     def update(self, message: TrackedObjects) -> None:
         """Take a tracker's list in place of its last one."""
+        self._trackers.pop(message.tracker, None)  # to the end: the first is the one longest unheard
         self._trackers[message.tracker] = _Listing(message, self._margin_m)
+        while len(self._trackers) > MAX_TRACKERS:
+            del self._trackers[next(iter(self._trackers))]
         self._kinds = {
             object_id: kind
             for listing in self._trackers.values()

@@ -188,6 +188,12 @@ def test_yaml_files(tmp_path: Path) -> None:
         (b"- 1\n- 2\n", "a mapping of names to values was expected, got list"),
         (b"hello\n", "a mapping of names to values was expected, got str"),
         (b"a: !!python/object/apply:os.getcwd []\n", "is not YAML in line 1"),
+        (b"a: 1\nb: 2\na: 3\n", "is not YAML in line 3 ('a' stands there twice, keep one)"),
+        (b"x:\n  - b: {c: 1, d: 2,\n       c: 3}\n", "is not YAML in line 3 ('c' stands there twice"),
+        (b"a: 2024-99-99\n", "is not YAML (month must be in 1..12"),
+        (b"a: " + b"[" * 20_000, "is "),
+        (b"a: 1\n---\nb: 2\n", "is not YAML in line 2"),
+        (b"# " + b"x" * 4 * 1024 * 1024, "is too large, at most 4 MiB are read"),
     ],
 )
 def test_a_broken_file_is_told_in_one_sentence(tmp_path: Path, content: bytes, sentence: str) -> None:
@@ -197,6 +203,23 @@ def test_a_broken_file_is_told_in_one_sentence(tmp_path: Path, content: bytes, s
         read_yaml(file)
     assert str(caught.value).startswith(f"{file}: {sentence}")
     assert "\n" not in str(caught.value)
+
+
+def test_merged_keys_may_be_overridden(tmp_path: Path) -> None:
+    file = tmp_path / "merged.yaml"
+    file.write_text("a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: *b, y: 4}\n1: one\n'1': two\n")
+    assert read_yaml(file) == {
+        "a": {"x": 1, "y": 2},
+        "b": {"x": 1, "y": 3},
+        "c": {"x": 1, "y": 4},
+        "1": "two",
+    }
+
+
+def test_an_anchor_may_hold_itself(tmp_path: Path) -> None:
+    file = tmp_path / "loop.yaml"
+    file.write_text("a: &a [*a]\n")
+    assert list(read_yaml(file)) == ["a"]
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

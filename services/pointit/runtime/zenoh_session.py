@@ -8,6 +8,7 @@ import json
 import logging
 import re
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,9 @@ ENDPOINT = re.compile(
 """What Zenoh takes for an address: host and port, or what other protocols need (`serial//dev/ttyUSB0`)."""
 
 OPEN_RETRY_S = 0.5
+CONNECT_TIMEOUT_MS = 1000
+OPEN_PATIENCE_S = 1.4
+"""How long an attempt to open that is no longer wanted is waited for: longer than it may take."""
 LEASE_MS = 3000
 """A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
 
@@ -77,7 +81,7 @@ def configuration(link: Link) -> zenoh.Config:
         "transport/link/tx/lease": LEASE_MS,
     }
     if mode == "client":
-        settings["connect/timeout_ms"] = 1000
+        settings["connect/timeout_ms"] = CONNECT_TIMEOUT_MS
     else:
         settings["scouting/delay"] = 0
     if not link.router:
@@ -135,7 +139,7 @@ async def close_session(session: zenoh.Session) -> None:
 
 
 async def _open_in_thread(config: zenoh.Config) -> zenoh.Session:
-    """Open in a daemon thread: cancelling neither blocks the exit nor leaves a session open."""
+    """Open in a daemon thread: cancelling neither blocks the exit for long nor leaves a session open."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[zenoh.Session] = loop.create_future()
 
@@ -148,21 +152,33 @@ async def _open_in_thread(config: zenoh.Config) -> zenoh.Session:
         elif error is not None:
             future.set_exception(error)
 
-    def work() -> None:
-        session: zenoh.Session | None = None
-        failure: Exception | None = None
-        try:
-            session = zenoh.open(config)
-        except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
-            failure = error
-        try:
-            loop.call_soon_threadsafe(settle, session, failure)
-        except RuntimeError:  # the loop is gone
-            if session is not None:
-                session.close()
+    thread = threading.Thread(target=_open, args=(config, loop, settle), name="zenoh-open", daemon=True)
+    thread.start()
+    try:
+        return await future
+    except asyncio.CancelledError:
+        # Python must not end while Zenoh returns to it from that thread: it would abort.
+        await asyncio.to_thread(thread.join, OPEN_PATIENCE_S)
+        raise
 
-    threading.Thread(target=work, name="zenoh-open", daemon=True).start()
-    return await future
+
+def _open(
+    config: zenoh.Config,
+    loop: asyncio.AbstractEventLoop,
+    settle: Callable[[zenoh.Session | None, Exception | None], None],
+) -> None:
+    """Open a session and hand it, or why not, over to `settle` in `loop`."""
+    session: zenoh.Session | None = None
+    failure: Exception | None = None
+    try:
+        session = zenoh.open(config)
+    except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
+        failure = error
+    try:
+        loop.call_soon_threadsafe(settle, session, failure)
+    except RuntimeError:  # the loop is gone
+        if session is not None:
+            session.close()
 
 
 class LinkWatch:

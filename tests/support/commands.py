@@ -169,14 +169,18 @@ class Onlooker:
     def look(self) -> None:
         self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
         self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
-        self.bus.subscribe(HEALTH, self.health_of)
+        self.bus.subscribe(HEALTH, self._on_health)
         self.bus.subscribe(CURSOR, lambda message, user: self.cursors[user].append(message))
         self.bus.subscribe(INTERACTION, lambda message, user: self.interactions[user].append(message))
         self.bus.subscribe(OBJECTS, lambda message, _name: self.objects.append(message))
         self.bus.subscribe(STRIPS_FRAME, lambda message, _name: self.frames.append(message))
 
-    def health_of(self, health: Health, instance: str) -> None:
+    def _on_health(self, health: Health, instance: str) -> None:
         self.health[instance] = health
+
+    async def hears(self, instance: str) -> None:
+        """Wait for the health of a service."""
+        await until(lambda: instance in self.health, PATIENCE_S, f"health of {instance}")
 
     def surfaces(self, user: str) -> set[str]:
         """Return the strips on which the person's cursor was seen."""

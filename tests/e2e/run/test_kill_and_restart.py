@@ -91,7 +91,7 @@ async def test_each_service_may_be_killed_and_started_again(commands: Commands, 
             assert finding["remedy"].removeprefix(REMEDY) in run.logged()[-1]
             del seen.health[instance]
             restarted.append(commands.run(shlex.split(finding["remedy"].removeprefix(REMEDY))))
-            await until(lambda name=instance: name in seen.health, 30, f"{instance} to be back")
+            await seen.hears(instance)
             assert seen.health[instance].pid == restarted[-1].process.pid
             await flows(seen, instance)
             await doctor_is_content(commands, endpoint)

@@ -1,0 +1,140 @@
+"""Ctrl-C and SIGTERM end every command within 2 s, at any moment, leaving nothing behind."""
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.support.bench import until
+from tests.support.commands import Command, Commands, Ended, onlooker
+
+END_S = 2.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+RUN = ("run", "scenario_3", "--no-view")
+TOLD = "scenario_3 of site lab at"
+"""Logged when the bus is open and the services are about to start."""
+
+
+def nothing_is_left(family: list[psutil.Process]) -> None:
+    _gone, alive = psutil.wait_procs(family, timeout=0.5)
+    left = [process.cmdline() for process in alive if process.status() != psutil.STATUS_ZOMBIE]
+    assert not left
+
+
+def well(ended: Ended) -> None:
+    assert ended.code == 0, ended.err
+    assert ended.took_s < END_S
+    assert "Traceback" not in ended.err
+    assert "Error" not in ended.err
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("processes", [(), ("--processes",)])
+async def test_a_run_ends_with_its_summary(
+    commands: Commands, endpoint: str, tmp_path: Path, number: int, processes: tuple[str, ...]
+) -> None:
+    path = tmp_path / "summary.json"
+    run = commands.start(*RUN, *processes, "--listen", endpoint, "--summary", str(path))
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1")
+    family = run.family()
+    assert len(family) == (9 if processes else 1)
+    ended = await run.stop(number)
+    print(f"run {processes} ended after {ended.took_s:.2f} s")  # noqa: T201 - shown with -s
+    well(ended)
+    nothing_is_left(family)
+    assert "scenario_3 ran" in ended.out
+    summary = json.loads(path.read_text())
+    assert summary["cursors"] > 0
+    assert summary["duration_s"] < 60
+    assert len(summary["services"]) == 8
+
+
+@pytest.mark.parametrize("processes", [(), ("--processes",)])
+async def test_ctrl_c_in_a_terminal_reaches_the_whole_group(
+    commands: Commands, endpoint: str, processes: tuple[str, ...]
+) -> None:
+    run = commands.start(*RUN, *processes, "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: "user-sim.user1" in seen.health, 30, "a run")
+    family = run.family()
+    os.killpg(run.process.pid, signal.SIGINT)
+    os.killpg(run.process.pid, signal.SIGINT)
+    well(await run.stop())  # people press it more than once
+    nothing_is_left(family)
+    assert not [line for line in run.logged() if "ended with" in line or "killed" in line]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("processes", [(), ("--processes",)])
+async def test_a_run_ends_while_it_starts(
+    commands: Commands, endpoint: str, tmp_path: Path, number: int, processes: tuple[str, ...]
+) -> None:
+    path = tmp_path / "summary.json"
+    run = commands.start(*RUN, *processes, "--listen", endpoint, "--summary", str(path))
+    await run.says(TOLD)
+    if processes:
+        await until(lambda: len(run.family()) >= 3, 30, "the first children")
+    family = run.family()
+    ended = await run.stop(number)
+    well(ended)
+    nothing_is_left(family)
+    assert json.loads(path.read_text())["selected"] == 0
+
+
+def catches(command: Command, number: int) -> bool:
+    """Return whether the process has a handler of its own for a signal."""
+    for line in Path(f"/proc/{command.process.pid}/status").read_text().splitlines():
+        if line.startswith("SigCgt:"):
+            return bool(int(line.split()[1], 16) >> (number - 1) & 1)
+    raise AssertionError("no such line")
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells which signals are caught")
+async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint: str) -> None:
+    """Nothing has begun yet: the process may die of the signal, but not with a traceback."""
+    run = commands.start(*RUN, "--listen", endpoint)
+    await until(lambda: catches(run, signal.SIGINT), what="Python to start")
+    await until(lambda: not catches(run, signal.SIGINT), what="our first line")
+    ended = await run.stop()
+    assert ended.code == -signal.SIGINT
+    assert (ended.out, ended.err) == ("", "")
+
+
+Arguments = Callable[[str], tuple[str, ...]]
+OTHERS: dict[str, tuple[Arguments, str]] = {
+    "user": (lambda at: ("user", "anna", "--connect", at), "anna of site lab at"),
+    "user in processes": (lambda at: ("user", "anna", "--processes", "--connect", at), "anna of site"),
+    "service": (lambda at: ("service", "pointing", "--user", "ben", "--connect", at), "runs"),
+    "echo": (lambda at: ("echo", "users/*/imu", "--connect", at), "users/user1/imu"),
+}
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+async def test_the_other_commands_end_as_well(commands: Commands, endpoint: str, number: int) -> None:
+    commands.start(*RUN, "--listen", endpoint)
+    started = {name: commands.start(*arguments(endpoint)) for name, (arguments, _) in OTHERS.items()}
+    for name, command in started.items():
+        await command.says(OTHERS[name][1])
+        family = command.family()
+        ended = await command.stop(number)
+        well(ended)
+        nothing_is_left(family)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+async def test_doctor_ends_without_a_verdict(commands: Commands, endpoint: str, number: int) -> None:
+    """Code 0 would mean that all is well, which it does not know: 130."""
+    commands.start(*RUN, "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: "pui" in seen.present, 30, "a run")
+        doctor = commands.start("doctor", "--connect", endpoint)
+        await until(lambda: catches(doctor, signal.SIGTERM), 30, "doctor to listen")
+        ended = await doctor.stop(number)
+    assert ended.code == 130
+    assert ended.took_s < END_S
+    assert "Traceback" not in ended.err

@@ -1,0 +1,105 @@
+"""Several sites on one router, several people on one site: who sees whom, who disturbs whom."""
+
+import json
+import signal
+
+from tests.support.bench import until
+from tests.support.buses import router_process
+from tests.support.commands import Commands, onlooker, summary_of
+
+PERSON = ("pointing", "localizer", "supervisor", "user-sim")
+
+
+def services_of(user: str) -> set[str]:
+    return {f"{service}.{user}" for service in PERSON}
+
+
+async def test_two_systems_on_one_router_do_not_see_each_other(commands: Commands) -> None:
+    async with router_process() as router:
+        common = ("--connect", router.endpoint, "--speed", "4", "--duration", "40", "--no-view", "--json")
+        runs = {
+            "a": commands.start("run", "scenario_3", "--site", "a", "--users", "2", *common),
+            "b": commands.start("run", "scenario_3", "--site", "b", "--seed", "7", *common),
+        }
+        async with onlooker(router.endpoint, "a") as a, onlooker(router.endpoint, "b") as b:
+            await a.sees_cursors("user1", "user2")
+            await b.sees_cursors("user1")
+            await until(lambda: a.people == {"user1", "user2"}, what="the people of a")
+            assert b.people == {"user1"}
+            assert b.present == a.present - services_of("user2")
+            assert {health.pid for health in a.health.values()} == {runs["a"].process.pid}
+            assert {health.pid for health in b.health.values()} == {runs["b"].process.pid}
+            echo = await commands.pointit(
+                "echo", "objects", "--count", "5", "--json", "--site", "b", "--connect", router.endpoint
+            )
+            assert echo.code == 0, echo.err
+            await until(lambda: bool(a.object_ids()), what="objects of a")
+            of_b = {thing["id"] for line in echo.out.splitlines() for thing in json.loads(line)["objects"]}
+            assert of_b
+            assert of_b <= b.object_ids()
+            assert not a.object_ids() & b.object_ids()
+            assert "user2" not in b.cursors
+        for site, users in (("a", 2), ("b", 1)):
+            ended = await runs[site].end()
+            assert ended.code == 0, ended.err
+            summary = summary_of(ended)
+            assert summary["site"] == site
+            assert summary["selected"] > 0
+            assert summary["wrong"] == 0
+            assert len(summary["services"]) == 4 + 4 * users
+
+
+async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: str) -> None:
+    site = commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
+    join = ("--connect", endpoint)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: {"pui", "selector", "led-driver", "conveyor-sim"} == seen.present, 30, "the site")
+        assert not seen.people
+        anna = commands.start("user", "anna", *join)
+        ben = commands.start("user", "ben", "--place", "2", "--seed", "5", *join)
+        await seen.sees_cursors("anna", "ben")
+        assert services_of("anna") | services_of("ben") <= seen.present
+        assert seen.health["pointing.anna"].pid == anna.process.pid
+        assert seen.health["pointing.ben"].pid == ben.process.pid
+        keys = await commands.pointit("echo", "users/*/imu", "--count", "30", "--json", *join)
+        assert {json.loads(line)["key"] for line in keys.out.splitlines()} == {
+            "users/anna/imu",
+            "users/ben/imu",
+        }
+        states = len(seen.interactions["anna"])
+        uptime_s = seen.health["pointing.anna"].uptime_s
+
+        left = await ben.stop()
+        assert left.code == 0
+        assert left.took_s < 2
+        assert "Traceback" not in left.err
+        await until(lambda: "ben" not in seen.people, what="ben to be gone")
+        assert not services_of("ben") & seen.present
+        doctor = await commands.pointit("doctor", "--json", *join)  # who left well is not missed
+        assert doctor.code == 0, doctor.out
+        seen.cursors["ben"].clear()
+        await seen.sees_cursors("anna")
+        assert not seen.cursors["ben"]
+
+        again = commands.start("user", "ben", "--place", "2", *join)
+        await seen.sees_cursors("ben")
+        assert seen.health["pointing.ben"].pid == again.process.pid
+        await seen.sees_cursors("anna")
+        assert seen.health["pointing.anna"].pid == anna.process.pid
+        assert seen.health["pointing.anna"].uptime_s > uptime_s
+        assert [state.state for state in seen.interactions["anna"][states:]] == []  # she went on as if alone
+
+        last = await site.stop(signal.SIGTERM)
+        assert last.code == 0
+        assert last.out == ""  # no summary of what had no end
+    for person in (anna, again):
+        await person.says("is lost")
+        assert (await person.stop(signal.SIGTERM)).code == 0
+
+
+async def test_people_may_come_before_the_site(commands: Commands, endpoint: str) -> None:
+    anna = commands.start("user", "anna", "--connect", endpoint)
+    await anna.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
+    commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("anna")

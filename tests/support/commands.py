@@ -48,8 +48,9 @@ class Ended:
     @property
     def sentence(self) -> str:
         """Return the error it ended with."""
-        (line,) = (line for line in self.err.splitlines() if line.startswith("Error: "))
-        return line.removeprefix("Error: ")
+        _, found, sentence = self.err.rpartition("Error: ")
+        assert found, self.err
+        return sentence.strip()
 
 
 class Command:

@@ -1,0 +1,168 @@
+"""`pointit run` in a terminal: it draws, is not torn by logs, and leaves the terminal as it was."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+
+import pytest
+
+from tests.support.bench import until
+from tests.support.commands import onlooker
+
+ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"
+PATIENCE_S = 30.0
+ADOPT = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.executable, [sys.executable, "-m", "pointit.cli", *sys.argv[1:]])
+"""
+"""Makes the pseudo-terminal the one that Ctrl-C comes from."""
+
+
+class Terminal:
+    """A command in a pseudo-terminal of a size."""
+
+    def __init__(self, columns: int, rows: int, *arguments: str, kind: str = "xterm-256color") -> None:
+        self.raw = b""
+        self.master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+        self.before = termios.tcgetattr(slave)
+        self._slave = slave  # kept open, to look at its settings afterwards
+        environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+        environment |= {"TERM": kind, "COLORTERM": "truecolor"}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", ADOPT, *arguments],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            env=environment,
+        )
+
+    def read(self) -> str:
+        """Read what there is; return all so far."""
+        while select.select([self.master], [], [], 0)[0]:
+            try:
+                data = os.read(self.master, 65536)
+            except OSError:  # all other ends are closed
+                break
+            if not data:
+                break
+            self.raw += data
+        return self.raw.decode(errors="replace")
+
+    @property
+    def text(self) -> str:
+        """Return what was drawn, without colours and cursor movements."""
+        return ESCAPE.sub("", self.read())
+
+    def press_ctrl_c(self) -> None:
+        os.write(self.master, b"\x03")
+
+    async def shows(self, *what: str) -> None:
+        await until(
+            lambda: all(part in self.text for part in what), PATIENCE_S, f"{what} in {self.text[-3000:]}"
+        )
+
+    async def end(self) -> int:
+        def has_ended() -> bool:
+            self.read()  # a full terminal would make it wait
+            return self.process.poll() is not None
+
+        await until(has_ended, PATIENCE_S, f"the end; {self.text[-3000:]}")
+        self.read()
+        code: int = self.process.returncode
+        return code
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait(10)
+        os.close(self.master)
+        os.close(self._slave)
+
+    @property
+    def after(self) -> object:
+        return termios.tcgetattr(self._slave)
+
+
+@contextmanager
+def terminal(columns: int, rows: int, *arguments: str, kind: str = "xterm-256color") -> Generator[Terminal]:
+    shown = Terminal(columns, rows, *arguments, kind=kind)
+    try:
+        yield shown
+    finally:
+        shown.close()
+
+
+def frames(text: str) -> list[list[str]]:
+    """Return the drawn frames, each as its lines."""
+    drawn: list[list[str]] = []
+    for piece in text.split("╭")[1:]:
+        head, found, _ = piece.partition("╯")
+        if found:
+            drawn.append(("╭" + head + "╯").splitlines())
+    return drawn
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(100, 40), (40, 40)])
+async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns: int, rows: int) -> None:
+    with terminal(columns, rows, "run", "scenario_3", "--speed", "4", "--listen", endpoint) as shown:
+        await shown.shows("PointIt scenario_3", "pointing", "▌", "▲", "wrist to light p50", "selected 1")
+        assert HIDE in shown.read()
+        drawn = frames(shown.text)
+        assert len(drawn) > 5
+        for frame in drawn:
+            assert {len(line) for line in frame} == {columns}, frame
+        last = [line[2:] for line in drawn[-1]]
+        for strip in ("0 ", "1 "):
+            assert any(line.startswith(strip) and "▌" in line for line in last)
+        shown.press_ctrl_c()
+        pressed_s = time.monotonic()
+        assert await shown.end() == 0
+        assert time.monotonic() - pressed_s < 2
+        assert "Traceback" not in shown.text
+        assert shown.read().rstrip().rpartition(HIDE)[2].count(SHOW) == 1  # the cursor is back
+        assert shown.after == shown.before
+        assert "scenario_3 ran" in shown.text.rpartition("╯")[2]
+        assert "of" in shown.text.rpartition("Selected ")[2]
+
+
+async def test_logs_stand_above_the_view(endpoint: str) -> None:
+    """A child that is killed is reported while the view is drawn."""
+    with terminal(120, 50, "run", "scenario_3", "--processes", "--listen", endpoint) as shown:
+        async with onlooker(endpoint) as seen:
+            await seen.hears("selector")
+            await shown.shows("pointing")
+            os.kill(seen.health["selector"].pid, signal.SIGKILL)
+        await shown.shows("selector was ended by SIGKILL", "start it again with:")
+        count = len(frames(shown.text))
+        await until(lambda: len(frames(shown.text)) > count + 3, PATIENCE_S, "the view to go on")
+        for frame in frames(shown.text):
+            assert {len(line) for line in frame} == {120}, frame
+        await shown.shows("look at: selector")
+        shown.press_ctrl_c()
+        assert await shown.end() == 0
+        assert "Traceback" not in shown.text
+        assert shown.after == shown.before
+
+
+@pytest.mark.parametrize(("kind", "option"), [("dumb", ()), ("xterm", ("--no-view",))])
+async def test_without_a_view_it_logs_lines(endpoint: str, kind: str, option: tuple[str, ...]) -> None:
+    arguments = ("run", "scenario_2", "--duration", "2", "--listen", endpoint, *option)
+    with terminal(100, 30, *arguments, kind=kind) as shown:
+        assert await shown.end() == 0
+        assert "scenario_2 of site lab at" in shown.text
+        assert "scenario_2 ran 2 s" in shown.text
+        assert "╭" not in shown.text
+        assert HIDE not in shown.read()

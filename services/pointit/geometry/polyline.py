@@ -9,6 +9,11 @@ from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
 
+FARTHEST_M = 1e6
+"""Vertices beyond are mistakes."""
+SAME_M = 1e-9
+"""Vertices closer together than this are one: a step so short has no direction."""
+
 
 class Polyline:
     """A line through vertices, addressed by the distance from its start."""
@@ -17,10 +22,12 @@ class Polyline:
         """Take `vertices_m`, at least two, not all equal; repeated ones are dropped.
 
         Raises:
-            ValueError: the line has no length.
+            ValueError: the line has no length, or goes further than can be calculated with.
         """
         points = np.asarray(vertices_m, dtype=np.float64).reshape(-1, 3)
-        keep = np.r_[True, np.any(np.diff(points, axis=0) != 0.0, axis=1)]
+        if not np.all(np.abs(points) <= FARTHEST_M):
+            raise ValueError(f"a line's coordinates lie within {FARTHEST_M:g} m")
+        keep = np.r_[True, np.any(np.abs(np.diff(points, axis=0)) > SAME_M, axis=1)]
         points = points[keep]
         if len(points) < 2:
             raise ValueError("a line needs two different vertices")

@@ -247,6 +247,32 @@ def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
             assert due_s is not None
 
 
+@pytest.mark.parametrize("value", [1e308, -1e308, 5e-324])
+async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        health = bench.collect(HEALTH)
+        frames = await started(bench)
+        nonsense = TrackedObject(
+            id="evil",
+            kind="red",
+            position_m=(value, value, value),
+            surface="strip",
+            surface_id="a",
+            surface_position_m=-value,
+            surface_speed_mps=value,
+            length_m=abs(value),
+        )
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, tracker="x", objects=(nonsense,)))
+        bench.put(CURSOR, cursor(clock, value), "eve")
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        await until(lambda: any(5 in pixels(frame, "a") for frame in frames), what="anna's cursor")
+        far = Strip(id="a", line_m=((0.0, 0.0, 0.0), (value, 0.0, 0.0)), pixels=5)
+        bench.put(MAP, Environment(stamp_ns=0, name="evil", strips=(far,)))
+        await until(lambda: any("cannot be drawn" in text for h in health for text in h.warnings))
+        assert not any(each.errors for each in health)
+
+
 def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
     clock = ManualClock()
     scene = Scene()

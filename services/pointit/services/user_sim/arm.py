@@ -133,8 +133,8 @@ class Unrest:
         self._at_ns: int | None = None
 
     def at(self, now_ns: int) -> tuple[float, float]:
-        """Return azimuth and elevation beside the intended ones at `now_ns`, rad; time must not go back."""
-        passed_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) / NS_PER_S
+        """Return azimuth and elevation beside the intended ones at `now_ns`, rad."""
+        passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
         keep = math.exp(-passed_s / self._correlation_s)
         self._wander = keep * self._wander + self._sd * math.sqrt(

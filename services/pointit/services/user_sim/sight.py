@@ -1,11 +1,14 @@
 """What the person has seen so far: everything reaches the mind a visual delay after the light."""
 
+import contextlib
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
+    Belt,
     Cursor,
     Environment,
     Interaction,
@@ -13,13 +16,16 @@ from pointit.schemas import (
     Localization,
     Message,
     Selection,
+    Strip,
     TrackedObject,
     TrackedObjects,
 )
 
 NS_PER_S = 1_000_000_000
 FRESH_S = 1.0
-"""Objects of a tracker that says nothing for so long are out of sight."""
+"""Objects of a tracker that says nothing for so long, or is so far ahead, are out of sight."""
+FARTHEST = 1e6
+"""Metres and metres per second: nobody points at what is beyond, and squares of it must not overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +69,12 @@ class Sight:
 
     def objects(self, now_ns: int) -> list[SeenObject]:
         """Return every object in view."""
-        oldest_ns = now_ns - self._delay_ns - round(FRESH_S * NS_PER_S)
+        fresh_ns = round(FRESH_S * NS_PER_S)
+        oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
+        for name in [n for n, t in self._trackers.items() if not oldest_ns <= t.stamp_ns <= newest_ns]:
+            del self._trackers[name]
         return [
-            SeenObject(thing, seen.stamp_ns)
-            for seen in self._trackers.values()
-            if seen.stamp_ns >= oldest_ns
-            for thing in seen.objects
+            SeenObject(thing, seen.stamp_ns) for seen in self._trackers.values() for thing in seen.objects
         ]
 
     def lit_lamp(self) -> str:
@@ -111,9 +117,11 @@ class Sight:
     def _notice(self, now_ns: int, message: Message, name: str) -> None:
         match message:
             case TrackedObjects():
-                self._trackers[message.tracker] = message
+                seen = tuple(thing for thing in message.objects if _is_in_sight(thing))
+                self._trackers[message.tracker] = message.replace(objects=seen)
             case Cursor():
-                self.cursors.append(message)
+                if message.point_m is None or _is_near(message.point_m):
+                    self.cursors.append(message)
             case Selection():
                 self.selection = {chosen.id: chosen.user for chosen in message.objects}
             case Interaction():
@@ -130,8 +138,26 @@ class Sight:
                 raise TypeError(f"a person cannot see {type(message).__name__}")
 
     def _learn(self, room: Environment) -> None:
-        self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps}
-        self.strips = {strip.id: Polyline(strip.line_m) for strip in room.strips}
+        self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps if _is_near(lamp.position_m)}
+        self.strips = _drawable(room.strips)
         self._lines = {("strip", name): line for name, line in self.strips.items()}
-        self._lines |= {("belt", belt.id): Polyline(belt.line_m) for belt in room.belts}
+        self._lines |= {("belt", name): line for name, line in _drawable(room.belts).items()}
         self._links = {link.source: link.target for link in room.links}
+
+
+def _is_near(vector: Vec3) -> bool:
+    return max(map(abs, vector)) <= FARTHEST
+
+
+def _is_in_sight(thing: TrackedObject) -> bool:
+    along = (thing.surface_position_m, thing.surface_speed_mps, thing.length_m)
+    return _is_near(thing.position_m) and _is_near(thing.velocity_mps) and _is_near(along)
+
+
+def _drawable(things: Sequence[Strip] | Sequence[Belt]) -> dict[str, Polyline]:
+    """Return the lines of `things`; those that are none, such as a single point, cannot be seen."""
+    lines: dict[str, Polyline] = {}
+    for thing in things:
+        with contextlib.suppress(ValueError):
+            lines[thing.id] = Polyline(thing.line_m)
+    return lines

@@ -35,7 +35,7 @@ class Wristband:
         """Return what the band sends at `now_ns`; none while the radio is silent."""
         if self._start_ns is None:
             self._start_ns = self._at_ns = now_ns
-        passed_s = (now_ns - self._at_ns) / NS_PER_S
+        passed_s = max(0, now_ns - self._at_ns) / NS_PER_S  # a clock may be set back
         self._at_ns = now_ns
         self._drift(passed_s)
         noise = np.radians(self._config.noise_sd_deg) * self._rng.standard_normal(3)

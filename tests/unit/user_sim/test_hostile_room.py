@@ -1,0 +1,95 @@
+"""What others put on the bus, and clocks that jump, end no simulated person."""
+
+from typing import Literal
+
+import pytest
+
+from pointit.schemas import (
+    Belt,
+    Cursor,
+    Environment,
+    Interaction,
+    Lamp,
+    Message,
+    Strip,
+    TrackedObject,
+    TrackedObjects,
+)
+from pointit.schemas.topics import IMU, INTERACTION, MAP, OBJECTS
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.service import UserSim
+from pointit.services.user_sim.sight import Sight
+from tests.support.bench import ManualClock, memory_bench, until
+
+HUGE = 1e308
+S = 1_000_000_000
+POINTING = Interaction(stamp_ns=0, state="pointing")
+
+
+def lamp_at(x_m: float) -> Environment:
+    return Environment(stamp_ns=0, name="evil", lamps=(Lamp(id="l", position_m=(x_m, 0.0, 0.0)),))
+
+
+def thing(
+    surface: Literal["strip", "none"] = "none", value: float = HUGE, stamp_ns: int = 0
+) -> TrackedObjects:
+    item = TrackedObject(
+        id="evil",
+        kind="red",
+        position_m=(value, -value, value),
+        velocity_mps=(-value, value, value),
+        surface=surface,
+        surface_id="s",
+        surface_position_m=value,
+        surface_speed_mps=-value,
+    )
+    return TrackedObjects(stamp_ns=stamp_ns, tracker="foreign", objects=(item,))
+
+
+async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_jumps() -> None:
+    clock = ManualClock()
+    point = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    rooms = (
+        Environment(stamp_ns=0, name="evil", strips=(Strip(id="s", line_m=point, pixels=1),)),
+        Environment(stamp_ns=0, name="evil", belts=(Belt(id="s", line_m=((HUGE, 0, 0), (-HUGE, 0, 0))),)),
+        lamp_at(HUGE),
+    )
+    async with memory_bench(clock) as bench:
+        samples = bench.collect(IMU, "anna")
+        bench.start(UserSim, UserSimConfig(rate_hz=200.0, behaviour="select", target_kinds=("red",)), "anna")
+        await bench.settle()
+        bench.put(INTERACTION, POINTING, "anna")
+        for room in rooms:
+            bench.put(MAP, room)
+            for surface in ("strip", "none"):
+                bench.put(OBJECTS, thing(surface, stamp_ns=clock.advance(0.5)))
+                for jump_s in (0.5, 0.5, -3600.0, 0.1, 7200.0):
+                    clock.advance(jump_s)
+                    before = len(samples)
+                    await until(lambda before=before: len(samples) > before + 1, what="another sample")  # type: ignore[misc]
+                    await bench.settle()  # fails if the person has
+
+
+@pytest.mark.parametrize(
+    "message",
+    [thing(), lamp_at(HUGE), Cursor(stamp_ns=0, surface="strip", point_m=(HUGE, 0.0, 0.0))],
+    ids=["object", "lamp", "cursor"],
+)
+def test_what_is_beyond_the_world_is_not_seen(message: Message) -> None:
+    sight = Sight(0.0)
+    sight.show(0, message)
+    sight.look(0)
+    assert not sight.objects(0)
+    assert not sight.lamps_m
+    assert not sight.cursors
+
+
+def test_objects_from_the_future_are_not_seen_and_trackers_do_not_pile_up() -> None:
+    sight = Sight(0.0)
+    sight.show(S, thing(value=1.0, stamp_ns=S))
+    sight.look(S)
+    assert len(sight.objects(S)) == 1
+    sight.show(S, thing(value=1.0, stamp_ns=3600 * S))
+    sight.look(S)
+    assert not sight.objects(S)
+    assert not sight._trackers

@@ -183,3 +183,11 @@ def test_a_frame_keeps_nothing_of_the_one_before() -> None:
 def test_a_line_without_length_is_refused() -> None:
     with pytest.raises(ValueError, match="two different vertices"):
         Renderer([FORTH.model_copy(update={"line_m": ((0, 0, 0), (0, 0, 0))})])
+
+
+def test_more_pixels_than_a_frame_holds_are_refused() -> None:
+    line = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    strips = [Strip(id=f"strip_{n}", line_m=line, pixels=4096) for n in range(65)]
+    assert len(Renderer(strips[:64]).render([], [])) == 64
+    with pytest.raises(ValueError, match="266240 pixels together, a frame holds 262144"):
+        Renderer(strips)

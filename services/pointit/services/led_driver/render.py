@@ -48,6 +48,9 @@ class ObjectMark:
     """The colour of the person whose cursor is on it."""
 
 
+MAX_PIXELS = 64 * 4096
+"""Of all strips together: a frame of more would be longer than its message may be."""
+
 _ROUNDING = 1e-6
 """Pixels: how far beyond an end of a strip is still its end."""
 
@@ -90,10 +93,12 @@ class Renderer:
         """Lay `strips` out one after the other.
 
         Raises:
-            ValueError: the line of a strip has no length.
+            ValueError: the line of a strip has no length, or there are more pixels than a frame can hold.
         """
         self._style = style if style is not None else StyleConfig()
         counts = [strip.pixels for strip in strips]
+        if sum(counts) > MAX_PIXELS:
+            raise ValueError(f"all have {sum(counts)} pixels together, a frame holds {MAX_PIXELS}")
         ends = list(itertools.accumulate(counts))
         self._buffer: Pixels = np.zeros((sum(counts), 3), dtype=np.uint8)
         self._slices = {

@@ -67,7 +67,7 @@ class Command:
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
-                env={**inherited, **environment},
+                env={**inherited, "TMPDIR": str(folder), **environment},
                 start_new_session=True,
             )
 

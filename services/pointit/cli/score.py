@@ -56,7 +56,7 @@ class Score:
         Pending are those still there; what vanished with its tracker or a reset is nobody's fault.
         """
         kinds, selected, left = dict(self.kinds), set(self.selected), set(self.left)  # each at one go
-        there: frozenset[str] = frozenset().union(*list(self.listed.values()))
+        there = frozenset[str]().union(*list(self.listed.values()))
         targets = {name for name, kind in kinds.items() if kind in self.target_kinds}
         return {
             "selected": len(targets & selected if self.target_kinds else selected),

@@ -163,7 +163,7 @@ class Layers:
         except yaml.YAMLError as error:
             raise ConfigError(f"{source}: is not a value ({text!r})") from error
         is_word = isinstance(value, str | bool | int | float | dt.date)
-        nested: Any = text.strip() if is_word and text.lstrip()[0] not in "'\"" else value
+        nested: Any = text.strip() if is_word and not text.lstrip().startswith(("'", '"')) else value
         for name in reversed(path):
             nested = {name: nested}
         self.add(nested, source)

@@ -3,6 +3,8 @@
 import json
 import signal
 
+import pytest
+
 from tests.support.bench import until
 from tests.support.buses import router_process
 from tests.support.commands import Commands, onlooker, summary_of
@@ -14,6 +16,7 @@ def services_of(user: str) -> set[str]:
     return {f"{service}.{user}" for service in PERSON}
 
 
+@pytest.mark.slow
 async def test_two_systems_on_one_router_do_not_see_each_other(commands: Commands) -> None:
     async with router_process() as router:
         common = ("--connect", router.endpoint, "--speed", "4", "--duration", "40", "--no-view", "--json")
@@ -49,6 +52,7 @@ async def test_two_systems_on_one_router_do_not_see_each_other(commands: Command
             assert len(summary["services"]) == 4 + 4 * users
 
 
+@pytest.mark.slow
 async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: str) -> None:
     site = commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
     join = ("--connect", endpoint)

@@ -13,6 +13,7 @@ import termios
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -138,8 +139,11 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
         assert "of" in shown.text.rpartition("Selected ")[2]
 
 
-async def test_logs_stand_above_the_view(endpoint: str) -> None:
+async def test_logs_stand_above_the_view(
+    endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A child that is killed is reported while the view is drawn."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     with terminal(120, 50, "run", "scenario_3", "--processes", "--listen", endpoint) as shown:
         async with onlooker(endpoint) as seen:
             await seen.hears("selector")

@@ -6,6 +6,7 @@ import os
 import shlex
 import signal
 import sys
+import tempfile
 from pathlib import Path
 
 import psutil
@@ -21,6 +22,11 @@ from tests.support.bench import until
 from tests.support.buses import free_port
 
 PATIENCE_S = 20.0
+
+
+@pytest.fixture(autouse=True)
+def folders_of_the_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
 def launches() -> list[Launch]:

@@ -37,6 +37,21 @@ def test_time_does_not_stand_still_or_run_backwards(speed: float) -> None:
         SimulatedClock(speed)
 
 
+async def test_a_follower_may_wait_for_the_sites_time_before_it_begins() -> None:
+    exchange = Exchange()
+    cli, service = MemoryBus(exchange), MemoryBus(exchange)
+    follower = SiteClock(service)
+    assert not await follower.found(0.01)
+    waiting = asyncio.create_task(follower.found(5))
+    await asyncio.sleep(0)
+    cli.publisher(CLOCK).put(SimulatedClock(10.0).tick())
+    assert await waiting
+    assert follower.speed == 10.0
+    assert await follower.found(0)  # it stays found
+    await cli.close()
+    await service.close()
+
+
 async def test_a_site_clock_follows_the_tick_of_another_participant() -> None:
     exchange = Exchange()
     cli, service = MemoryBus(exchange), MemoryBus(exchange)

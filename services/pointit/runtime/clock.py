@@ -85,7 +85,7 @@ class SiteClock:
         try:
             await asyncio.wait_for(self._ticked.wait(), patience_s)
         except TimeoutError:
-            return False
+            return self._ticked.is_set()
         return True
 
     def close(self) -> None:

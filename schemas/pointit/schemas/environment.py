@@ -75,7 +75,6 @@ class TrackedObjects(Message):
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 2000 objects with all fields."""
 
-    tracker: Annotated[str, Field(description="who tracks them; each tracker lists its own")] = ""
     objects: Many[TrackedObject] = ()
 
 

@@ -145,12 +145,12 @@ MAP = Topic(
     about="the room",
 )
 OBJECTS = Topic(
-    key="objects",
+    key="objects/{tracker}",
     message=environment.TrackedObjects,
     delivery=_LATEST,
     rate_hz=25,
     writers=("conveyor-sim", "robot-replay", "external"),
-    about="what moves",
+    about="what moves; each tracker lists its own",
 )
 SELECTION = Topic(
     key="selection",

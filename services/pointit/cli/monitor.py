@@ -58,7 +58,7 @@ class Monitor:
     def attach(self, bus: Bus) -> None:
         """Begin to listen on `bus`."""
         bus.subscribe(MAP, self._on_map)
-        bus.subscribe(OBJECTS, lambda message, _name: self.score.on_objects(message))
+        bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message))
         bus.subscribe(SELECTION_EVENTS, self._on_event)
         bus.subscribe(INTERACTION, self._on_interaction)
         bus.subscribe(HOVER, self._on_hover)

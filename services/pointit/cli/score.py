@@ -31,9 +31,9 @@ class Score:
     corrected: int = 0
     """Wrong selections that were taken back."""
 
-    def on_objects(self, message: TrackedObjects) -> None:
-        """Take note of what there is."""
-        self.listed[message.tracker] = frozenset(thing.id for thing in message.objects)
+    def on_objects(self, tracker: str, message: TrackedObjects) -> None:
+        """Take note of what `tracker` lists."""
+        self.listed[tracker] = frozenset(thing.id for thing in message.objects)
         for thing in message.objects:
             self.kinds.setdefault(thing.id, thing.kind)
 

@@ -12,9 +12,9 @@ from pointit.schemas import Cursor, SelectionEvent, StripsFrame, TrackedObject, 
 MS = 1_000_000
 
 
-def things(*pairs: tuple[str, str], tracker: str = "conveyor") -> TrackedObjects:
+def things(*pairs: tuple[str, str]) -> TrackedObjects:
     objects = tuple(TrackedObject(id=name, kind=kind, position_m=(0.0, 0.0, 0.0)) for name, kind in pairs)
-    return TrackedObjects(stamp_ns=1, tracker=tracker, objects=objects)
+    return TrackedObjects(stamp_ns=1, objects=objects)
 
 
 def event(what: str, object_id: str, kind: str = "") -> SelectionEvent:
@@ -27,7 +27,7 @@ def of_reds(*messages: TrackedObjects | SelectionEvent, kinds: tuple[str, ...] =
     score = Score(kinds)
     for message in messages:
         if isinstance(message, TrackedObjects):
-            score.on_objects(message)
+            score.on_objects("conveyor", message)
         else:
             score.on_event(message)
     return score.counts()
@@ -74,7 +74,10 @@ def test_an_event_may_come_before_the_object_is_listed() -> None:
 def test_what_vanished_with_its_tracker_is_neither_missed_nor_pending() -> None:
     assert of_reds(TWO, things(("c", "red"))) == {**NONE, "pending": 1}
     assert of_reds(TWO, things()) == NONE
-    assert of_reds(TWO, things(("c", "red"), tracker="robot"))["pending"] == 2
+    score = Score(("red",))
+    score.on_objects("conveyor", TWO)
+    score.on_objects("robot", things(("c", "red")))
+    assert score.counts()["pending"] == 2
 
 
 def test_without_targets_everything_may_be_selected_and_nothing_need_be() -> None:

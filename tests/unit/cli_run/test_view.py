@@ -221,7 +221,7 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     token = bus.announce(USER_ALIVE, "anna")
     bus.publisher(MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
     thing = TrackedObject(id="x-1", kind="red", position_m=(0.0, 0.0, 0.0))
-    bus.publisher(OBJECTS).put(TrackedObjects(stamp_ns=1, objects=(thing,)))
+    bus.publisher(OBJECTS, "conveyor").put(TrackedObjects(stamp_ns=1, objects=(thing,)))
     bus.publisher(LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(255, 255, 0)))
     stamp_ns = time.time_ns()
     bus.publisher(CURSOR, "anna").put(

@@ -58,7 +58,7 @@ def cursor(clock: ManualClock, position_m: float, strip_id: str = "a") -> Cursor
     )
 
 
-def package(clock: ManualClock, *, speed_mps: float = 0.0, tracker: str = "") -> TrackedObjects:
+def package(clock: ManualClock, *, speed_mps: float = 0.0) -> TrackedObjects:
     item = TrackedObject(
         id="p1",
         kind="red",
@@ -69,7 +69,7 @@ def package(clock: ManualClock, *, speed_mps: float = 0.0, tracker: str = "") ->
         surface_position_m=0.5,
         surface_speed_mps=speed_mps,
     )
-    return TrackedObjects(stamp_ns=clock.now_ns(), tracker=tracker, objects=(item,))
+    return TrackedObjects(stamp_ns=clock.now_ns(), objects=(item,))
 
 
 def pixels(frame: StripsFrame, strip_id: str) -> dict[int, tuple[int, ...]]:
@@ -113,7 +113,7 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench)
-        bench.put(OBJECTS, package(clock, speed_mps=1.0))
+        bench.put(OBJECTS, package(clock, speed_mps=1.0), "conveyor")
         assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
         clock.advance(0.2)
         bench.put(SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id="p1", user="x", since_ns=1),)))
@@ -135,11 +135,11 @@ async def test_trackers_do_not_take_each_others_objects_away() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench)
-        bench.put(OBJECTS, package(clock, tracker="one"))
+        bench.put(OBJECTS, package(clock), "one")
         await next_frame(frames)
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=1, tracker="two"))
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=1), "two")
         assert pixels(await next_frame(frames), "a")
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=1, tracker="one"))
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=1), "one")
         assert not pixels(await next_frame(frames), "a")
 
 
@@ -148,7 +148,7 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench, config)
-        bench.put(OBJECTS, package(clock))
+        bench.put(OBJECTS, package(clock), "conveyor")
         bench.put(CURSOR, cursor(clock, 1.5), "anna")
         await until(lambda: {3, 15} <= set(pixels(frames[-1], "a")))
         clock.advance(0.15)
@@ -263,7 +263,7 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
             surface_speed_mps=value,
             length_m=abs(value),
         )
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, tracker="x", objects=(nonsense,)))
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, objects=(nonsense,)), "x")
         bench.put(CURSOR, cursor(clock, value), "eve")
         bench.put(CURSOR, cursor(clock, 0.5), "anna")
         await until(lambda: any(5 in pixels(frame, "a") for frame in frames), what="anna's cursor")
@@ -277,7 +277,7 @@ def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
     clock = ManualClock()
     scene = Scene()
     scene.set_cursor("anna", cursor(clock, 0.5), clock.now_ns())
-    scene.set_objects(package(clock), clock.now_ns())
+    scene.set_objects("conveyor", package(clock), clock.now_ns())
     clock.advance(-3600.0)
     scene.forget(clock.now_ns())
     assert scene.cursors() == []
@@ -288,7 +288,7 @@ def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
 def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     clock = ManualClock()
     scene = Scene()
-    scene.set_objects(package(clock, speed_mps=1.0), clock.now_ns())
+    scene.set_objects("conveyor", package(clock, speed_mps=1.0), clock.now_ns())
     assert scene.objects(clock.now_ns() - 500_000_000)[0].position_m == 0.5
     assert scene.objects(clock.now_ns() + 100_000_000)[0].position_m == pytest.approx(0.6)
 

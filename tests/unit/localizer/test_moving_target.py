@@ -50,7 +50,7 @@ def fly(
         if tick % 2 == 0 and t_s >= robot_late_s:
             seen_s = t_s - robot_late_s
             others = {"decoy": place(seen_s, 2.5)} if decoy else {}
-            procedure.on_objects(robots(seen_s, **others, drone=place(seen_s)))
+            procedure.on_objects("room", robots(seen_s, **others, drone=place(seen_s)))
         outputs += procedure.step(now_ns)
     return outputs
 
@@ -120,7 +120,7 @@ def test_reasons_while_nothing_comes() -> None:
     (first,) = told(procedure.step(START_NS))
     assert first.phase == "sampling"
     assert "nobody says where a robot is" in first.reason
-    procedure.on_objects(robots(0.0, drone=place(0.0)))
+    procedure.on_objects("room", robots(0.0, drone=place(0.0)))
     (second,) = told(procedure.step(START_NS + NS_PER_S))
     assert "no rays come" in second.reason
     (last,) = told(procedure.step(START_NS + 3 * NS_PER_S))

@@ -25,8 +25,8 @@ def on_strip(
     )
 
 
-def listing(*objects: TrackedObject, stamp_ns: int = S, tracker: str = "") -> TrackedObjects:
-    return TrackedObjects(stamp_ns=stamp_ns, tracker=tracker, objects=objects)
+def listing(*objects: TrackedObject, stamp_ns: int = S) -> TrackedObjects:
+    return TrackedObjects(stamp_ns=stamp_ns, objects=objects)
 
 
 def cursor(position_m: float, *, stamp_ns: int = S, strip: str = "0") -> Cursor:
@@ -49,20 +49,20 @@ def under(whereabouts: Whereabouts, at: Cursor) -> str | None:
 )
 def test_half_the_length_and_the_margin_count(position_m: float, expected: str | None) -> None:
     whereabouts = Whereabouts(margin_m=0.05)
-    whereabouts.update(listing(on_strip("a", 1.0)))
+    whereabouts.update("one", listing(on_strip("a", 1.0)))
     assert under(whereabouts, cursor(position_m)) == expected
 
 
 def test_the_nearest_centre_wins() -> None:
     whereabouts = Whereabouts(margin_m=0.5)
-    whereabouts.update(listing(on_strip("a", 1.0), on_strip("b", 1.3)))
+    whereabouts.update("one", listing(on_strip("a", 1.0), on_strip("b", 1.3)))
     assert under(whereabouts, cursor(1.14)) == "a"
     assert under(whereabouts, cursor(1.16)) == "b"
 
 
 def test_other_surfaces_do_not_count() -> None:
     whereabouts = Whereabouts()
-    whereabouts.update(listing(on_strip("a", 1.0, strip="1")))
+    whereabouts.update("one", listing(on_strip("a", 1.0, strip="1")))
     assert under(whereabouts, cursor(1.0)) is None
     assert under(whereabouts, cursor(1.0, strip="1")) == "a"
     assert under(whereabouts, Cursor(stamp_ns=S)) is None
@@ -73,7 +73,7 @@ def test_other_surfaces_do_not_count() -> None:
 @given(st.floats(-2, 2), st.floats(-0.5, 0.5))
 def test_objects_are_taken_where_they_were_at_the_cursors_time(speed_mps: float, age_s: float) -> None:
     whereabouts = Whereabouts(margin_m=0.0)
-    whereabouts.update(listing(on_strip("a", 2.0, speed_mps=speed_mps, length_m=0.02)))
+    whereabouts.update("one", listing(on_strip("a", 2.0, speed_mps=speed_mps, length_m=0.02)))
     stamp_ns = S + round(age_s * S)
     assert under(whereabouts, cursor(2.0 + speed_mps * age_s, stamp_ns=stamp_ns)) == "a"
     assert under(whereabouts, cursor(2.0 + speed_mps * age_s + 0.02, stamp_ns=stamp_ns)) is None
@@ -82,7 +82,7 @@ def test_objects_are_taken_where_they_were_at_the_cursors_time(speed_mps: float,
 @given(st.lists(st.floats(0, 5), min_size=1, max_size=30), st.floats(0, 5))
 def test_arrays_find_what_looking_at_each_finds(positions_m: list[float], at_m: float) -> None:
     whereabouts = Whereabouts(margin_m=0.05)
-    whereabouts.update(listing(*(on_strip(str(i), p) for i, p in enumerate(positions_m))))
+    whereabouts.update("one", listing(*(on_strip(str(i), p) for i, p in enumerate(positions_m))))
     gaps = {str(i): abs(p - at_m) for i, p in enumerate(positions_m)}
     best = min(gaps, key=lambda object_id: gaps[object_id])
     assert under(whereabouts, cursor(at_m)) == (best if gaps[best] <= 0.3 / 2 + 0.05 else None)
@@ -97,7 +97,7 @@ def test_free_objects_count_by_their_distance_to_the_point() -> None:
         length_m=0.2,
     )
     whereabouts = Whereabouts(margin_m=0.05)
-    whereabouts.update(listing(robot))
+    whereabouts.update("one", listing(robot))
     assert under(whereabouts, cursor(1.0)) is None
     assert under(whereabouts, cursor(1.0, stamp_ns=S + S // 2)) == "robot"
     assert under(whereabouts, Cursor(stamp_ns=S + S // 2)) is None
@@ -105,11 +105,11 @@ def test_free_objects_count_by_their_distance_to_the_point() -> None:
 
 def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
     whereabouts = Whereabouts(margin_m=0.3)
-    whereabouts.update(listing(on_strip("a", 1.0), tracker="one"))
-    whereabouts.update(listing(on_strip("b", 1.2), tracker="two"))
+    whereabouts.update("one", listing(on_strip("a", 1.0)))
+    whereabouts.update("two", listing(on_strip("b", 1.2)))
     assert under(whereabouts, cursor(1.15)) == "b"
     assert under(whereabouts, cursor(1.05)) == "a"
-    whereabouts.update(listing(tracker="two"))
+    whereabouts.update("two", listing())
     assert under(whereabouts, cursor(1.15)) == "a"
     assert whereabouts.kinds == {"a": "red"}
 
@@ -117,15 +117,15 @@ def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
 def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
     whereabouts = Whereabouts()
     for number in range(10 * MAX_TRACKERS):
-        whereabouts.update(listing(on_strip(f"x{number}", 9.0), tracker=f"x{number}"))
-        whereabouts.update(listing(on_strip("a", 1.0), tracker="ours"))
+        whereabouts.update(f"x{number}", listing(on_strip(f"x{number}", 9.0)))
+        whereabouts.update("ours", listing(on_strip("a", 1.0)))
     assert under(whereabouts, cursor(1.0)) == "a"
     assert len(whereabouts.kinds) == MAX_TRACKERS
 
 
 def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
     whereabouts = Whereabouts(stale_after_s=1.0)
-    whereabouts.update(listing(on_strip("a", 1.0), tracker="one"))
+    whereabouts.update("one", listing(on_strip("a", 1.0)))
     assert under(whereabouts, cursor(1.0, stamp_ns=2 * S)) == "a"
     assert whereabouts.silent(2 * S) == []
     assert under(whereabouts, cursor(1.0, stamp_ns=2 * S + 1)) is None

@@ -36,7 +36,6 @@ def strip_object(object_id: str, position_m: float) -> TrackedObject:
 def objects(clock: ManualClock, *ids: str) -> TrackedObjects:
     return TrackedObjects(
         stamp_ns=clock.now_ns(),
-        tracker="conveyor-sim",
         objects=tuple(strip_object(object_id, ord(object_id) - ord("a") + 1.0) for object_id in ids),
     )
 
@@ -45,7 +44,7 @@ async def stay(bench: Bench, clock: ManualClock, user: str, position_m: float, *
     """Keep the cursor there for a second at 25 Hz, with `ids` listed at 1, 2, … m."""
     for _ in range(25):
         clock.advance(0.04)
-        bench.put(OBJECTS, objects(clock, *ids))
+        bench.put(OBJECTS, objects(clock, *ids), "conveyor")
         await bench.settle(3)
         at = Cursor(
             stamp_ns=clock.now_ns(),
@@ -80,7 +79,7 @@ async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> No
         assert rising[0] == 0.0
         assert rising[-1] > 0.8
 
-        bench.put(OBJECTS, objects(clock, "a"))
+        bench.put(OBJECTS, objects(clock, "a"), "conveyor")
         await bench.settle()
         assert selections[-1].objects == ()
         assert len(events) == 1  # the conveyor tells that it left
@@ -124,7 +123,7 @@ async def test_an_object_that_left_within_the_window_is_not_selected() -> None:
         await bench.settle()
         for index in range(25):
             clock.advance(0.04)
-            bench.put(OBJECTS, objects(clock, *("a" if index < 12 else "")))
+            bench.put(OBJECTS, objects(clock, *("a" if index < 12 else "")), "conveyor")
             await bench.settle(3)
             at = Cursor(stamp_ns=clock.now_ns(), surface="strip", surface_id="0", position_m=1.0)
             bench.put(CURSOR, at, "anna")
@@ -153,7 +152,7 @@ async def test_health_says_when_the_objects_are_not_heard_of() -> None:
         clock.advance(5.0)
         bench.put(CURSOR, Cursor(stamp_ns=clock.now_ns()), "anna")
         await bench.settle()
-        assert "conveyor-sim" in view.report().warnings[0]
+        assert "conveyor" in view.report().warnings[0]
         await stay(bench, clock, "anna", 1.0, "a")
         assert view.report().warnings == ()
         row = process("selector")
@@ -172,3 +171,23 @@ def test_a_wrong_parameter_is_named(field: str, value: object) -> None:
     layers.add({field: value}, "file.yaml")
     with pytest.raises(ConfigError, match=f"{field}.*{value}"):
         layers.build(SelectorConfig)
+
+
+async def test_two_trackers_at_25_hz_side_by_side_are_both_seen() -> None:
+    """Both write before anybody reads: on one key the newer would take the older's place."""
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        hovers = {user: bench.collect(HOVER, user) for user in ("anna", "ben")}
+        bench.start(Selector)
+        await bench.settle()
+        for _ in range(25):
+            clock.advance(0.04)
+            bench.put(OBJECTS, objects(clock, "a"), "conveyor")
+            bench.put(OBJECTS, objects(clock, "b"), "robot")
+            await bench.settle(3)
+            for user, position_m in (("anna", 1.0), ("ben", 2.0)):
+                at = Cursor(stamp_ns=clock.now_ns(), surface="strip", surface_id="0", position_m=position_m)
+                bench.put(CURSOR, at, user)
+            await bench.settle(3)
+        assert {hover.object_id for hover in hovers["anna"]} == {"a"}
+        assert {hover.object_id for hover in hovers["ben"]} == {"b"}

@@ -43,7 +43,7 @@ def thing(
         surface_position_m=value,
         surface_speed_mps=-value,
     )
-    return TrackedObjects(stamp_ns=stamp_ns, tracker="foreign", objects=(item,))
+    return TrackedObjects(stamp_ns=stamp_ns, objects=(item,))
 
 
 async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_jumps() -> None:
@@ -62,7 +62,7 @@ async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_jumps(
         for room in rooms:
             bench.put(MAP, room)
             for surface in ("strip", "none"):
-                bench.put(OBJECTS, thing(surface, stamp_ns=clock.advance(0.5)))
+                bench.put(OBJECTS, thing(surface, stamp_ns=clock.advance(0.5)), "foreign")
                 for jump_s in (0.5, 0.5, -3600.0, 0.1, 7200.0):
                     clock.advance(jump_s)
                     before = len(samples)

@@ -33,6 +33,9 @@ from pointit.services.conveyor_sim.conveyor import Conveyor, NoRoomError, Unknow
 from pointit.services.conveyor_sim.feeder import Feeder
 from pointit.services.conveyor_sim.lane import Lane
 
+TRACKER = "conveyor"
+"""Under this name its objects are reported."""
+
 STALL_S = 1.0
 """Wall time without a step after which the conveyor goes on from where it was, instead of jumping."""
 
@@ -57,7 +60,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._seq = 0
         self._events_seq = 0
         self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps, running=False)
-        self._objects = self.bus.publisher(OBJECTS)
+        self._objects = self.bus.publisher(OBJECTS, TRACKER)
         self._states = self.bus.publisher(CONVEYOR_STATE)
         self._events = self.bus.publisher(SELECTION_EVENTS)
         self._states.put(self._state)
@@ -181,11 +184,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     def _report(self, conveyor: Conveyor, now_ns: int) -> None:
         self._advance(conveyor, now_ns)
         self._seq += 1
-        self._objects.put(
-            TrackedObjects(
-                stamp_ns=now_ns, seq=self._seq, tracker=self.NAME, objects=tuple(conveyor.tracked())
-            )
-        )
+        self._objects.put(TrackedObjects(stamp_ns=now_ns, seq=self._seq, objects=tuple(conveyor.tracked())))
         last = self._state
         is_running = conveyor.speed_mps != 0.0
         if (conveyor.speed_mps, conveyor.fed, conveyor.left, is_running) != (

@@ -44,9 +44,9 @@ class Scene:
         """Take what `user`'s cursor is on."""
         self._hovers[user] = (now_ns, hover)
 
-    def set_objects(self, objects: TrackedObjects, now_ns: int) -> None:
-        """Take all objects of one tracker."""
-        self._objects[objects.tracker] = (now_ns, objects)
+    def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
+        """Take all objects of `tracker`."""
+        self._objects[tracker] = (now_ns, objects)
 
     def set_selection(self, selection: Selection) -> None:
         """Take what is selected."""

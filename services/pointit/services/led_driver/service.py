@@ -116,8 +116,8 @@ class LedDriver(Service[LedDriverConfig]):
         self._scene.set_selection(selection)
         self._wish()
 
-    def _on_objects(self, objects: TrackedObjects, _name: str) -> None:
-        self._scene.set_objects(objects, self.clock.now_ns())
+    def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
+        self._scene.set_objects(tracker, objects, self.clock.now_ns())
         self._wish()
 
     def _on_hover(self, hover: Hover, user: str) -> None:

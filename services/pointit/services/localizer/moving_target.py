@@ -39,7 +39,8 @@ class MovingTarget:
     _started_ns: int
     _due_ns: int
     _rays: RayWindow
-    _tracks: dict[str, Track]
+    _tracks: dict[tuple[str, str], Track]
+    """By tracker and id."""
     _target_id: str
     _tried_ns: int
     """Stamp of the newest ray at the last try."""
@@ -72,14 +73,14 @@ class MovingTarget:
         if self._running and ray.stamp_ns >= self._started_ns:
             self._rays.add(ray)
 
-    def on_objects(self, message: TrackedObjects) -> None:
-        """Keep where the robots are."""
+    def on_objects(self, tracker: str, message: TrackedObjects) -> None:
+        """Keep where the robots of `tracker` are."""
         if not self._running:
             return
         wanted = self._following.target_id
         for item in message.objects:
             if item.id == wanted or (not wanted and item.kind == ROBOT):
-                track = self._tracks.setdefault(item.id, Track(self._following.window_s))
+                track = self._tracks.setdefault((tracker, item.id), Track(self._following.window_s))
                 track.add(message.stamp_ns, item.position_m)
 
     def step(self, now_ns: int) -> list[Output]:
@@ -124,11 +125,11 @@ class MovingTarget:
         before_ns, self._tried_ns = self._tried_ns, self._rays.newest_ns
         if self._tried_ns == before_ns:
             return Refusal("no rays come; check that the IMU is on and sends")
-        for track_id, track in list(self._tracks.items()):  # those that left
+        for name, track in list(self._tracks.items()):  # those that left
             if track.newest_ns < self._rays.newest_ns - self._following.window_s * NS_PER_S:
-                del self._tracks[track_id]
+                del self._tracks[name]
         self._span_s = 0.0
-        results = [(self._solve(track), track_id) for track_id, track in self._tracks.items()]
+        results = [(self._solve(track), track_id) for (_, track_id), track in self._tracks.items()]
         if not results:
             return Refusal("the robot is not tracked any more; see what tracks it")
         result, self._target_id = min(results, key=_worth)

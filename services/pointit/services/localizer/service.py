@@ -95,9 +95,9 @@ class Localizer(Service[LocalizerConfig]):
         if self._procedure is not None and self._is_timely(RAY.key, ray.stamp_ns):
             self._procedure.on_ray(ray)
 
-    def _on_objects(self, objects: TrackedObjects, _name: str) -> None:
+    def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         if isinstance(self._procedure, MovingTarget) and self._is_timely(OBJECTS.key, objects.stamp_ns):
-            self._procedure.on_objects(objects)
+            self._procedure.on_objects(tracker, objects)
 
     def _is_timely(self, key: str, stamp_ns: int) -> bool:
         """Return whether `stamp_ns` is not in the future, but for clocks that differ a little, and say so."""

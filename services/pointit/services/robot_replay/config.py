@@ -3,6 +3,7 @@
 from pydantic import Field
 
 from pointit.runtime.config import Config
+from pointit.schemas.base import Name
 
 
 class RobotReplayConfig(Config):
@@ -15,5 +16,8 @@ class RobotReplayConfig(Config):
         default=0,
         ge=0,
         description="time of the recording's first sample, Unix ns; 0: when the service starts",
+    )
+    tracker: Name = Field(
+        default="robot", description="under which it is reported; each tracker on a site needs its own"
     )
     robot_id: str = Field(default="robot", min_length=1, max_length=64, description="id of the robot")

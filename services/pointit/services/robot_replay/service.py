@@ -34,7 +34,7 @@ class RobotReplay(Service[RobotReplayConfig]):
                 "recording: is missing; name a CSV file with columns t, robot_x, robot_y, robot_z"
             )
         self._trajectory = Trajectory(read_imu_csv(Path(config.recording)), config.robot_id)
-        self._objects = self.bus.publisher(OBJECTS)
+        self._objects = self.bus.publisher(OBJECTS, config.tracker)
 
     async def run(self) -> None:
         """Send each report when it is due; what is past when this begins is left out; then wait."""

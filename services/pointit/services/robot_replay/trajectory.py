@@ -8,7 +8,6 @@ from pointit.sim.recordings import ImuRecording
 
 NS_PER_S = 1_000_000_000
 
-TRACKER = "recording"
 KIND = "robot"
 
 
@@ -43,6 +42,4 @@ class Trajectory:
         x, y, z = self._places[index]
         vx, vy, vz = self._velocities[index]
         robot = TrackedObject(id=self._robot_id, kind=KIND, position_m=(x, y, z), velocity_mps=(vx, vy, vz))
-        return TrackedObjects(
-            stamp_ns=start_ns + self.times_ns[index], seq=index + 1, tracker=TRACKER, objects=(robot,)
-        )
+        return TrackedObjects(stamp_ns=start_ns + self.times_ns[index], seq=index + 1, objects=(robot,))

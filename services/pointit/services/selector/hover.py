@@ -78,10 +78,10 @@ class Whereabouts:
         """Return the ids of all objects that are there, with their kinds."""
         return self._kinds
 
-    def update(self, message: TrackedObjects) -> None:
-        """Take a tracker's list in place of its last one."""
-        self._trackers.pop(message.tracker, None)  # to the end: the first is the one longest unheard
-        self._trackers[message.tracker] = _Listing(message, self._margin_m)
+    def update(self, tracker: str, message: TrackedObjects) -> None:
+        """Take the list of `tracker` in place of its last one."""
+        self._trackers.pop(tracker, None)  # to the end: the first is the one longest unheard
+        self._trackers[tracker] = _Listing(message, self._margin_m)
         while len(self._trackers) > MAX_TRACKERS:
             del self._trackers[next(iter(self._trackers))]
         self._kinds = {

@@ -64,8 +64,8 @@ class Selector(Service[SelectorConfig]):
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(CURSOR, self._on_cursor)
 
-    def _on_objects(self, message: TrackedObjects, _name: str) -> None:
-        self._whereabouts.update(message)
+    def _on_objects(self, message: TrackedObjects, tracker: str) -> None:
+        self._whereabouts.update(tracker, message)
         if self._ledger.keep(self._whereabouts.kinds):
             self._selections.put(self._ledger.selection(message.stamp_ns))
 

@@ -118,7 +118,7 @@ class Sight:
         match message:
             case TrackedObjects():
                 seen = tuple(thing for thing in message.objects if _is_in_sight(thing))
-                self._trackers[message.tracker] = message.replace(objects=seen)
+                self._trackers[name] = message.model_copy(update={"objects": seen})
             case Cursor():
                 if message.point_m is None or _is_near(message.point_m):
                     self.cursors.append(message)

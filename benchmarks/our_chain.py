@@ -72,7 +72,7 @@ async def processes(rate_hz: float, duration_s: float, endpoint: str) -> list[fl
     """Return the times when each service is a process, all connected to this one, seconds."""
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
     try:
-        async with Processes(chain(), site="lab", connect=endpoint, simulated_time=False):
+        async with Processes(chain(), site="lab", connect=endpoint, clock="wall"):
             ready = asyncio.Event()
             poses: list[UserPose] = []
 

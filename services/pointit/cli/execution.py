@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 import time
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,22 +16,44 @@ import click
 from rich.console import Console
 from rich.live import Live
 
+from pointit.cli.keyboard import has_keyboard, keys
 from pointit.cli.monitor import Monitor
 from pointit.cli.processes import Processes
 from pointit.cli.score import Score, summary_lines
-from pointit.cli.view import REFRESH_HZ, draw
-from pointit.runtime import Clock, ConfigError, Launch, ListenError, SimulatedClock, WallClock, run_services
+from pointit.cli.view import REFRESH_HZ, draw, figures
+from pointit.runtime import (
+    Clock,
+    ConfigError,
+    Launch,
+    ListenError,
+    SimulatedClock,
+    SiteClock,
+    WallClock,
+    run_services,
+)
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import run_async
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
-from pointit.schemas import Deployment, ExpectedService
-from pointit.schemas.topics import CLOCK, DEPLOYMENT
+from pointit.schemas import ButtonEvent, ClockTick, Deployment, ExpectedService
+from pointit.schemas.topics import BUTTON, CLOCK, DEPLOYMENT, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
 PORTS_TO_TRY = 10
 """Ports from the default on that `run` tries before it gives up."""
+
+TICK_S = 1.0
+"""How often the time is told; followers go on by themselves in between."""
+
+CLOCK_PATIENCE_S = 1.5 * TICK_S
+"""How long to wait for the time of a site that is joined; a site of bare services has none."""
+
+PRESENCE_PATIENCE_S = 0.3
+"""How long to listen for who is there already."""
+
+FIGURES_S = 10.0
+"""How often a run without a view logs its figures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +73,8 @@ class Plan:
     scored: bool = True
     """A whole scenario: sum it up at the end, and without any cursor it has failed."""
     view: bool = True
+    person: str = ""
+    """Only this person's part is told and drawn; empty for everybody's."""
     summary: Path | None = None
     as_json: bool = False
 
@@ -84,11 +108,12 @@ async def _run(plan: Plan, console: Console | None) -> int:
     """Run the plan to its end; sum it up even when it is cut short."""
     bus = await _open(plan)
     try:
-        clock: Clock = SimulatedClock(plan.speed) if plan.speed != 1.0 else WallClock()
-        monitor = Monitor(Score(plan.target_kinds), clock)
+        await _refuse_names_in_use(plan, bus)
+        clock = await _clock(plan, bus)
+        monitor = Monitor(Score(plan.target_kinds), clock, person=plan.person)
+        if console is None:
+            monitor.tell = log.info
         monitor.attach(bus)
-        if isinstance(clock, SimulatedClock):
-            bus.publisher(CLOCK).put(clock.tick())
         began_s = time.monotonic()
         failed = True
         try:
@@ -108,15 +133,82 @@ async def _run(plan: Plan, console: Console | None) -> int:
     return 0
 
 
+async def _clock(plan: Plan, bus: ZenohBus) -> Clock:
+    """Return the time of this run: its own, or that of the site it joins."""
+    if plan.speed != 1.0:
+        return SimulatedClock(plan.speed)
+    if bus.link.connect:
+        clock = SiteClock(bus)
+        await clock.found(CLOCK_PATIENCE_S)
+        return clock
+    return WallClock()
+
+
+async def _refuse_names_in_use(plan: Plan, bus: ZenohBus) -> None:
+    """Make sure that nobody else runs services under the same people's names.
+
+    Raises:
+        ConfigError: somebody does.
+    """
+    users = {launch.user for launch in plan.launches} - {""}
+    taken = users & await _present(bus) if bus.link.connect else set[str]()
+    if taken:
+        names = ", ".join(sorted(taken))
+        raise ConfigError(
+            f"{names}: already on site {bus.link.site}; choose another name, or end the other one first"
+        )
+
+
+async def _present(bus: ZenohBus) -> set[str]:
+    """Return who is there."""
+    names: set[str] = set()
+
+    def note(name: str, there: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (names.add if there else names.discard)(name)
+
+    watching = bus.watch(USER_ALIVE, note)
+    await asyncio.sleep(PRESENCE_PATIENCE_S)
+    watching.close()
+    return names
+
+
 async def _live(plan: Plan, bus: ZenohBus, clock: Clock, monitor: Monitor, console: Console | None) -> None:
     """Run the services for the plan's duration, or until they end."""
-    end_s = None if plan.duration_s is None else time.monotonic() + plan.duration_s / plan.speed
-    async with _services(plan, bus, clock) as work:
-        with _view(plan, monitor, console, end_s):
+    end_s = None if plan.duration_s is None else time.monotonic() + plan.duration_s / clock.speed
+    async with _told(bus, clock, monitor, console), _services(plan, bus, clock) as work:
+        with _view(plan, bus, monitor, console, end_s):
             timeout = None if end_s is None else max(0.0, end_s - time.monotonic())
             await asyncio.wait({work}, timeout=timeout)
-            if work.done():
-                work.result()
+
+
+@contextlib.asynccontextmanager
+async def _told(
+    bus: ZenohBus, clock: Clock, monitor: Monitor, console: Console | None
+) -> AsyncGenerator[None]:
+    """Tell the site what time it is, and without a view the log the figures, now and then."""
+
+    async def tick() -> None:
+        publisher = bus.publisher(CLOCK)
+        while True:
+            publisher.put(ClockTick(stamp_ns=time.time_ns(), sim_ns=clock.now_ns(), speed=clock.speed))
+            await asyncio.sleep(TICK_S)
+
+    async def tell_figures() -> None:
+        while True:
+            await asyncio.sleep(FIGURES_S)
+            log.info("%s", figures(monitor).plain)
+
+    tasks: list[asyncio.Task[None]] = []
+    if not isinstance(clock, SiteClock):  # whoever joins has this time, not its own
+        tasks.append(asyncio.create_task(tick(), name="clock"))
+    if console is None:
+        tasks.append(asyncio.create_task(tell_figures(), name="figures"))
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _open(plan: Plan) -> ZenohBus:
@@ -124,7 +216,7 @@ async def _open(plan: Plan) -> ZenohBus:
     link = plan.link
     for number in range(PORTS_TO_TRY):
         try:
-            bus = await ZenohBus.open(link)
+            bus = await ZenohBus.open(link, patience_s=plan.duration_s)
         except ListenError:
             if not plan.may_move or number == PORTS_TO_TRY - 1:
                 raise
@@ -149,8 +241,7 @@ async def _services(plan: Plan, bus: ZenohBus, clock: Clock) -> AsyncGenerator[a
     log.info("%s of site %s at %s: %s", plan.name, bus.link.site, here, _names(plan.launches))
     async with contextlib.AsyncExitStack() as stack:
         if plan.processes:
-            simulated = isinstance(clock, SimulatedClock)
-            children = Processes(plan.launches, site=bus.link.site, connect=here, simulated_time=simulated)
+            children = Processes(plan.launches, site=bus.link.site, connect=here)
             _tell_what_runs(plan, bus, [children.command(launch) for launch in plan.launches])
             await stack.enter_async_context(children)
             work = asyncio.create_task(_forever(), name="children")
@@ -162,6 +253,8 @@ async def _services(plan: Plan, bus: ZenohBus, clock: Clock) -> AsyncGenerator[a
         finally:
             work.cancel()
             await asyncio.wait({work})
+            if not work.cancelled():
+                work.result()  # a service that failed ends the run with its error, whenever it did
 
 
 def _tell_what_runs(plan: Plan, bus: ZenohBus, commands: Sequence[tuple[str, ...]]) -> None:
@@ -178,22 +271,36 @@ async def _forever() -> None:
     await asyncio.Event().wait()
 
 
+@contextlib.contextmanager
 def _view(
-    plan: Plan, monitor: Monitor, console: Console | None, end_s: float | None
-) -> contextlib.AbstractContextManager[Any]:
+    plan: Plan, bus: ZenohBus, monitor: Monitor, console: Console | None, end_s: float | None
+) -> Iterator[None]:
+    """Draw what happens, if there is a terminal; its Space key is the first person's button."""
     if console is None:
-        return contextlib.nullcontext()
+        yield
+        return
 
     def remaining_s() -> float:
         return 0.0 if end_s is None else max(0.0, end_s - time.monotonic())
 
+    person = next((launch.user for launch in plan.launches if launch.user), "")
     title = f"PointIt {plan.name}"
-    return Live(
-        get_renderable=lambda: draw(monitor, title, remaining_s),
+    live = Live(
+        get_renderable=lambda: draw(monitor, title, remaining_s, person if has_keyboard() else ""),
         console=console,
         refresh_per_second=REFRESH_HZ,
         transient=True,
     )
+    with contextlib.ExitStack() as stack:
+        if person and has_keyboard():
+            button = bus.publisher(BUTTON, person)
+
+            def press() -> None:
+                button.put(ButtonEvent(stamp_ns=monitor.clock.now_ns(), source="keyboard"))
+
+            stack.enter_context(keys(press))
+        stack.enter_context(live)
+        yield
 
 
 def _sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:

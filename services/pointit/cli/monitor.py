@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from pointit.cli.score import Latency, Score
@@ -15,7 +16,9 @@ from pointit.schemas import (
     LampColor,
     SelectionEvent,
     StripsFrame,
+    UserProfile,
 )
+from pointit.schemas.base import Rgb
 from pointit.schemas.topics import (
     CURSOR,
     HEALTH,
@@ -24,6 +27,7 @@ from pointit.schemas.topics import (
     LAMP_COLOR,
     MAP,
     OBJECTS,
+    PROFILE,
     SELECTION_EVENTS,
     STRIPS_FRAME,
     USER_ALIVE,
@@ -39,11 +43,17 @@ class Monitor:
 
     score: Score
     clock: Clock
+    person: str = ""
+    """Only what this person does is news; empty for everybody's."""
+    tell: Callable[[str], object] | None = None
+    """Called with each line of news."""
     environment: Environment | None = None
     frame: StripsFrame | None = None
     cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
     hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
     interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
+    colors: dict[str, Rgb] = field(default_factory=dict[str, Rgb])
+    """Each person's colour."""
     lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
     health: dict[str, Health] = field(default_factory=dict[str, Health])
     heard_s: dict[str, float] = field(default_factory=dict[str, float])
@@ -51,6 +61,7 @@ class Monitor:
     events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
     latency: Latency = field(default_factory=Latency)
     cursor_count: int = 0
+    """Cursors that were on something."""
     frame_count: int = 0
     first_cursor_unix_s: float | None = None
     """When the first cursor on a surface came, wall time."""
@@ -61,6 +72,7 @@ class Monitor:
         bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message))
         bus.subscribe(SELECTION_EVENTS, self._on_event)
         bus.subscribe(INTERACTION, self._on_interaction)
+        bus.subscribe(PROFILE, self._on_profile)
         bus.subscribe(HOVER, self._on_hover)
         bus.subscribe(LAMP_COLOR, self._on_lamp)
         bus.subscribe(HEALTH, self._on_health)
@@ -68,9 +80,19 @@ class Monitor:
         bus.subscribe(STRIPS_FRAME, self._on_frame)
         bus.watch(USER_ALIVE, self._on_user)
 
+    def people(self) -> list[str]:
+        """Return whose doings are shown."""
+        known = {*self.interactions, *self.cursors}
+        return sorted(known & {self.person} if self.person else known)
+
+    def _news(self, line: str) -> None:
+        self.events.append(line)
+        if self.tell is not None:
+            self.tell(line)
+
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:  # nothing of theirs runs any more: what they did last is no news
-            for newest in (self.cursors, self.hovers, self.interactions):
+            for newest in (self.cursors, self.hovers, self.interactions, self.colors):
                 newest.pop(user, None)
             for instance in [name for name, health in self.health.items() if health.user == user]:
                 del self.health[instance], self.heard_s[instance]
@@ -84,13 +106,19 @@ class Monitor:
         who = f" by {event.user}" if event.user else ""
         number = event.object_id.rpartition("-")[2]
         reason = f": {event.reason}" if event.reason else ""
-        self.events.append(f"{kind} {number} {event.event}{who}{reason}")
+        if not self.person or event.user == self.person:
+            self._news(f"{kind} {number} {event.event}{who}{reason}")
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         before = self.interactions.get(user)
         self.interactions[user] = interaction
+        if self.person and user != self.person:
+            return
         if before is None or before.state != interaction.state:
-            self.events.append(f"{user}: {interaction.state}. {interaction.reason}".rstrip())
+            self._news(f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip())
+
+    def _on_profile(self, profile: UserProfile, user: str) -> None:
+        self.colors[user] = profile.cursor_color
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         self.hovers[user] = hover
@@ -104,9 +132,10 @@ class Monitor:
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self.cursors[user] = cursor
-        self.cursor_count += 1
-        if cursor.surface != "none" and self.first_cursor_unix_s is None:
-            self.first_cursor_unix_s = time.time()
+        if cursor.surface != "none":
+            self.cursor_count += 1
+            if self.first_cursor_unix_s is None:
+                self.first_cursor_unix_s = time.time()
         self.latency.on_cursor(cursor)
 
     def _on_frame(self, frame: StripsFrame, _name: str) -> None:

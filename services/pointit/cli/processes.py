@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import yaml
 
@@ -33,11 +33,18 @@ class Processes:
     an operator, compose or systemd decides that.
     """
 
-    def __init__(self, launches: Sequence[Launch], *, site: str, connect: str, simulated_time: bool) -> None:
+    def __init__(
+        self,
+        launches: Sequence[Launch],
+        *,
+        site: str,
+        connect: str,
+        clock: Literal["site", "wall"] = "site",
+    ) -> None:
         self._launches = launches
         self._site = site
         self._connect = connect
-        self._clock = "site" if simulated_time else "wall"
+        self._clock = clock
         self._children: dict[str, asyncio.subprocess.Process] = {}
         self._watches: list[asyncio.Task[None]] = []
         self._ending = False

@@ -1,5 +1,6 @@
 """`pointit run` and `pointit user`: whole scenarios, or one person's part of one."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,16 @@ from pointit.runtime import ConfigError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import link_options, log_option, run_async
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
+
+
+class _Finite(click.FloatRange):
+    """A range of numbers without the one that is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is no number of seconds or times", param, ctx)
+        return number
 
 
 def _options(function: Any) -> Any:
@@ -53,9 +64,7 @@ def _options(function: Any) -> Any:
                 metavar="SERVICE.PARAMETER=VALUE",
                 help="change one parameter; `pointit service NAME --help` shows them",
             ),
-            click.option(
-                "--duration", type=click.FloatRange(min=0.1), help="seconds until it ends by itself"
-            ),
+            click.option("--duration", type=_Finite(min=0.1), help="seconds until it ends by itself"),
             click.option("--processes", is_flag=True, help="a process for each service"),
             click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
         ]
@@ -74,7 +83,7 @@ def _options(function: Any) -> Any:
     "--speed",
     default=1.0,
     show_default=True,
-    type=click.FloatRange(0.1, 20),
+    type=_Finite(0.1, 20),
     help="simulated time runs this many times as fast",
 )
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
@@ -189,7 +198,8 @@ def user(name: str, scenario: str, place: int, **options: Any) -> int:
         duration_s=options["duration"],
         processes=options["processes"],
         scored=False,
-        view=False,
+        view=not options["no_view"],
+        person=name,
     )
     return execute(plan, options["log_level"])
 

@@ -19,6 +19,7 @@ from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 REFRESH_HZ = 8
 """The view is drawn in a thread of its own, this often."""
 NAME_WIDTH = 8
+WHITE = (255, 255, 255)
 BORDER_WIDTH = 4
 """Columns that the frame and its padding take."""
 ROOMY_WIDTH = 72
@@ -27,9 +28,14 @@ SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, 
 """Topics whose rates are shown, the chain from wrist to light."""
 
 
-def draw(monitor: Monitor, title: str, remaining_s: Callable[[], float]) -> RenderableType:
-    """Return the whole view of what `monitor` holds when it is drawn, as wide as the terminal is then."""
-    return _View(monitor, title, remaining_s)
+def draw(
+    monitor: Monitor, title: str, remaining_s: Callable[[], float], button_of: str = ""
+) -> RenderableType:
+    """Return the whole view of what `monitor` holds when it is drawn, as wide as the terminal is then.
+
+    `button_of` is whose button the Space key is, if anybody's.
+    """
+    return _View(monitor, title, remaining_s, button_of)
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,7 @@ class _View:
     monitor: Monitor
     title: str
     remaining_s: Callable[[], float]
+    button_of: str
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         monitor = self.monitor
@@ -50,12 +57,15 @@ class _View:
                 parts.extend(_strip(monitor, strip, width))
             if monitor.lamps:
                 parts.append(_lamps(monitor))
-        parts += [*_people(monitor, options.max_width), _figures(monitor)]
+        parts += [*_people(monitor, options.max_width), figures(monitor)]
         parts.extend(
             Text(line, style="dim", no_wrap=True, overflow="ellipsis") for line in list(monitor.events)
         )
         left_s = self.remaining_s()
-        subtitle = f"{left_s:.0f} s left, Ctrl-C ends it" if left_s > 0 else "Ctrl-C ends it"
+        hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
+        if self.button_of and options.max_width >= ROOMY_WIDTH:
+            hints.append(f"Space is {self.button_of}'s button")
+        subtitle = ", ".join([*hints, "Ctrl-C ends it"])
         yield Panel(Group(*parts), title=self.title, subtitle=subtitle, border_style="cyan")
 
 
@@ -69,14 +79,22 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
         left = pixels[(2 * cell) * len(pixels) // columns]
         right = pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)]
         line.append("▌", style=f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})")
-    marks = [" "] * cells
+    marks = Text(" " * (NAME_WIDTH + cells), no_wrap=True)
     length = Polyline(strip.line_m).length_m
     cursors = sorted(monitor.cursors.items())
     for user, cursor in cursors:
         if cursor.surface == "strip" and cursor.surface_id == strip.id:
             cell = min(cells - 1, int(cursor.position_m / length * cells))
-            marks[cell] = "▲" if len(cursors) == 1 else user[-1]
-    return [line, Text(" " * NAME_WIDTH + "".join(marks), no_wrap=True)]
+            mark = Text("▲" if len(cursors) == 1 else user[-1], style=_color(monitor, user))
+            at = NAME_WIDTH + cell
+            marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
+    return [line, marks]
+
+
+def _color(monitor: Monitor, user: str) -> str:
+    """Return the style of a person's own colour; white is whatever the terminal writes with."""
+    color = monitor.colors.get(user, WHITE)
+    return "bold" if color == WHITE else f"bold rgb({color[0]},{color[1]},{color[2]})"
 
 
 def pixels_along(frame: StripsFrame | None, strip: Strip) -> list[tuple[int, int, int]]:
@@ -108,7 +126,7 @@ def _people(monitor: Monitor, width: int) -> list[RenderableType]:
         table.add_column(column, no_wrap=True, min_width=least)
     table.add_column("held", no_wrap=True, min_width=bar)
     steps: list[RenderableType] = []
-    for user in sorted({*monitor.interactions, *monitor.cursors}):
+    for user in monitor.people():
         interaction = monitor.interactions.get(user)
         cursor = monitor.cursors.get(user)
         hover = monitor.hovers.get(user)
@@ -121,14 +139,19 @@ def _people(monitor: Monitor, width: int) -> list[RenderableType]:
             kind = monitor.score.kinds.get(hover.object_id) or "?"
             filled = round(bar * hover.progress)
         state = interaction.state if interaction is not None else "-"
-        table.add_row(user, state, where, kind, "█" * filled + "░" * (bar - filled))
+        table.add_row(
+            Text(user, style=_color(monitor, user)), state, where, kind, "█" * filled + "░" * (bar - filled)
+        )
         if interaction is not None:
             reason = f"{interaction.reason} " if interaction.state == "idle" and interaction.reason else ""
-            steps.append(Text.assemble((f"{user}: ", "bold"), f"{reason}{interaction.next_step}"))
+            steps.append(
+                Text.assemble((f"{user}: ", _color(monitor, user)), f"{reason}{interaction.next_step}")
+            )
     return [table, *steps]
 
 
-def _figures(monitor: Monitor) -> Text:
+def figures(monitor: Monitor) -> Text:
+    """Return latency, rates, what was selected, and who is ill, in one line."""
     parts: list[str] = []
     latency = monitor.latency.quantiles_ms()
     if latency["p50"] is not None:

@@ -8,6 +8,7 @@ import signal
 import sys
 import tempfile
 from pathlib import Path
+from typing import Literal
 
 import psutil
 import pytest
@@ -36,9 +37,9 @@ def launches() -> list[Launch]:
     ]
 
 
-def processes(*, simulated: bool = False) -> Processes:
+def processes(clock: Literal["site", "wall"] = "site") -> Processes:
     endpoint = f"tcp/127.0.0.1:{free_port()}"  # nobody is there: the children wait
-    return Processes(launches(), site="lab", connect=endpoint, simulated_time=simulated)
+    return Processes(launches(), site="lab", connect=endpoint, clock=clock)
 
 
 def children(group: Processes) -> dict[str, asyncio.subprocess.Process]:
@@ -46,7 +47,7 @@ def children(group: Processes) -> dict[str, asyncio.subprocess.Process]:
 
 
 def test_a_command_names_everything_the_service_needs() -> None:
-    group = processes(simulated=True)
+    group = processes()
     command = group.command(group._launches[1])
     assert command[:3] == (sys.executable, "-m", "pointit.services.pointing")
     options = dict(zip(command[3::2], command[4::2], strict=True))
@@ -57,7 +58,7 @@ def test_a_command_names_everything_the_service_needs() -> None:
         "--site": "lab",
         "--clock": "site",
     }
-    site_command = processes().command(group._launches[0])
+    site_command = processes("wall").command(group._launches[0])
     assert "--user" not in site_command
     assert site_command[-1] == "wall"
 

@@ -126,6 +126,10 @@ async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: f
     return 0
 
 
+ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
+"""What a narrow terminal does without."""
+
+
 def _show(seen: Observation, findings: list[Finding], site: str, *, as_json: bool) -> int:
     healthy = is_healthy(findings)
     instances = sorted(seen.present | seen.expected.keys())
@@ -143,7 +147,7 @@ def _show(seen: Observation, findings: list[Finding], site: str, *, as_json: boo
     screen = console()
     if instances:
         rows = tuple(_row(seen, instance, findings) for instance in instances)
-        print_table(screen, Section(name="services", about=f"of site {site}", rows=rows))
+        print_table(screen, Section(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS))
     for finding in findings:
         who = f"{finding.service}: " if finding.service else ""
         screen.print(

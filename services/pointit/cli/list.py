@@ -26,6 +26,7 @@ def services() -> Section:
             }
             for row in PROCESSES
         ),
+        roomy=frozenset({"reads", "writes", "serves"}),
     )
 
 

@@ -18,6 +18,9 @@ Row = Mapping[str, Any]
 PIPE_WIDTH = 1000
 """Columns when no terminal limits them: one line a row, for grep."""
 
+ROOMY_WIDTH = 130
+"""A terminal with fewer columns does without some of a table's."""
+
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended before it had its answer."""
 
@@ -32,6 +35,8 @@ class Section:
     """The key in JSON."""
     about: str
     rows: tuple[Row, ...]
+    roomy: frozenset[str] = frozenset()
+    """Columns that only a wide terminal has room for; JSON and pipes always have them."""
 
 
 def show(sections: Sequence[Section], *, as_json: bool) -> None:
@@ -47,6 +52,8 @@ def show(sections: Sequence[Section], *, as_json: bool) -> None:
 def print_table(screen: Console, section: Section) -> None:
     """Print one section as a table under its title."""
     columns = list(section.rows[0]) if section.rows else []
+    if screen.width < ROOMY_WIDTH:
+        columns = [column for column in columns if column not in section.roomy]
     table = Table(
         box=box.SIMPLE_HEAD,
         title=f"{section.name.capitalize()}: {section.about}",

@@ -22,6 +22,7 @@ def topics() -> Section:
             }
             for topic in table.TOPICS
         ),
+        roomy=frozenset({"message", "writers"}),
     )
 
 
@@ -40,6 +41,7 @@ def requests() -> Section:
             }
             for request in table.REQUESTS
         ),
+        roomy=frozenset({"query", "reply"}),
     )
 
 

@@ -15,7 +15,15 @@ from pointit.runtime.errors import (
     RequestError,
 )
 from pointit.runtime.memory_bus import Exchange, MemoryBus
-from pointit.runtime.service import AnyService, Context, Launch, Service, run_service, run_services
+from pointit.runtime.service import (
+    AnyService,
+    Context,
+    Launch,
+    Service,
+    check_launches,
+    run_service,
+    run_services,
+)
 
 __all__ = [
     "NS_PER_S",
@@ -44,6 +52,7 @@ __all__ = [
     "Subscription",
     "Traffic",
     "WallClock",
+    "check_launches",
     "run_service",
     "run_services",
     "sleep",

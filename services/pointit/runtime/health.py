@@ -1,12 +1,15 @@
 """A service's account of itself: its traffic, its times, its warnings, measured where it meets the bus."""
 
+import asyncio
 import contextlib
+import logging
 import math
 import os
 import socket
 import time
+import weakref
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from pointit.runtime.bus import (
     REQUEST_TIMEOUT_S,
@@ -27,8 +30,25 @@ M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 
+log = logging.getLogger(__name__)
+
+LOG_PERIOD_S = 1.0
+"""At most one log line about timers that fail in this time."""
+
 SAMPLES = 4096
 """Times kept between two reports; the oldest give way."""
+
+
+class Warnings(Protocol):
+    """Where a part of a service says what is wrong; `ServiceBus` is one."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` (what is wrong, what to do) until `clear(topic)`."""
+        ...
+
+    def clear(self, topic: str) -> None:
+        """Take the warning back."""
+        ...
 
 
 class _Times:
@@ -110,7 +130,10 @@ class ServiceBus:
         self._declared: list[Closable] = []
         self._tokens: list[Closable] = []
         self._warnings: dict[str, str] = {}
-        self._watch_errors = 0
+        self._errors = 0
+        """Watchers and timers that raised."""
+        self._timers: weakref.WeakSet[asyncio.TimerHandle] = weakref.WeakSet()
+        self._logged_s = -math.inf
         self._seq = 0
         self.served: set[str] = set()
         """Keys of the requests this service answers."""
@@ -173,12 +196,32 @@ class ServiceBus:
             try:
                 handler(name, present)
             except Exception:
-                self._watch_errors += 1
+                self._errors += 1
                 raise
 
         watching = self._bus.watch(presence, counted)
         self._declared.append(watching)
         return watching
+
+    def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
+        """Call `callback` in the loop after `delay_s` of the wall, unless the service has ended by then.
+
+        As the loop's own, but what it raises is counted in health and logged, at most once a second.
+        """
+
+        def guarded() -> None:
+            try:
+                callback()
+            except Exception:  # a timer's fault must not stop the others
+                self._errors += 1
+                now_s = time.monotonic()
+                if now_s - self._logged_s >= LOG_PERIOD_S:
+                    self._logged_s = now_s
+                    log.exception("timer of %s failed (%d errors so far)", self._instance, self._errors)
+
+        timer = asyncio.get_running_loop().call_later(delay_s, guarded)
+        self._timers.add(timer)
+        return timer
 
     @property
     def trouble(self) -> str:
@@ -187,6 +230,8 @@ class ServiceBus:
 
     async def close(self) -> None:
         """Undeclare everything of this service, its presence last; the bus itself goes on."""
+        for timer in self._timers:
+            timer.cancel()
         with contextlib.ExitStack() as stack:
             for declared in (*self._tokens, *self._declared):
                 stack.callback(declared.close)
@@ -207,7 +252,7 @@ class ServiceBus:
         span_s = max(now_s - self._reported_s, 1e-3)
         self._reported_s = now_s
         keys: list[KeyHealth] = []
-        errors = self._watch_errors
+        errors = self._errors
         for (key, direction), meter in self._meters.items():
             errors += meter.total("errors")
             keys.append(

@@ -18,7 +18,7 @@ from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
-from pointit.runtime.service import AnyService, Launch, run_services
+from pointit.runtime.service import AnyService, Launch, check_launches, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.schemas import SchemaError
@@ -87,6 +87,7 @@ def service_command(service: type[AnyService]) -> click.Command:
         )
         link = Link(site=options["site"], connect=tuple(options["connect"]), listen=tuple(options["listen"]))
         launch = Launch(service=service, config=config, user=user)
+        check_launches([launch])
         if options["while_parent_lives"]:
             end_with_parent()
         return run_async(_serve(launch, link, follow=options["clock"] == "site"))

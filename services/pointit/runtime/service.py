@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 from pointit.runtime.bus import Bus, Publisher
 from pointit.runtime.clock import Clock
 from pointit.runtime.config import Config
-from pointit.runtime.errors import BusClosedError
+from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health import ServiceBus
 from pointit.schemas import Health
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, check_name
@@ -54,6 +54,14 @@ class Service(ABC, Generic[C]):
         self.clock = context.clock
         self.user = context.user
 
+    @classmethod
+    def check(cls, config: C) -> None:
+        """Refuse what cannot work however the site looks; called before a bus is opened, and may read files.
+
+        Raises:
+            ConfigError: names the parameter or file, and says what to do.
+        """
+
     async def run(self) -> None:
         """Go on until cancelled; services that only react need not override it."""
         await asyncio.Event().wait()
@@ -74,6 +82,19 @@ class Launch:
     def instance(self) -> str:
         """Return the name under which it is present: `selector`, `pointing.anna`."""
         return f"{self.service.NAME}.{self.user}" if self.user else self.service.NAME
+
+
+def check_launches(launches: Sequence[Launch]) -> None:
+    """Let every service look at its configuration, before anything is opened or started.
+
+    Raises:
+        ConfigError: one cannot work; names the instance.
+    """
+    for launch in launches:
+        try:
+            launch.service.check(launch.config)
+        except ConfigError as error:
+            raise ConfigError(f"{launch.instance}: {error}") from error
 
 
 async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:

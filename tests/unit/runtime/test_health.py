@@ -184,3 +184,32 @@ async def test_closing_takes_everything_back_in_reverse_and_presence_last(
     assert closed == ["publisher", "watch", "publisher", "presence"]
     await bench.view.close()
     assert len(closed) == 4
+
+
+async def test_a_timer_that_fails_is_counted_and_said_once_a_second(
+    bench: Bench, now_s: list[float], caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise RuntimeError("broken")
+
+    for _ in range(3):
+        bench.view.call_later(0, fail)
+    await until(lambda: bench.view.report().errors == 3)
+    now_s[0] += 1.5
+    bench.view.call_later(0, fail)
+    await until(lambda: bench.view.report().errors == 4)
+    said = [record for record in caplog.records if "timer of pointing.anna failed" in record.message]
+    assert len(said) == 2
+    assert all(record.exc_info for record in said)
+
+
+async def test_a_timer_ends_with_its_service_or_when_it_is_cancelled(bench: Bench) -> None:
+    called: list[str] = []
+    bench.view.call_later(0, lambda: called.append("first"))
+    await until(lambda: called == ["first"])
+    bench.view.call_later(0.01, lambda: called.append("cancelled")).cancel()
+    pending = bench.view.call_later(0.01, lambda: called.append("closed"))
+    await bench.view.close()
+    assert pending.cancelled()
+    await asyncio.sleep(0.03)
+    assert called == ["first"]

@@ -209,3 +209,17 @@ def test_logs_are_json_lines_without_a_terminal(capsys: pytest.CaptureFixture[st
     assert ended(service_command(Sample), "--user", "anna", "--connect", "nowhere") == 2
     logging.getLogger("pointit.test").warning("hello")
     assert json.loads(capsys.readouterr().err.splitlines()[-1])["message"] == "hello"
+
+
+def test_what_a_service_can_see_by_itself_is_told_before_anybody_is_sought(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Picky(Sample):
+        @classmethod
+        def check(cls, config: SampleConfig) -> None:
+            raise ConfigError(f"rate_hz: {config.rate_hz:g} is none of the recording's")
+
+    # nobody answers at port 9: without the check this would wait for ever
+    arguments = ("--user", "anna", "--connect", "tcp/127.0.0.1:9")
+    assert ended(service_command(Picky), *arguments) == 2
+    assert "Error: sample-one.anna: rate_hz: 50 is none of the recording's" in capsys.readouterr().err

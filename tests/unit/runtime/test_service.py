@@ -10,11 +10,13 @@ import pytest_asyncio
 from pointit.runtime import (
     BusClosedError,
     Config,
+    ConfigError,
     Context,
     Exchange,
     Launch,
     MemoryBus,
     Service,
+    check_launches,
     run_service,
     run_services,
 )
@@ -174,3 +176,15 @@ async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> Non
     with pytest.raises(ExceptionGroup) as caught:
         await asyncio.wait_for(task, 2)
     assert caught.group_contains(BusClosedError)
+
+
+def test_configurations_are_looked_at_before_anything_starts() -> None:
+    class Picky(Worker):
+        @classmethod
+        def check(cls, config: Config) -> None:
+            raise ConfigError(f"{type(config).__name__}: no map")
+
+    fine = Launch(service=Worker, config=Config(), user="anna")
+    check_launches([fine])
+    with pytest.raises(ConfigError, match=r"^worker\.ben: Config: no map$"):
+        check_launches([fine, Launch(service=Picky, config=Config(), user="ben")])

@@ -29,18 +29,6 @@ Deliver = Callable[[Reading | Press], None]
 """Takes what came, in the loop."""
 
 
-class Warnings(Protocol):
-    """Where a running source says what is wrong; a service's bus is one."""
-
-    def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` until `clear(topic)`."""
-        ...
-
-    def clear(self, topic: str) -> None:
-        """Take the warning back."""
-        ...
-
-
 class Source(Protocol):
     """Where orientations come from."""
 

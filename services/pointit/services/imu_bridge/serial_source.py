@@ -7,9 +7,10 @@ import time
 import serial
 
 from pointit.runtime.clock import Clock
+from pointit.runtime.health import Warnings
 from pointit.runtime.serial_port import PortSettings, SerialThread
 from pointit.services.imu_bridge.config import SerialConfig
-from pointit.services.imu_bridge.reading import Deliver, Press, Reading, Warnings
+from pointit.services.imu_bridge.reading import Deliver, Press, Reading
 from pointit.services.imu_bridge.text_line import ButtonLine, LineError, LineParser, LineSplitter
 
 CAPACITY = 1024

@@ -1,6 +1,7 @@
 """Reads a device, a recording or a simulation, writes samples of the arm's orientation and button events."""
 
 import math
+from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime import ConfigError, Context, RefusedError, Service
@@ -13,6 +14,7 @@ from pointit.services.imu_bridge.reading import Press, Reading, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
 from pointit.services.imu_bridge.simulated import SimulatedSource
+from pointit.sim.recordings import read_imu_csv
 
 
 class ImuBridge(Service[ImuBridgeConfig]):
@@ -29,6 +31,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             ConfigError: the source lacks its port or recording, or the recording cannot be used.
         """
         super().__init__(config, context)
+        _check_named(config)
         sensor_from_arm = config.mounting_xyzw or MOUNTINGS[config.mounting]
         self._frame = ArmFrame(sensor_from_arm, math.radians(config.yaw_origin_deg))
         self._newest: Reading | None = None
@@ -39,6 +42,13 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._buttons = self.bus.publisher(BUTTON, self.user)
         self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
 
+    @classmethod
+    def check(cls, config: ImuBridgeConfig) -> None:
+        """Refuse a source without its port, or without a recording that can be read."""
+        _check_named(config)
+        if config.source == "replay":
+            read_imu_csv(Path(config.replay.recording))
+
     async def run(self) -> None:
         """Hand on what the source reads."""
         await self._source.run(self._deliver)
@@ -46,16 +56,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
     def _make_source(self) -> Source:
         config = self.config
         if config.source == "serial":
-            if not config.serial.port:
-                raise ConfigError(
-                    "serial.port: is missing; name the device's port, as in serial.port=/dev/ttyUSB0"
-                )
             return SerialSource(config.serial, self.clock, self.bus)
         if config.source == "replay":
-            if not config.replay.recording:
-                raise ConfigError(
-                    "replay.recording: is missing; name a CSV file with columns t, qw, qx, qy, qz"
-                )
             return ReplaySource(config.replay, self.clock)
         sensor_from_arm = config.mounting_xyzw or MOUNTINGS[config.mounting]
         return SimulatedSource(config.simulated, sensor_from_arm, self.clock)
@@ -86,6 +88,13 @@ class ImuBridge(Service[ImuBridgeConfig]):
         except ValueError as error:
             raise RefusedError(str(error)) from error
         return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
+
+
+def _check_named(config: ImuBridgeConfig) -> None:
+    if config.source == "serial" and not config.serial.port:
+        raise ConfigError("serial.port: is missing; name the device's port, as in serial.port=/dev/ttyUSB0")
+    if config.source == "replay" and not config.replay.recording:
+        raise ConfigError("replay.recording: is missing; name a CSV file with columns t, qw, qx, qy, qz")
 
 
 SERVICE = ImuBridge

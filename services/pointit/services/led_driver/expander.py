@@ -4,10 +4,10 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import serial
 
+from pointit.runtime.health import Warnings
 from pointit.runtime.serial_port import PortSettings, SerialThread
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver import upxl
@@ -19,18 +19,6 @@ KEEP_ALIVE_S = 1.0
 CHANNELS = 64
 BITS_PER_BYTE = 10
 """On the wire, with start and stop bit."""
-
-
-class Warnings(Protocol):
-    """Where an output says what is wrong; a service's bus is one."""
-
-    def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` until `clear(topic)`."""
-        ...
-
-    def clear(self, topic: str) -> None:
-        """Take the warning back."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,11 @@ class Pui(Service[PuiConfig]):
         self.bus.subscribe(RAY, self._on_ray)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
+    @classmethod
+    def check(cls, config: PuiConfig) -> None:
+        """Refuse a map that cannot be used."""
+        load_map(config.map, 0)
+
     def _person(self, user: str) -> PersonCursor:
         person = self._persons.get(user)
         if person is None:

@@ -1,0 +1,27 @@
+"""What imu-bridge can tell of its source before it joins a site."""
+
+from typing import Any
+
+import pytest
+
+from pointit.runtime import ConfigError
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.service import ImuBridge
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"source": "serial"}, "serial.port: is missing"),
+        ({"source": "replay"}, "replay.recording: is missing"),
+        ({"source": "replay", "replay": {"recording": "absent.csv"}}, "absent.csv"),
+    ],
+)
+def test_a_source_that_cannot_be_is_told(values: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        ImuBridge.check(ImuBridgeConfig.model_validate(values))
+
+
+def test_a_source_that_may_be_is_not() -> None:
+    ImuBridge.check(ImuBridgeConfig())
+    ImuBridge.check(ImuBridgeConfig.model_validate({"source": "serial", "serial": {"port": "/dev/absent"}}))

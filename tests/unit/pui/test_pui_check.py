@@ -1,0 +1,13 @@
+"""What pui can tell of its map before it joins a site."""
+
+import pytest
+
+from pointit.runtime import ConfigError
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
+
+
+def test_a_map_that_cannot_be_used_is_told() -> None:
+    Pui.check(PuiConfig(map="lab"))
+    with pytest.raises(ConfigError, match=r"absent\.yaml: cannot be read"):
+        Pui.check(PuiConfig(map="absent.yaml"))

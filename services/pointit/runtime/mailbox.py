@@ -7,6 +7,7 @@ the event loop. A chain of services on one loop is drained in one wake-up.
 import asyncio
 import collections
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -22,7 +23,7 @@ MAX_ROUNDS = 16
 """Hops of a chain handled in one wake-up before other tasks of the loop get their turn."""
 
 LOG_PERIOD_S = 1.0
-"""At most one log line per subscription and kind of trouble in this time."""
+"""At most one log line per topic and kind of trouble in this time; one per handler that fails."""
 
 
 class Dispatcher:
@@ -34,6 +35,17 @@ class Dispatcher:
         self._ready: collections.deque[Mailbox] = collections.deque()
         self._awake = False
         self._closed = False
+        self._log_lock = threading.Lock()
+        self._logged_s: dict[tuple[str, str], float] = {}
+
+    def may_log(self, key: str, what: str) -> bool:
+        """Return whether it is time for a line on `what` about the topic `key`; from any thread."""
+        now_s = time.monotonic()
+        with self._log_lock:
+            if now_s - self._logged_s.get((key, what), -math.inf) < LOG_PERIOD_S:
+                return False
+            self._logged_s[key, what] = now_s
+            return True
 
     def mark(self, mailbox: "Mailbox") -> None:
         """Have `mailbox` drained soon; from any thread."""
@@ -97,7 +109,6 @@ class Mailbox:
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._overflowed = 0
         """How many had overflowed when it was last said."""
-        self._logged_s: dict[str, float] = {}
 
     def offer(self, name: str, item: Any) -> None:
         """Take `item`; from any thread, never blocks, never raises."""
@@ -142,7 +153,7 @@ class Mailbox:
                 self._handler(message, name)
             except Exception:  # a handler's fault must not stop the others: counted, shown in health, logged
                 self.traffic.errors += 1
-                if self._may_log("error"):
+                if self._may_log(f"error {id(self)}"):
                     log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
 
     def reject(self, reason: object) -> None:
@@ -176,8 +187,4 @@ class Mailbox:
         return None
 
     def _may_log(self, what: str) -> bool:
-        now_s = time.monotonic()
-        if now_s - self._logged_s.get(what, -LOG_PERIOD_S) < LOG_PERIOD_S:
-            return False
-        self._logged_s[what] = now_s
-        return True
+        return self._dispatcher.may_log(self.topic.key, what)

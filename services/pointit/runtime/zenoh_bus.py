@@ -2,8 +2,9 @@
 # (the stubs of zenoh leave return types out)
 """The bus on Zenoh: the in-process exchange for readers of this process, Zenoh for all others.
 
-Messages are encoded once a put (*latest*: only while somebody elsewhere reads) and decoded once a
-subscription; readers of the same process get the frozen model itself.
+Messages are encoded once a put (*latest*: only while somebody elsewhere reads) and decoded once a process
+(states and events, which are rare: once a subscription); readers of the same process get the frozen model
+itself.
 """
 
 from collections.abc import Callable
@@ -18,8 +19,7 @@ from pointit.runtime.memory_bus import Declaration, MemoryBus
 from pointit.runtime.zenoh_presence import ZenohWatcher
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
 from pointit.runtime.zenoh_session import Link, LinkWatch, close_session, open_session
-from pointit.runtime.zenoh_topics import ZenohPublisher, ZenohSubscription
-from pointit.runtime.zenoh_wire import decoded
+from pointit.runtime.zenoh_topics import LatestInlet, Parcel, ZenohPublisher, ZenohSubscription
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Presence, Request, Topic
 
@@ -36,6 +36,7 @@ class ZenohBus(MemoryBus):
         super().__init__()
         self.session = session
         self.link = link
+        self._inlets: dict[str, LatestInlet] = {}
         self._watch = LinkWatch(session, link) if link.connect else None
 
     @classmethod
@@ -62,13 +63,11 @@ class ZenohBus(MemoryBus):
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
 
-        def unpack(sample: zenoh.Sample) -> Message:
-            message: Message = decoded(topic.message, sample.payload, sample.encoding)
-            return message
+        def unpack(parcel: Parcel) -> Message:
+            return parcel.open(topic.message)
 
-        return ZenohSubscription(
-            self, self.session, topic, Mailbox(topic, handler, self.dispatcher, unpack), name
-        )
+        mailbox = Mailbox(topic, handler, self.dispatcher, unpack)
+        return ZenohSubscription(self, self.session, topic, mailbox, name, inlets=self._inlets)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""

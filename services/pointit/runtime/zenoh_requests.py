@@ -13,7 +13,7 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus import Server
 from pointit.runtime.errors import RefusedError, RequestError
 from pointit.runtime.memory_bus import Desk, MemoryBus, no_answer, shutting_down
-from pointit.runtime.zenoh_wire import decoded, encoding_of, name_in
+from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.topics import Request
 
@@ -47,7 +47,11 @@ class ZenohDesk(Desk[Q, R]):
 
     def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's thread
         try:
+            check_size(self.request.query, query.payload)
             self._loop.call_soon_threadsafe(self._receive, query)
+        except DecodeError as error:  # nothing of it waits for the loop
+            with query:
+                query.reply_err(str(error).encode())
         except RuntimeError:  # the loop is gone
             query.drop()
 

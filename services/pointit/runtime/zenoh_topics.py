@@ -3,6 +3,7 @@
 """Writing and reading topics over Zenoh; its callbacks arrive on its threads and only fill mailboxes."""
 
 import functools
+import time
 from typing import Protocol, TypeVar
 
 import zenoh
@@ -12,8 +13,9 @@ from zenoh.handlers import Callback, RingChannel
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MailboxSubscription, MemoryBus, MemoryPublisher
-from pointit.runtime.zenoh_wire import encoding_of, name_in
-from pointit.schemas import Message, SchemaError, encode
+from pointit.runtime.names import Names
+from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
+from pointit.schemas import DecodeError, Message, SchemaError, encode
 from pointit.schemas.topics import Delivery, Topic
 
 M = TypeVar("M", bound=Message)
@@ -26,9 +28,6 @@ HEARTBEAT_S = 0.2
 
 PRIORITY = zenoh.Priority.DATA_HIGH
 """Of states and events as they are put; what is fetched again from a writer's cache has another one."""
-
-NAMES = 1024
-"""Keys whose names a subscription remembers."""
 
 
 class _Undeclarable(Protocol):
@@ -110,25 +109,85 @@ class ZenohPublisher(MemoryPublisher[M]):
         self._writer.undeclare()
 
 
-class ZenohSubscription(MailboxSubscription):
-    """A mailbox that is filled by this process's writers and by Zenoh."""
+class Parcel:
+    """Bytes from another process, for all readers of them in this one; in the loop."""
 
-    def __init__(
-        self, bus: MemoryBus, session: zenoh.Session, topic: AnyTopic, mailbox: Mailbox, name: str
-    ) -> None:
-        super().__init__(bus, topic, mailbox, name)
-        key = topic.at(name)
-        self._remotes: list[_Undeclarable] = []
-        self._name_in = functools.lru_cache(maxsize=NAMES)(functools.partial(name_in, topic))
-        if topic.delivery is Delivery.LATEST:
-            self._remotes.append(
-                session.declare_subscriber(
-                    key, Callback(self._on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
-                )
-            )
+    __slots__ = ("_failure", "_message", "_sample")
+
+    def __init__(self, sample: zenoh.Sample) -> None:
+        self._sample = sample
+        self._message: Message | None = None
+        self._failure = ""
+
+    def open(self, kind: type[Message]) -> Message:
+        """Return the message; decoded for the first who asks, the same object for all others.
+
+        Raises:
+            DecodeError: it is none.
+        """
+        if self._failure:
+            raise DecodeError(self._failure)
+        if self._message is None:
+            try:
+                self._message = decoded(kind, self._sample.payload, self._sample.encoding)
+            except Exception as error:
+                is_known = isinstance(error, DecodeError)
+                self._failure = str(error) if is_known else f"{type(error).__name__}: {error}"
+                raise
+        return self._message
+
+
+class _Inlet:
+    """Where samples of other processes come in, for the readers of one key; called on Zenoh's threads."""
+
+    def __init__(self, topic: AnyTopic) -> None:
+        self.mailboxes: tuple[Mailbox, ...] = ()
+        """Replaced, never changed: other threads read it."""
+        self._kind = topic.message
+        self._names = Names(topic.placeholder, functools.partial(name_in, topic))
+
+    def on_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
             return
+        mailboxes = self.mailboxes
+        try:
+            check_size(self._kind, sample.payload)
+            name = self._names.admit(str(sample.key_expr), time.monotonic())
+        except SchemaError as error:
+            for mailbox in mailboxes:
+                mailbox.reject(error)
+            return
+        parcel = Parcel(sample)
+        for mailbox in mailboxes:
+            mailbox.offer(name, parcel)
+
+    def undeclare(self) -> None:
+        raise NotImplementedError
+
+
+class LatestInlet(_Inlet):
+    """What all readers of a key share: a sample comes in once and is decoded once, however many they are."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
+        super().__init__(topic)
+        self._subscriber = session.declare_subscriber(
+            key, Callback(self.on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+        )
+
+    def undeclare(self) -> None:
+        """Hear nothing any more."""
+        self._subscriber.undeclare()
+
+
+class _KeptInlet(_Inlet):
+    """What one reader of states or events has for itself: each begins with a history of its own."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, mailbox: Mailbox) -> None:
+        super().__init__(topic)
+        self.mailboxes = (mailbox,)
         self._zid = session.info.zid()
         self._began = session.new_timestamp()
+        self._remotes: list[_Undeclarable] = []
         is_event = topic.delivery is Delivery.EVENT
         subscriber = ext.declare_advanced_subscriber(
             session,
@@ -146,29 +205,15 @@ class ZenohSubscription(MailboxSubscription):
 
             self._remotes.insert(0, subscriber.sample_miss_listener(Callback(on_miss, indirect=False)))
 
-    def _undeclare(self) -> None:
-        super()._undeclare()
+    def undeclare(self) -> None:
         for remote in self._remotes:
             remote.undeclare()
-
-    # All three run on Zenoh's threads.
-
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        if sample.kind != zenoh.SampleKind.PUT:
-            return
-        key = str(sample.key_expr)
-        try:
-            name = self._name_in(key)
-        except SchemaError as error:
-            self._mailbox.reject(error)
-        else:
-            self._mailbox.offer(name, sample)
 
     def _on_state(self, sample: zenoh.Sample) -> None:
         source = sample.source_info
         if source is not None and source.source_id.zid == self._zid:
             return  # our own, fetched from our own cache when a lost router is back
-        self._on_sample(sample)
+        self.on_sample(sample)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         # A writer that is heard for the first time makes Zenoh fetch everything it has kept: a button that
@@ -177,3 +222,39 @@ class ZenohSubscription(MailboxSubscription):
         if sample.priority != PRIORITY and stamp is not None and not stamp >= self._began:
             return
         self._on_state(sample)
+
+
+class ZenohSubscription(MailboxSubscription):
+    """A mailbox that is filled by this process's writers and by Zenoh."""
+
+    def __init__(
+        self,
+        bus: MemoryBus,
+        session: zenoh.Session,
+        topic: AnyTopic,
+        mailbox: Mailbox,
+        name: str,
+        *,
+        inlets: dict[str, LatestInlet],
+    ) -> None:
+        """Fill `mailbox`; `inlets` are those of the bus, by key."""
+        super().__init__(bus, topic, mailbox, name)
+        self._key = topic.at(name)
+        self._inlets = inlets
+        self._inlet: LatestInlet | _KeptInlet
+        if topic.delivery is not Delivery.LATEST:
+            self._inlet = _KeptInlet(session, topic, self._key, mailbox)
+            return
+        shared = inlets.get(self._key)
+        if shared is None:
+            shared = inlets[self._key] = LatestInlet(session, topic, self._key)
+        shared.mailboxes = (*shared.mailboxes, mailbox)
+        self._inlet = shared
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        inlet = self._inlet
+        inlet.mailboxes = tuple(mailbox for mailbox in inlet.mailboxes if mailbox is not self._mailbox)
+        if not inlet.mailboxes:
+            self._inlets.pop(self._key, None)
+            inlet.undeclare()

@@ -5,7 +5,7 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.bus import AnyTopic
-from pointit.schemas import Message, Query, decode
+from pointit.schemas import DecodeError, Message, Query, decode
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import Presence, Request, check_name
 
@@ -17,8 +17,15 @@ def encoding_of(kind: type[Message] | type[Query]) -> zenoh.Encoding:
 
 def decoded(kind: type[Any], payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:
     """Return the message of `kind` in a payload from anywhere; raises `DecodeError` if it is not one."""
+    check_size(kind, payload)
     schema = "" if encoding is None else str(encoding).partition(";")[2]
     return decode(kind, b"" if payload is None else payload.to_bytes(), schema)
+
+
+def check_size(kind: type[Any], payload: zenoh.ZBytes | None) -> None:
+    """Refuse, unread, a payload that is longer than a message of `kind` can be; raises `DecodeError`."""
+    if payload is not None and len(payload) > kind.max_bytes:
+        raise DecodeError(f"{kind.__name__}: has {len(payload)} bytes, at most {kind.max_bytes} are taken")
 
 
 def name_in(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:

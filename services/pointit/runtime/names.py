@@ -1,0 +1,61 @@
+"""Whose messages a reader takes: as many names as a site can have, however many a stranger makes up."""
+
+import collections
+import threading
+from collections.abc import Callable
+
+from pointit.schemas import KeyNameError
+
+MAX_USERS = 256
+MAX_NAMES = 4096
+"""Of anything but users: lamps, service instances."""
+
+SILENT_S = 60.0
+"""A name that was not heard for so long gives way to a new one."""
+
+
+def limit_of(placeholder: str) -> int:
+    """Return how many names a reader takes for `{placeholder}` of a key."""
+    return MAX_USERS if placeholder == "user" else MAX_NAMES
+
+
+class Names:
+    """The names one reader hears; from any thread.
+
+    Readers keep something for each name (a publisher, a tracker), so a flood of new ones would take the
+    time and memory of those who were there before.
+    """
+
+    def __init__(self, placeholder: str, name_in: Callable[[str], str]) -> None:
+        """Take what stands for `placeholder`; `name_in` reads it from a key and raises `SchemaError`."""
+        self._what = placeholder or "name"
+        self._limit = limit_of(placeholder)
+        self._name_in = name_in
+        self._lock = threading.Lock()
+        self._heard: collections.OrderedDict[str, tuple[str, float]] = collections.OrderedDict()
+        """By key: its name and when it was last heard, s; the one longest silent first."""
+
+    def admit(self, key: str, now_s: float) -> str:
+        """Return the name in `key`, which was heard at `now_s`.
+
+        Raises:
+            SchemaError: there cannot be such a name, or there are too many others.
+        """
+        with self._lock:
+            known = self._heard.get(key)
+            if known is not None:
+                self._heard[key] = (known[0], now_s)
+                self._heard.move_to_end(key)
+                return known[0]
+        name = self._name_in(key)
+        with self._lock:
+            if key not in self._heard and len(self._heard) >= self._limit:
+                _, oldest_s = next(iter(self._heard.values()))
+                if now_s - oldest_s <= SILENT_S:
+                    raise KeyNameError(
+                        f"{self._what} {name!r}: more than {self._limit} names, the rest are not heard; "
+                        f"a name makes room when it is silent for {SILENT_S:g} s"
+                    )
+                self._heard.popitem(last=False)
+            self._heard[key] = (name, now_s)
+        return name

@@ -1,0 +1,160 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""Strangers on the network who flood a site: with names, with long payloads, with large messages."""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+import zenoh
+
+from pointit.runtime import zenoh_topics
+from pointit.runtime.names import MAX_USERS
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Cursor, SetBrightness, encode
+from pointit.schemas.topics import BUTTON, CURSOR, IMU, SET_BRIGHTNESS
+from tests.support.bench import until
+from tests.support.buses import free_port
+from tests.support.sinks import Sink, imu
+
+SITE = "pointit/lab/"
+
+
+@pytest_asyncio.fixture
+async def bus_and_stranger() -> AsyncIterator[tuple[ZenohBus, zenoh.Session]]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus = await ZenohBus.open(Link(listen=(endpoint,)))
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    stranger = await asyncio.to_thread(zenoh.open, config)
+    try:
+        yield bus, stranger
+    finally:
+        await asyncio.to_thread(stranger.close)
+        await bus.close()
+
+
+async def test_thousands_of_new_names_leave_those_who_are_heard_alone(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session], caplog: pytest.LogCaptureFixture
+) -> None:
+    bus, stranger = bus_and_stranger
+    sink = Sink()
+    subscription = bus.subscribe(CURSOR, sink)
+
+    def point(user: str, seq: int) -> None:
+        cursor = Cursor(stamp_ns=1, seq=seq)
+        stranger.put(SITE + CURSOR.at(user), encode(cursor), congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def flood() -> None:
+        point("anna", 0)
+        for index in range(2000):
+            point(f"x{index}", index)
+        point("anna", 1)
+
+    await asyncio.to_thread(flood)
+    await until(lambda: sink.of("anna")[-1:] == [1], what="the person to be heard after the flood")
+    assert len({name for name, _ in sink.seen}) == MAX_USERS
+    assert subscription.traffic.invalid == 2001 - MAX_USERS
+    assert any(f"more than {MAX_USERS} names" in record.message for record in caplog.records)
+
+
+@pytest.mark.parametrize("topic", [IMU, BUTTON], ids=lambda topic: topic.key)
+async def test_a_payload_too_long_is_refused_where_it_arrives(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session], topic: Any
+) -> None:
+    """Nothing of it waits for the loop: a queue of events could hold gigabytes."""
+    bus, stranger = bus_and_stranger
+    subscription = bus.subscribe(topic, Sink())
+    stranger.put(SITE + topic.at("anna"), bytes(topic.message.max_bytes + 1))
+    await until(lambda: subscription.traffic.invalid == 1)
+    assert subscription.traffic.received == 0
+    stranger.put(SITE + topic.at("anna"), bytes(topic.message.max_bytes))
+    await until(lambda: subscription.traffic.invalid == 2)
+    assert subscription.traffic.received == 1
+
+
+async def test_a_question_too_long_is_refused_where_it_arrives(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+
+    async def never(_query: SetBrightness, _name: str) -> Any:
+        raise AssertionError
+
+    desk: Any = bus.serve(SET_BRIGHTNESS, never)
+    received: list[object] = []
+    desk._receive = received.append
+    size = SetBrightness.max_bytes + 1
+    [reply] = await asyncio.to_thread(
+        lambda: list(stranger.get(SITE + SET_BRIGHTNESS.at(), payload=bytes(size), timeout=5.0))
+    )
+    assert reply.err is not None
+    assert reply.err.payload.to_string() == (
+        f"SetBrightness: has {size} bytes, at most {SetBrightness.max_bytes} are taken"
+    )
+    assert not received
+
+
+async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus, stranger = bus_and_stranger
+    decoded: list[object] = []
+    inner = zenoh_topics.decoded
+
+    def counted(*arguments: Any) -> Any:
+        decoded.append(arguments)
+        return inner(*arguments)
+
+    monkeypatch.setattr(zenoh_topics, "decoded", counted)
+    sinks = [Sink() for _ in range(3)]
+    subscriptions = [bus.subscribe(IMU, sink) for sink in sinks]
+    key = SITE + IMU.at("anna")
+    stranger.put(key, encode(imu(1)))
+    await until(lambda: all(sink.seen for sink in sinks))
+    assert len(decoded) == 1
+    assert sinks[0].messages[0] is sinks[1].messages[0] is sinks[2].messages[0]
+    stranger.put(key, b"garbage")
+    await until(lambda: all(subscription.traffic.invalid == 1 for subscription in subscriptions))
+    assert len(decoded) == 2
+    subscriptions[0].close()
+    subscriptions[2].close()
+    stranger.put(key, encode(imu(2)))
+    await until(lambda: sinks[1].of("anna") == [1, 2])
+    assert (sinks[0].of("anna"), sinks[2].of("anna")) == ([1], [1])
+    subscriptions[1].close()
+    again = Sink()
+    bus.subscribe(IMU, again)
+    stranger.put(key, encode(imu(3)))
+    await until(lambda: again.of("anna") == [3])
+    assert sinks[1].of("anna") == [1, 2]
+
+
+async def test_readers_of_one_name_and_of_all_hear_each_their_own(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    one, every = Sink(), Sink()
+    bus.subscribe(IMU, one, "anna")
+    bus.subscribe(IMU, every)
+    for seq, user in enumerate(("ben", "anna")):
+        stranger.put(SITE + IMU.at(user), encode(imu(seq)))
+    await until(lambda: sorted(every.seen) == [("anna", 1), ("ben", 0)])
+    await until(lambda: one.seen == [("anna", 1)])
+
+
+async def test_readers_of_one_key_complain_in_one_line(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session], caplog: pytest.LogCaptureFixture
+) -> None:
+    bus, stranger = bus_and_stranger
+    caplog.set_level(logging.WARNING)
+    subscriptions = [bus.subscribe(IMU, Sink(), name) for name in ("anna", "*", "*")]
+    stranger.put(SITE + IMU.at("anna"), b"garbage")
+    await until(lambda: all(subscription.traffic.invalid == 1 for subscription in subscriptions))
+    assert len([record for record in caplog.records if "users/{user}/imu: dropped" in record.message]) == 1

@@ -1,0 +1,96 @@
+"""How many names a reader hears, and which of them give way."""
+
+import contextlib
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.runtime.names import MAX_NAMES, MAX_USERS, SILENT_S, Names, limit_of
+from pointit.schemas import KeyNameError
+from pointit.schemas.topics import TOPICS
+
+
+def names() -> Names:
+    return Names("user", lambda key: key.removeprefix("users/"))
+
+
+def test_a_flood_of_new_names_does_not_drive_out_who_is_heard() -> None:
+    """The attack: thousands of names in seconds, while one person goes on at 50 Hz."""
+    heard = names()
+    assert heard.admit("users/anna", 0.0) == "anna"
+    admitted = 0
+    said: set[str] = set()
+    for index in range(10_000):
+        now_s = index * 0.002
+        if index % 10 == 0:
+            assert heard.admit("users/anna", now_s) == "anna"
+        try:
+            heard.admit(f"users/x{index}", now_s)
+        except KeyNameError as error:
+            said.add(str(error).partition(": ")[2])
+        else:
+            admitted += 1
+    assert admitted == MAX_USERS - 1
+    assert len(said) == 1
+    assert f"more than {MAX_USERS} names" in said.pop()
+
+
+def test_the_one_longest_silent_makes_room_after_a_minute() -> None:
+    heard = names()
+    for index in range(MAX_USERS):
+        heard.admit(f"users/x{index}", 1.0)
+    heard.admit("users/x0", 2.0)
+    with pytest.raises(KeyNameError, match="user 'new'"):
+        heard.admit("users/new", 1.0 + SILENT_S)
+    assert heard.admit("users/new", 1.1 + SILENT_S) == "new"  # in place of x1
+    assert heard.admit("users/x0", 1.1 + SILENT_S) == "x0"
+    assert heard.admit("users/x1", 1.1 + SILENT_S) == "x1"  # in place of x2
+
+
+def test_a_name_that_is_refused_takes_no_place() -> None:
+    def refuse(key: str) -> str:
+        if key.startswith("bad"):
+            raise KeyNameError(key)
+        return key
+
+    heard = Names("user", refuse)
+    for index in range(MAX_USERS):
+        with pytest.raises(KeyNameError):
+            heard.admit(f"bad{index}", 0.0)
+    for index in range(MAX_USERS):
+        heard.admit(f"good{index}", 0.0)
+
+
+def test_every_topic_has_a_limit_and_only_people_have_the_small_one() -> None:
+    for topic in TOPICS:
+        assert limit_of(topic.placeholder) == (MAX_USERS if "{user}" in topic.key else MAX_NAMES)
+
+
+@given(st.lists(st.tuples(st.integers(0, 400), st.floats(0, 30)), max_size=600))
+def test_never_more_than_the_limit_whatever_comes(arrivals: list[tuple[int, float]]) -> None:
+    heard, now_s = names(), 0.0
+    for number, wait_s in arrivals:
+        now_s += wait_s
+        try:
+            assert heard.admit(f"users/x{number}", now_s) == f"x{number}"
+        except KeyNameError:
+            assert len(heard._heard) == MAX_USERS
+        assert len(heard._heard) <= MAX_USERS
+
+
+def test_many_threads_do_not_exceed_it() -> None:
+    heard = names()
+
+    def offer(start: int) -> None:
+        for index in range(start, start + 500):
+            with contextlib.suppress(KeyNameError):
+                heard.admit(f"users/x{index}", 0.0)
+
+    threads = [threading.Thread(target=offer, args=(500 * index,)) for index in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(heard._heard) == MAX_USERS

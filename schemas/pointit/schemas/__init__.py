@@ -1,6 +1,6 @@
 """What travels: messages, their bytes, and the table of topics."""
 
-from pointit.schemas.base import Message, Part, Query, Reply
+from pointit.schemas.base import FARTHEST, NS_PER_S, Message, Part, Query, Reply
 from pointit.schemas.codec import decode, encode, explain
 from pointit.schemas.environment import (
     Belt,
@@ -50,6 +50,8 @@ from pointit.schemas.system import (
 )
 
 __all__ = [
+    "FARTHEST",
+    "NS_PER_S",
     "AddPackage",
     "AddPackageReply",
     "Belt",

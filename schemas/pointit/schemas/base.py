@@ -1,7 +1,7 @@
 """What every message shares: immutability, strictness, units and the time of capture."""
 
 import math
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field
 
@@ -18,10 +18,38 @@ def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
-Vec3 = tuple[float, float, float]
+NS_PER_S = 1_000_000_000
+
+FARTHEST = 1e6
+"""No coordinate, size, speed or angle is beyond, in SI units: nothing calculated with them overflows."""
+
+FARTHEST_ALONG = 1e12
+"""No way along a line or between two places is longer, whatever line a message can hold."""
+
+Ns = Annotated[int, Field(ge=0, lt=2**63)]
+"""A time in ns that fits 64 bits."""
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+"""How many, in 64 bits."""
+
+Real = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+"""A coordinate, speed or angle."""
+
+Extent = Annotated[float, Field(ge=0.0, le=FARTHEST)]
+"""A size."""
+
+Along = Annotated[float, Field(ge=-FARTHEST_ALONG, le=FARTHEST_ALONG)]
+"""An arc length; beyond an end of its line it goes on."""
+
+Distance = Annotated[float, Field(ge=0.0, le=FARTHEST_ALONG)]
+"""From one place to another."""
+
+Vec3 = tuple[Real, Real, Real]
 """x, y, z; metres unless the field says otherwise; right-handed, z up (REP-103)."""
 
-UnitVec3 = Annotated[Vec3, AfterValidator(_unit), Field(json_schema_extra={"x-norm": 1})]
+UnitVec3 = Annotated[
+    tuple[float, float, float], AfterValidator(_unit), Field(json_schema_extra={"x-norm": 1})
+]
 """A direction: x, y, z with norm 1."""
 
 QuaternionXyzw = Annotated[
@@ -55,10 +83,6 @@ class Part(BaseModel):
     max_bytes: ClassVar[int] = 16 * 1024
     """A longer payload is refused unread: it can be no honest message, and to read it takes time."""
 
-    def replace(self, **changes: Any) -> Self:
-        """Return a validated copy with `changes`."""
-        return type(self).model_validate({**self.__dict__, **changes})
-
 
 class Message(Part):
     """A thing that travels on its own.
@@ -69,8 +93,8 @@ class Message(Part):
     version: ClassVar[int] = 1
     """Raised by one with every change of the fields."""
 
-    stamp_ns: Annotated[int, Field(ge=0, description="time of capture, Unix ns; derived data keep it")]
-    seq: Annotated[int, Field(ge=0, description="counts this writer's messages on this key")] = 0
+    stamp_ns: Annotated[Ns, Field(description="time of capture, Unix ns; derived data keep it")]
+    seq: Annotated[Count, Field(description="counts this writer's messages on this key")] = 0
 
     @classmethod
     def schema_name(cls) -> str:

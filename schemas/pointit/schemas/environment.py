@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Many, Message, Part, Rgb, Vec3
+from pointit.schemas.base import FARTHEST, Along, Extent, Many, Message, Name, Part, Real, Rgb, Vec3
 from pointit.schemas.pointing import SurfaceKind
 
 Line = Annotated[Many[Vec3], Field(min_length=2)]
@@ -14,7 +14,7 @@ Line = Annotated[Many[Vec3], Field(min_length=2)]
 class Lamp(Part):
     """A single light at a known place; target of localizations."""
 
-    id: str
+    id: Name
     position_m: Vec3
 
 
@@ -32,7 +32,7 @@ class Belt(Part):
 
     id: str
     line_m: Line
-    width_m: Annotated[float, Field(gt=0)] = 0.5
+    width_m: Annotated[float, Field(gt=0, le=FARTHEST)] = 0.5
 
 
 class BeltLink(Part):
@@ -62,11 +62,11 @@ class TrackedObject(Part):
     kind: str
     position_m: Annotated[Vec3, Field(description="its centre at the message's stamp, {W}")]
     velocity_mps: Annotated[Vec3, Field(description="{W}")] = (0.0, 0.0, 0.0)
-    length_m: Annotated[float, Field(ge=0, description="extent along its surface, or diameter")] = 0.0
+    length_m: Annotated[Extent, Field(description="extent along its surface, or diameter")] = 0.0
     surface: SurfaceKind = "none"
     surface_id: str = ""
-    surface_position_m: Annotated[float, Field(description="arc length of its centre on the surface")] = 0.0
-    surface_speed_mps: Annotated[float, Field(description="along the surface, signed")] = 0.0
+    surface_position_m: Annotated[Along, Field(description="arc length of its centre on the surface")] = 0.0
+    surface_speed_mps: Annotated[Real, Field(description="along the surface, signed")] = 0.0
 
 
 class TrackedObjects(Message):
@@ -81,10 +81,9 @@ class TrackedObjects(Message):
 class ConveyorState(Message):
     """What the conveyor does."""
 
-    speed_mps: float
+    speed_mps: Annotated[Real, Field(description="0: it stands still; negative: backwards")]
     fed: Annotated[int, Field(ge=0, description="objects put on the conveyor so far")] = 0
     left: Annotated[int, Field(ge=0, description="objects that reached the end of their lane")] = 0
-    running: bool = True
 
 
 class LampColor(Message):

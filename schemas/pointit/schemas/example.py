@@ -8,6 +8,8 @@ from pointit.schemas.base import Part
 P = TypeVar("P", bound=Part)
 
 _STAMP_NS = 1_700_000_000_000_000_000
+_NARROW = 1000.0
+"""A range wider than this has room for a number of its own for every field."""
 _UNIT = {3: (0.6, 0.0, 0.8), 4: (0.5, -0.5, 0.5, 0.5)}
 """Exact unit vectors by their length."""
 
@@ -78,11 +80,11 @@ class _Filler:
     def _number(self, schema: Mapping[str, Any]) -> float:
         low = schema.get("minimum", schema.get("exclusiveMinimum"))
         high = schema.get("maximum", schema.get("exclusiveMaximum"))
-        if low is not None and high is not None:
+        if low is not None and high is not None and high - low <= _NARROW:
             return float(low + (high - low) * (1 + self._count % 7) / 8)
-        if high is not None:
+        if high is not None and high <= _NARROW:
             return float(high - self._count / 8)
-        return float(low or 0) + self._count / 8
+        return float(max(low or 0, 0)) + self._count / 8
 
     def _string(self, schema: Mapping[str, Any], name: str) -> str | bytes:
         if schema.get("format") == "binary":

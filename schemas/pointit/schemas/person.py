@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Message, Part, QuaternionXyzw, Rgb, Vec3
+from pointit.schemas.base import Fraction, Message, Ns, Part, QuaternionXyzw, Rgb, Vec3
 
 
 class ImuSample(Message):
@@ -17,7 +17,7 @@ class ImuSample(Message):
     orientation_xyzw: QuaternionXyzw
     angular_velocity_radps: Annotated[Vec3 | None, Field(description="in the arm frame, rad/s")] = None
     acceleration_mps2: Annotated[Vec3 | None, Field(description="in the arm frame, m/s²")] = None
-    device_time_ns: Annotated[int | None, Field(description="the device's own clock, ns")] = None
+    device_time_ns: Annotated[Ns | None, Field(description="the device's own clock, ns")] = None
     battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
 
 

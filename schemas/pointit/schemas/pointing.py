@@ -4,7 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Message, UnitVec3, Vec3
+from pointit.schemas.base import FARTHEST, Along, Distance, Extent, Fraction, Message, Real, UnitVec3, Vec3
+
+_Cov = Annotated[float, Field(ge=-(FARTHEST**2), le=FARTHEST**2)]
 
 SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
 """What a cursor can be on; `none` when the ray passes everything by."""
@@ -21,14 +23,14 @@ class UserPose(Message):
     """{H} in {W}: where the person stands and how their IMU's yaw origin lies in the room."""
 
     position_m: Vec3
-    yaw_rad: Annotated[float, Field(description="azimuth of {H}'s x axis in {W}")]
+    yaw_rad: Annotated[Real, Field(description="azimuth of {H}'s x axis in {W}")]
     covariance: Annotated[
-        tuple[float, float, float, float, float, float, float, float, float],
+        tuple[_Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov],
         Field(description="of (x, y, yaw), row by row, m², m·rad, rad²"),
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     method: Literal["fixed", "static_targets", "moving_target", "external"] = "fixed"
-    elevation_bias_rad: Annotated[float, Field(description="found with the pose; for diagnosis")] = 0.0
-    residual_rad: Annotated[float, Field(ge=0, description="rms angle between rays and targets")] = 0.0
+    elevation_bias_rad: Annotated[Real, Field(description="found with the pose; for diagnosis")] = 0.0
+    residual_rad: Annotated[Extent, Field(description="rms angle between rays and targets")] = 0.0
     samples: Annotated[int, Field(ge=0)] = 0
 
 
@@ -41,7 +43,7 @@ class Localization(Message):
     target_count: Annotated[int, Field(ge=0)] = 0
     samples: Annotated[int, Field(ge=0, description="rays gathered so far")] = 0
     progress: Fraction = 0.0
-    residual_rad: Annotated[float | None, Field(ge=0)] = None
+    residual_rad: Extent | None = None
     reason: Annotated[str, Field(description="why it was refused and what to do")] = ""
 
 
@@ -51,10 +53,10 @@ class Cursor(Message):
     surface: SurfaceKind = "none"
     surface_id: str = ""
     point_m: Annotated[Vec3 | None, Field(description="on the surface, {W}")] = None
-    position_m: Annotated[float, Field(description="arc length along a strip or belt from its start")] = 0.0
-    miss_m: Annotated[float, Field(ge=0, description="from the ray to the point")] = 0.0
-    miss_rad: Annotated[float, Field(ge=0, description="angle at the eyes between ray and point")] = 0.0
-    range_m: Annotated[float, Field(ge=0, description="from the eyes to the point")] = 0.0
+    position_m: Annotated[Along, Field(description="arc length along a strip or belt from its start")] = 0.0
+    miss_m: Annotated[Distance, Field(description="from the ray to the point")] = 0.0
+    miss_rad: Annotated[Extent, Field(description="angle at the eyes between ray and point")] = 0.0
+    range_m: Annotated[Distance, Field(description="from the eyes to the point")] = 0.0
 
 
 class Hover(Message):

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Query, Reply, Vec3
+from pointit.schemas.base import Fraction, Query, Real, Reply, Vec3
 
 
 class AddPackage(Query):
@@ -47,7 +47,7 @@ class SetPose(Query):
     """Say where the person stands."""
 
     position_m: Vec3
-    yaw_rad: float = 0.0
+    yaw_rad: Real = 0.0
 
 
 class ClearSelection(Query):
@@ -63,7 +63,7 @@ class SetBrightness(Query):
 class SetYawOrigin(Query):
     """Turn a person's IMU so that it reads `yaw_rad` now."""
 
-    yaw_rad: float = 0.0
+    yaw_rad: Real = 0.0
 
 
 class Done(Reply):

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Many, Message, Part
+from pointit.schemas.base import Many, Message, Ns, Part
 
 
 class SelectedObject(Part):
@@ -12,7 +12,7 @@ class SelectedObject(Part):
 
     id: str
     user: str
-    since_ns: Annotated[int, Field(ge=0)]
+    since_ns: Ns
 
 
 class Selection(Message):

@@ -10,7 +10,7 @@ from pointit.schemas.base import Many, Message, Part
 class ClockTick(Message):
     """Simulated time: at wall time `stamp_ns` it was `sim_ns`, and it runs `speed` times as fast."""
 
-    sim_ns: Annotated[int, Field(ge=0)]
+    sim_ns: Annotated[int, Field(ge=0, le=2**62, description="till 2116: times reckoned from it fit too")]
     speed: Annotated[float, Field(gt=0, le=100)] = 1.0
 
 

@@ -11,6 +11,7 @@ from pointit.runtime import ConfigError, Context, MemoryBus, WallClock
 from pointit.runtime.health import ServiceBus
 from pointit.runtime.memory_bus import Exchange
 from pointit.schemas import (
+    FARTHEST,
     Cursor,
     Environment,
     Hover,
@@ -247,7 +248,7 @@ def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
             assert due_s is not None
 
 
-@pytest.mark.parametrize("value", [1e308, -1e308, 5e-324])
+@pytest.mark.parametrize("value", [FARTHEST, -FARTHEST, 5e-324])
 async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
@@ -259,16 +260,16 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
             position_m=(value, value, value),
             surface="strip",
             surface_id="a",
-            surface_position_m=-value,
+            surface_position_m=-value * FARTHEST,
             surface_speed_mps=value,
             length_m=abs(value),
         )
         bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, objects=(nonsense,)), "x")
-        bench.put(CURSOR, cursor(clock, value), "eve")
+        bench.put(CURSOR, cursor(clock, value * FARTHEST), "eve")
         bench.put(CURSOR, cursor(clock, 0.5), "anna")
         await until(lambda: any(5 in pixels(frame, "a") for frame in frames), what="anna's cursor")
-        far = Strip(id="a", line_m=((0.0, 0.0, 0.0), (value, 0.0, 0.0)), pixels=5)
-        bench.put(MAP, Environment(stamp_ns=0, name="evil", strips=(far,)))
+        point = Strip(id="a", line_m=((0.0, 0.0, 0.0), (5e-324, 0.0, 0.0)), pixels=5)
+        bench.put(MAP, Environment(stamp_ns=0, name="evil", strips=(point,)))
         await until(lambda: any("cannot be drawn" in text for h in health for text in h.warnings))
         assert not any(each.errors for each in health)
 

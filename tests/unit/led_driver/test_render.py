@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Strip
+from pointit.schemas.base import FARTHEST_ALONG
 from pointit.services.led_driver.config import StyleConfig
 from pointit.services.led_driver.render import CursorMark, ObjectMark, Renderer
 
@@ -191,3 +192,11 @@ def test_more_pixels_than_a_frame_holds_are_refused() -> None:
     assert len(Renderer(strips[:64]).render([], [])) == 64
     with pytest.raises(ValueError, match="266240 pixels together, a frame holds 262144"):
         Renderer(strips)
+
+
+@pytest.mark.parametrize("end_m", [1e-8, 2.0])
+@pytest.mark.parametrize("position_m", [-FARTHEST_ALONG, FARTHEST_ALONG])
+def test_cursors_beyond_the_world_light_nothing_however_many(end_m: float, position_m: float) -> None:
+    strip = Strip(id="a", line_m=((0.0, 0.0, 0.0), (end_m, 0.0, 0.0)), pixels=20)
+    marks = [CursorMark(strip_id="a", position_m=position_m, width_m=1.0, color=(9, 9, 9))] * 3
+    assert Renderer([strip]).render([], marks) == {"a": bytes(60)}

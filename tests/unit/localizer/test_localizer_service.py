@@ -255,11 +255,6 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
         (ROOM, STATIC.model_copy(update={"lamps": ("led_0", "led_9")}), "lamps led_9 are not on map 'lab'"),
         (ROOM, STATIC.model_copy(update={"lamps": ("led_0",)}), "needs two at different places"),
         (ROOM.model_copy(update={"lamps": ()}), STATIC, "needs two at different places"),
-        (
-            ROOM.model_copy(update={"lamps": (LAMPS[0], Lamp(id="a/b", position_m=(0.0, 0.0, 0.0)))}),
-            STATIC,
-            "led 'a/b'",
-        ),
     ],
 )
 async def test_what_cannot_begin_is_refused_at_once(

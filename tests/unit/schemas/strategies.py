@@ -56,10 +56,12 @@ def _plain(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
     limits: dict[str, Any] = {
         name: value
         for each in metadata
-        for name in ("ge", "gt", "le", "lt", "min_length", "max_length")
+        for name in ("ge", "gt", "le", "lt", "min_length", "max_length", "pattern")
         if (value := getattr(each, name, None)) is not None
     }
     low, high = limits.get("gt", limits.get("ge")), limits.get("lt", limits.get("le"))
+    if "pattern" in limits:
+        return st.from_regex(limits["pattern"], fullmatch=True)
     plain: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {
         types.NoneType: st.none,
         bool: st.booleans,

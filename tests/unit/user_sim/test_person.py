@@ -255,7 +255,8 @@ def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_lef
     )
     life.person.see(life.now_ns, theirs)
     assert choice(life) == "rest"
-    mine = theirs.replace(objects=(theirs.objects[0], SelectedObject(id="b", user="anna", since_ns=0)))
+    own = SelectedObject(id="b", user="anna", since_ns=0)
+    mine = theirs.model_copy(update={"objects": (theirs.objects[0], own)})
     life.person.see(life.now_ns, mine)
     assert choice(life) == "object b"
 

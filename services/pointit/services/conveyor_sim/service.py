@@ -59,7 +59,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._stepped_ns = 0
         self._seq = 0
         self._events_seq = 0
-        self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps, running=False)
+        self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps)
         self._objects = self.bus.publisher(OBJECTS, TRACKER)
         self._states = self.bus.publisher(CONVEYOR_STATE)
         self._events = self.bus.publisher(SELECTION_EVENTS)
@@ -186,20 +186,13 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._seq += 1
         self._objects.put(TrackedObjects(stamp_ns=now_ns, seq=self._seq, objects=tuple(conveyor.tracked())))
         last = self._state
-        is_running = conveyor.speed_mps != 0.0
-        if (conveyor.speed_mps, conveyor.fed, conveyor.left, is_running) != (
-            last.speed_mps,
-            last.fed,
-            last.left,
-            last.running,
-        ):
+        if (conveyor.speed_mps, conveyor.fed, conveyor.left) != (last.speed_mps, last.fed, last.left):
             self._state = ConveyorState(
                 stamp_ns=now_ns,
                 seq=last.seq + 1,
                 speed_mps=conveyor.speed_mps,
                 fed=conveyor.fed,
                 left=conveyor.left,
-                running=is_running,
             )
             self._states.put(self._state)
 

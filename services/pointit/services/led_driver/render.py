@@ -51,6 +51,9 @@ class ObjectMark:
 MAX_PIXELS = 64 * 4096
 """Of all strips together: a frame of more would be longer than its message may be."""
 
+_BEYOND = 1e9
+"""Pixels: nothing is drawn further beyond an end of a strip, so that numbers of pixels fit 64 bits."""
+
 _ROUNDING = 1e-6
 """Pixels: how far beyond an end of a strip is still its end."""
 
@@ -70,14 +73,18 @@ class _Canvas:
 
         What is shorter than a pixel lights the one it is in.
         """
-        first = math.ceil(start_m * self.per_m - 0.5)
-        last = math.floor(end_m * self.per_m - 0.5) + 1
+        start, end = self._pixel(start_m), self._pixel(end_m)
+        first = math.ceil(start - 0.5)
+        last = math.floor(end - 0.5) + 1
         if last > first:
             return first, last
-        middle = (start_m + end_m) / 2.0 * self.per_m
+        middle = (start + end) / 2.0
         if -_ROUNDING <= middle <= self.count + _ROUNDING:  # the very ends belong to the strip
             middle = min(max(middle, 0), self.count - 1)
         return math.floor(middle), math.floor(middle) + 1
+
+    def _pixel(self, position_m: float) -> float:
+        return min(max(position_m * self.per_m, -_BEYOND), _BEYOND)
 
     def paint(self, first: int, last: int, color: Sequence[int]) -> None:
         """Colour the pixels from `first` up to, not with, `last`; what is beyond the strip is left out."""

@@ -16,9 +16,6 @@ from pointit.services.led_driver.render import CursorMark, ObjectMark
 
 NS_PER_S = 1_000_000_000
 
-FARTHEST = 1e6
-"""Metres and metres per second: what claims more is not drawn, for nothing can be calculated with it."""
-
 T = TypeVar("T")
 
 _UNKNOWN = UserProfile(stamp_ns=0)
@@ -73,7 +70,7 @@ class Scene:
         marks: list[CursorMark] = []
         for user in sorted(self._cursors):
             cursor = self._cursors[user][1]
-            if cursor.surface == "strip" and abs(cursor.position_m) <= FARTHEST:
+            if cursor.surface == "strip":
                 profile = self._profiles.get(user, _UNKNOWN)
                 marks.append(
                     CursorMark(
@@ -97,7 +94,9 @@ class Scene:
         for _, tracked in self._objects.values():
             # never beyond the time-out, and a clock that is ahead of ours must not move them backwards
             elapsed_s = min(max(now_ns - tracked.stamp_ns, 0), self._objects_timeout_ns) / NS_PER_S
-            marks += [self._mark(item, elapsed_s, hovers) for item in tracked.objects if _is_drawable(item)]
+            marks += [
+                self._mark(item, elapsed_s, hovers) for item in tracked.objects if item.surface == "strip"
+            ]
         return marks
 
     def _mark(
@@ -118,11 +117,6 @@ class Scene:
 def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> None:
     for name in [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]:
         del heard[name]
-
-
-def _is_drawable(item: TrackedObject) -> bool:
-    along = (item.surface_position_m, item.surface_speed_mps, item.length_m)
-    return item.surface == "strip" and max(map(abs, along)) <= FARTHEST
 
 
 def newest_stamp_ns(cursors: Sequence[CursorMark]) -> int | None:

@@ -11,7 +11,6 @@ from pointit.schemas import (
     CancelLocalization,
     Done,
     Environment,
-    KeyNameError,
     Lamp,
     LampColor,
     Localization,
@@ -165,11 +164,6 @@ class Localizer(Service[LocalizerConfig]):
             raise RefusedError(
                 f"pointing at lamps needs two at different places, map {self._map.name!r} gives {len(lamps)}"
             )
-        try:
-            for lamp in lamps:
-                self._lamp(lamp.id)
-        except KeyNameError as error:
-            raise RefusedError(f"map {self._map.name!r}: {error}") from error
         return lamps
 
     def _begin(self, procedure: StaticTargets | MovingTarget) -> None:

@@ -6,10 +6,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.schemas import FARTHEST
 
 MAX_PIXELS = 4096
-MAX_M = 1e6
-"""Coordinates beyond are mistakes."""
 MAX_SHOWN = 60
 
 
@@ -22,7 +21,7 @@ def shown(value: object) -> str:
 def _number(value: object) -> float:
     if isinstance(value, str):  # YAML 1.1 takes 1e-3 for text
         value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MAX_M:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= FARTHEST:
         raise ValueError
     return float(value)
 

@@ -24,8 +24,6 @@ from pointit.schemas import (
 NS_PER_S = 1_000_000_000
 FRESH_S = 1.0
 """Objects of a tracker that says nothing for so long, or is so far ahead, are out of sight."""
-FARTHEST = 1e6
-"""Metres and metres per second: nobody points at what is beyond, and squares of it must not overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +115,9 @@ class Sight:
     def _notice(self, now_ns: int, message: Message, name: str) -> None:
         match message:
             case TrackedObjects():
-                seen = tuple(thing for thing in message.objects if _is_in_sight(thing))
-                self._trackers[name] = message.model_copy(update={"objects": seen})
+                self._trackers[name] = message
             case Cursor():
-                if message.point_m is None or _is_near(message.point_m):
-                    self.cursors.append(message)
+                self.cursors.append(message)
             case Selection():
                 self.selection = {chosen.id: chosen.user for chosen in message.objects}
             case Interaction():
@@ -138,20 +134,11 @@ class Sight:
                 raise TypeError(f"a person cannot see {type(message).__name__}")
 
     def _learn(self, room: Environment) -> None:
-        self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps if _is_near(lamp.position_m)}
+        self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps}
         self.strips = _drawable(room.strips)
         self._lines = {("strip", name): line for name, line in self.strips.items()}
         self._lines |= {("belt", name): line for name, line in _drawable(room.belts).items()}
         self._links = {link.source: link.target for link in room.links}
-
-
-def _is_near(vector: Vec3) -> bool:
-    return max(map(abs, vector)) <= FARTHEST
-
-
-def _is_in_sight(thing: TrackedObject) -> bool:
-    along = (thing.surface_position_m, thing.surface_speed_mps, thing.length_m)
-    return _is_near(thing.position_m) and _is_near(thing.velocity_mps) and _is_near(along)
 
 
 def _drawable(things: Sequence[Strip] | Sequence[Belt]) -> dict[str, Polyline]:

@@ -13,6 +13,9 @@ NS_PER_S = 1_000_000_000
 BOOT_SPAN_S = 3600.0
 """The band was switched on at some time within the last hour."""
 
+LONGEST_S = 9e9
+"""285 years."""
+
 
 class Wristband:
     """Measures the arm's orientation in {H}, as well as such a thing can."""
@@ -24,8 +27,9 @@ class Wristband:
         self._yaw_rad = yaw_rad
         self._rate_radps = math.radians(config.yaw_rate_bias_sd_degps) * float(rng.standard_normal())
         self._boot_s = float(rng.uniform(0.0, BOOT_SPAN_S))
-        self._start_ns: int | None = None
-        self._at_ns = 0
+        self._at_ns: int | None = None
+        self._running_s = 0.0
+        self._pace = 1.0 + config.clock_skew_ppm * 1e-6
         self._silent = False
         self._seq = 0
         self.drift_rad = 0.0
@@ -33,10 +37,10 @@ class Wristband:
 
     def sample(self, now_ns: int, world_from_arm: Quaternion) -> ImuSample | None:
         """Return what the band sends at `now_ns`; none while the radio is silent."""
-        if self._start_ns is None:
-            self._start_ns = self._at_ns = now_ns
-        passed_s = max(0, now_ns - self._at_ns) / NS_PER_S  # a clock may be set back
+        passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
+        # the band's own clock is never set back, and is wrong before it is too long to be sent
+        self._running_s = min(self._running_s + passed_s * self._pace, LONGEST_S)
         self._drift(passed_s)
         noise = np.radians(self._config.noise_sd_deg) * self._rng.standard_normal(3)
         self._seq += 1  # counted though lost, so that a reader sees the gap
@@ -47,12 +51,11 @@ class Wristband:
             rotation.from_yaw(self.drift_rad - self._yaw_rad),
             rotation.multiply(world_from_arm, (float(half[0]), float(half[1]), float(half[2]), 1.0)),
         )
-        running_s = (now_ns - self._start_ns) / NS_PER_S * (1.0 + self._config.clock_skew_ppm * 1e-6)
         return ImuSample(
             stamp_ns=now_ns,
             seq=self._seq,
             orientation_xyzw=rotation.normalized(measured),
-            device_time_ns=round((self._boot_s + running_s) * NS_PER_S),
+            device_time_ns=round((self._boot_s + self._running_s) * NS_PER_S),
         )
 
     def _drift(self, passed_s: float) -> None:

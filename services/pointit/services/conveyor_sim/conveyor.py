@@ -9,6 +9,9 @@ from pointit.services.conveyor_sim.lane import Item, Lane
 
 NS_PER_S = 1_000_000_000
 
+ROUNDING_S = 0.5e-9
+"""Times are whole nanoseconds; sums of their floats are off by less than half of one."""
+
 
 class NoRoomError(Exception):
     """An object does not fit now; its text is one sentence for a person."""
@@ -62,8 +65,9 @@ class Conveyor:
         while not self._feeder.is_done:
             lane = self.lanes[self._feeder.taken % len(self.lanes)]
             until_s = max(self._feeder.due_s, self._room_in_s(lane, self._feeder.length_m))
-            if until_s > rest_s:
+            if until_s > rest_s + ROUNDING_S:
                 break
+            until_s = min(until_s, rest_s)
             passed += self._move(until_s)
             rest_s -= until_s
             self._enter(lane, self._feeder.take(), self._feeder.length_m)

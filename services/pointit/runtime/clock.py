@@ -12,6 +12,15 @@ from pointit.schemas.topics import CLOCK
 
 NS_PER_S = 1_000_000_000
 
+TICK_PERIOD_S = 1.0
+"""How often simulated time is published, in seconds of the wall."""
+
+MOST_AHEAD_S = 2.0
+"""A follower ahead by more, in seconds of the wall, has followed another run; one by less is slowed down."""
+
+SILENT_NS = 10 * NS_PER_S
+"""After so long without a tick from who ticked regularly, the site has no simulated time any more."""
+
 
 class Clock(Protocol):
     """Where services get the time from; nobody else asks the operating system."""
@@ -60,25 +69,49 @@ class SimulatedClock:
         return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
 
+async def keep_time(clock: SimulatedClock, bus: Bus) -> None:
+    """Tell the site the time of `clock`, now and every `TICK_PERIOD_S`, until cancelled."""
+    publisher = bus.publisher(CLOCK)
+    try:
+        while True:
+            publisher.put(clock.tick())
+            await asyncio.sleep(TICK_PERIOD_S)
+    finally:
+        publisher.close()
+
+
 class SiteClock:
-    """Follows the simulated time that the site publishes; the wall's time until it does."""
+    """Follows the simulated time that the site publishes; the wall's time while it does not.
+
+    Between ticks it runs on this machine's monotonic clock, so that setting the wall's clock moves nothing.
+    A tick counts as of the moment it arrives (its way over the network is neglected); only the first, which
+    may have waited for this reader, is as old as its stamp says. When a tick shows that this clock is ahead,
+    it runs at half its speed until it is not: it never goes backwards while it follows one source. To one
+    that is far behind, which is another run's, it jumps, as it does when the site's time comes or goes.
+    """
 
     def __init__(self, bus: Bus) -> None:
         self._tick: ClockTick | None = None
+        self._count = 0
+        self._arrived_ns = 0
+        """Monotonic time at which the tick said `_base_ns`."""
+        self._base_ns = 0
+        self._ahead_ns = 0
+        """How far this clock was ahead then."""
         self._ticked = asyncio.Event()
         self._subscription: Closable = bus.subscribe(CLOCK, self._on_tick)
 
     @property
     def speed(self) -> float:
         """Return how many of its seconds pass in a second of the wall."""
-        return self._tick.speed if self._tick is not None else 1.0
+        tick = self._source(time.monotonic_ns())
+        return 1.0 if tick is None else tick.speed
 
     def now_ns(self) -> int:
         """Return the site's time, ns."""
-        tick = self._tick
-        if tick is None:
-            return time.time_ns()
-        return tick.sim_ns + int((time.time_ns() - tick.stamp_ns) * tick.speed)
+        here_ns = time.monotonic_ns()
+        tick = self._source(here_ns)
+        return time.time_ns() if tick is None else self._at(tick, here_ns)
 
     async def found(self, patience_s: float) -> bool:
         """Wait for the site's time; return whether it came, so that nothing sees the jump towards it."""
@@ -92,8 +125,25 @@ class SiteClock:
         """Follow no longer."""
         self._subscription.close()
 
+    def _source(self, here_ns: int) -> ClockTick | None:
+        """Return the tick to go by; none when who ticked regularly has fallen silent: that run is over."""
+        is_over = self._count > 1 and here_ns - self._arrived_ns > SILENT_NS
+        return None if is_over else self._tick
+
+    def _at(self, tick: ClockTick, here_ns: int) -> int:
+        passed_ns = int((here_ns - self._arrived_ns) * tick.speed)
+        return self._base_ns + passed_ns + max(0, self._ahead_ns - passed_ns // 2)
+
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
-        self._tick = tick
+        here_ns = time.monotonic_ns()
+        before = self._source(here_ns)
+        age_ns = 0 if before else max(0, time.time_ns() - tick.stamp_ns)
+        base_ns = tick.sim_ns + int(age_ns * tick.speed)
+        ahead_ns = 0 if before is None else self._at(before, here_ns) - base_ns
+        goes_on = before is not None and ahead_ns <= MOST_AHEAD_S * tick.speed * NS_PER_S
+        self._ahead_ns = max(0, ahead_ns) if goes_on else 0
+        self._count = self._count + 1 if goes_on else 1
+        self._tick, self._arrived_ns, self._base_ns = tick, here_ns, base_ns
         self._ticked.set()
 
 

@@ -6,15 +6,18 @@ import time
 from collections.abc import AsyncIterator
 
 import pytest
+import pytest_asyncio
 
 from pointit.runtime import Exchange, MemoryBus, SimulatedClock, SiteClock, WallClock
-from pointit.runtime.clock import NS_PER_S, sleep, ticks
+from pointit.runtime import clock as clock_module
+from pointit.runtime.clock import NS_PER_S, keep_time, sleep, ticks
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
 
 
 def test_wall_time_is_the_operating_systems() -> None:
-    assert abs(WallClock().now_ns() - time.time_ns()) < NS_PER_S
+    before_ns = time.time_ns()
+    assert before_ns <= WallClock().now_ns() <= time.time_ns()
     assert WallClock().speed == 1
 
 
@@ -52,36 +55,158 @@ async def test_a_follower_may_wait_for_the_sites_time_before_it_begins() -> None
     await service.close()
 
 
-async def test_a_site_clock_follows_the_tick_of_another_participant() -> None:
-    exchange = Exchange()
-    cli, service = MemoryBus(exchange), MemoryBus(exchange)
+class Wall:
+    """Stands for the machine's clocks: the monotonic one, and a wall clock that can be set."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.passed_ns = 0
+        self.offset_ns = 1_000_000 * NS_PER_S
+        monkeypatch.setattr(time, "time_ns", lambda: self.offset_ns + self.passed_ns)
+        monkeypatch.setattr(time, "monotonic_ns", lambda: self.passed_ns)
+
+    def step(self, duration_s: float) -> None:
+        self.passed_ns += round(duration_s * NS_PER_S)
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
+    return Wall(monkeypatch)
+
+
+@pytest_asyncio.fixture
+async def bus() -> AsyncIterator[MemoryBus]:
+    bus = MemoryBus(Exchange())
+    yield bus
+    await bus.close()
+
+
+async def handled() -> None:
+    for _ in range(3):
+        await asyncio.sleep(0)
+
+
+async def test_a_site_clock_follows_the_tick_of_another_participant(wall: Wall, bus: MemoryBus) -> None:
     source = SimulatedClock(10.0)
-    follower = SiteClock(service)
-    assert follower.speed == 1.0
-    assert abs(follower.now_ns() - time.time_ns()) < NS_PER_S
-    publisher = cli.publisher(CLOCK)
+    follower = SiteClock(bus)
+    wall.step(2)
+    assert (follower.speed, follower.now_ns()) == (1.0, time.time_ns())
+    publisher = bus.publisher(CLOCK)
     publisher.put(source.tick())
-    await until(lambda: follower.speed == 10.0)
-    await asyncio.sleep(0.2)  # 2 s of the site
-    assert abs(follower.now_ns() - source.now_ns()) < 0.2 * NS_PER_S
-    late = SiteClock(service)  # the tick is a state: who comes later follows too
-    await until(lambda: late.speed == 10.0)
+    await handled()
+    assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
+    wall.step(5)
+    assert follower.now_ns() == source.now_ns()
+    late = SiteClock(bus)  # the tick is a state: who comes later follows too, although the tick is old
+    await handled()
+    assert late.now_ns() == source.now_ns()
     follower.close()
     publisher.put(SimulatedClock(3.0).tick())
-    await until(lambda: late.speed == 3.0)
-    assert follower.speed == 10.0
-    await cli.close()
-    await service.close()
+    await handled()
+    assert (follower.speed, late.speed) == (10.0, 3.0)
+
+
+async def test_setting_the_walls_clock_moves_nobody(wall: Wall, bus: MemoryBus) -> None:
+    source, follower = SimulatedClock(10.0), SiteClock(bus)
+    publisher = bus.publisher(CLOCK)
+    publisher.put(source.tick())
+    await handled()
+    for offset_s in (3600, -7200):
+        wall.offset_ns += offset_s * NS_PER_S
+        assert follower.now_ns() == source.now_ns()
+        wall.step(1)
+        assert follower.now_ns() == source.now_ns()
+        publisher.put(source.tick())
+        await handled()
+        assert follower.now_ns() == source.now_ns()
+
+
+async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, bus: MemoryBus) -> None:
+    """Another machine, whose wall is 0.2 s ahead: only the first tick is read with it."""
+    source, follower = SimulatedClock(10.0), SiteClock(bus)
+    publisher = bus.publisher(CLOCK)
+    tick = source.tick()
+    wall.offset_ns += NS_PER_S // 5
+    publisher.put(tick)
+    await handled()
+    assert follower.now_ns() - source.now_ns() == 2 * NS_PER_S
+    wall.step(1)
+    publisher.put(source.tick())
+    await handled()
+    times, errors = [follower.now_ns()], [follower.now_ns() - source.now_ns()]
+    for _ in range(50):
+        wall.step(0.01)
+        times.append(follower.now_ns())
+        errors.append(follower.now_ns() - source.now_ns())
+    assert errors[0] == 2 * NS_PER_S
+    assert errors[20] == NS_PER_S
+    assert errors[40:] == [0] * 11
+    assert {later - earlier for earlier, later in itertools.pairwise(times)} == {
+        NS_PER_S // 20,
+        NS_PER_S // 10,
+    }
+
+
+async def test_a_source_that_begins_anew_is_followed_at_once(wall: Wall, bus: MemoryBus) -> None:
+    follower, publisher = SiteClock(bus), bus.publisher(CLOCK)
+    publisher.put(SimulatedClock(10.0).tick())
+    await handled()
+    for speed in (10.0, 2.0, 0.5):
+        wall.step(60)
+        source = SimulatedClock(speed)  # from the wall's time again
+        assert follower.now_ns() > source.now_ns()
+        publisher.put(source.tick())
+        await handled()
+        assert (follower.speed, follower.now_ns()) == (speed, source.now_ns())
+    wall.step(60)
+    source = SimulatedClock(1.5)
+    assert follower.now_ns() < source.now_ns()
+    publisher.put(source.tick())
+    await handled()
+    assert follower.now_ns() == source.now_ns()
+
+
+async def test_a_run_that_is_over_leaves_wall_time(wall: Wall, bus: MemoryBus) -> None:
+    follower, source = SiteClock(bus), SimulatedClock(10.0)
+    publisher = bus.publisher(CLOCK)
+    for _ in range(2):
+        publisher.put(source.tick())
+        await handled()
+        wall.step(1)
+    wall.step(8.9)
+    assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
+    wall.step(0.2)
+    assert (follower.speed, follower.now_ns()) == (1.0, time.time_ns())
+    publisher.put(source.tick())  # it was only cut off
+    await handled()
+    assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
+
+
+async def test_time_is_told_at_once_and_again(monkeypatch: pytest.MonkeyPatch, bus: MemoryBus) -> None:
+    monkeypatch.setattr(clock_module, "TICK_PERIOD_S", 0.01)
+    told: list[int] = []
+    bus.subscribe(CLOCK, lambda tick, _name: told.append(tick.sim_ns))
+    keeping = asyncio.create_task(keep_time(SimulatedClock(2.0), bus))
+    await until(lambda: len(told) >= 3)
+    assert told == sorted(set(told))
+    keeping.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await keeping
+    assert not bus.exchange.states[CLOCK.key]
 
 
 class FastClock(ManualClock):
     speed = 50.0
 
 
-async def test_sleep_is_in_the_clocks_seconds() -> None:
-    began_s = time.monotonic()
+async def test_sleep_is_in_the_clocks_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept: list[float] = []
+
+    async def note(duration_s: float) -> None:
+        slept.append(duration_s)
+
+    monkeypatch.setattr(asyncio, "sleep", note)
     await sleep(FastClock(), 5.0)
-    assert 0.09 < time.monotonic() - began_s < 2.0
+    assert slept == [0.1]
 
 
 class StepLoop:

@@ -9,6 +9,7 @@ import pytest
 from pointit.runtime import (
     Bus,
     BusClosedError,
+    present,
 )
 from pointit.schemas import (
     Done,
@@ -18,6 +19,7 @@ from pointit.schemas.topics import (
     BUTTON,
     IMU,
     PROFILE,
+    SERVICE_ALIVE,
     SET_BRIGHTNESS,
     USER_ALIVE,
 )
@@ -170,3 +172,23 @@ class TestClose:
         for bus in reversed(buses):  # the one that the others are connected to comes last
             await bus.close()
         assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+class TestPresent:
+    async def test_who_is_there_now_is_told_once(self, site: Site) -> None:
+        tokens = [bus.announce(USER_ALIVE, name) for bus, name in ((site.a, "anna"), (site.b, "ben"))]
+        site.a.announce(SERVICE_ALIVE, "pui")
+        await site.settle()
+        assert await present(site.c, USER_ALIVE, 1.0) == {"anna", "ben"}
+        tokens[0].close()
+        await site.settle()
+        for bus in site.buses:
+            assert await present(bus, USER_ALIVE, 1.0) == {"ben"}
+
+    async def test_who_leaves_meanwhile_is_not(self, site: Site) -> None:
+        token = site.a.announce(USER_ALIVE, "anna")
+        await site.settle()
+        asking = asyncio.create_task(present(site.b, USER_ALIVE, 1.0))
+        await asyncio.sleep(0.1)
+        token.close()
+        assert await asking == set()

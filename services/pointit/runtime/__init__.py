@@ -1,7 +1,16 @@
 """What running services share: bus, clock, configuration, logs, health, life and end."""
 
 from pointit.runtime.bus import Bus, Closable, Publisher, Subscription, Traffic
-from pointit.runtime.clock import NS_PER_S, Clock, SimulatedClock, SiteClock, WallClock, sleep, ticks
+from pointit.runtime.clock import (
+    NS_PER_S,
+    Clock,
+    SimulatedClock,
+    SiteClock,
+    WallClock,
+    keep_time,
+    sleep,
+    ticks,
+)
 from pointit.runtime.config import Config
 from pointit.runtime.errors import (
     BusClosedError,
@@ -15,6 +24,7 @@ from pointit.runtime.errors import (
     RequestError,
 )
 from pointit.runtime.memory_bus import Exchange, MemoryBus
+from pointit.runtime.presence import present
 from pointit.runtime.service import (
     AnyService,
     Context,
@@ -53,6 +63,8 @@ __all__ = [
     "Traffic",
     "WallClock",
     "check_launches",
+    "keep_time",
+    "present",
     "run_service",
     "run_services",
     "sleep",

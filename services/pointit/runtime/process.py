@@ -16,6 +16,7 @@ import click
 
 from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
+from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.service import AnyService, Launch, check_launches, run_services
@@ -32,8 +33,10 @@ EXIT_FAULT = 70
 """An error that nobody foresaw (sysexits' EX_SOFTWARE)."""
 END_PATIENCE_S = 5.0
 """After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
-CLOCK_PATIENCE_S = 2.0
-"""How long a service waits for the simulated time that it is to follow, before it begins."""
+CLOCK_PATIENCE_S = 0.3
+"""How long a service waits for the site's simulated time before it begins; it usually takes ms."""
+ASKED_CLOCK_PATIENCE_S = 2.0
+"""The same, when the command line says that there is one: so many processes may start that they are slow."""
 SWITCH_INTERVAL_S = 0.0005
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
@@ -90,7 +93,12 @@ def service_command(service: type[AnyService]) -> click.Command:
         check_launches([launch])
         if options["while_parent_lives"]:
             end_with_parent()
-        return run_async(_serve(launch, link, follow=options["clock"] == "site"))
+        patience_s: float | None = None
+        if options["clock"] == "site":
+            source = click.get_current_context().get_parameter_source("clock")
+            is_default = source is click.core.ParameterSource.DEFAULT
+            patience_s = CLOCK_PATIENCE_S if is_default else ASKED_CLOCK_PATIENCE_S
+        return run_async(_serve(launch, link, patience_s))
 
     parameters: list[click.Parameter] = [
         click.Option(
@@ -99,10 +107,10 @@ def service_command(service: type[AnyService]) -> click.Command:
         *link_options(),
         click.Option(
             ["--clock"],
-            type=click.Choice(["wall", "site"]),
-            default="wall",
+            type=click.Choice(["site", "wall"]),
+            default="site",
             show_default=True,
-            help="wall time, or the simulated time that the site publishes",
+            help="the simulated time that the site publishes (wall time while there is none), or wall time",
         ),
         log_option(),
         click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
@@ -137,16 +145,13 @@ def load_config(
     layers = Layers()
     for file in files:
         layers.add(read_yaml(file), str(file))
+    for variable in os.environ:
+        check_spelling(variable, [service.NAME])
     layers.add_environment(os.environ, environment_prefix(service.NAME))
     for path, text in options.items():
         if text is not None:
             layers.add_text(path, text, "--" + ".".join(path).replace("_", "-"))
     return layers.build(service.CONFIG)
-
-
-def environment_prefix(service_name: str) -> str:
-    """Return how variables of a service begin: `POINTIT_LED_DRIVER__`."""
-    return f"POINTIT_{service_name.upper().replace('-', '_')}__"
 
 
 def link_options() -> list[click.Parameter]:
@@ -262,12 +267,12 @@ def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Genera
             loop.remove_signal_handler(number)
 
 
-async def _serve(launch: Launch, link: Link, *, follow: bool) -> int:
+async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> int:
     if link.listen:
         link = Link(site=link.site, listen=link.listen)
     bus = await ZenohBus.open(link)
     try:
-        clock = await _site_clock(bus) if follow else WallClock()
+        clock = WallClock() if clock_patience_s is None else await _site_clock(bus, clock_patience_s)
         log.info("%s of site %s runs", launch.instance, link.site)
         await run_services([launch], bus, clock)
     finally:
@@ -275,9 +280,9 @@ async def _serve(launch: Launch, link: Link, *, follow: bool) -> int:
     return 0
 
 
-async def _site_clock(bus: ZenohBus) -> Clock:
+async def _site_clock(bus: ZenohBus, patience_s: float) -> Clock:
     clock = SiteClock(bus)
-    if not await clock.found(CLOCK_PATIENCE_S):
+    if not await clock.found(patience_s) and patience_s > CLOCK_PATIENCE_S:
         log.warning("this site publishes no simulated time; it is wall time until it does")
     return clock
 

@@ -26,9 +26,15 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 DEFAULT_SITE = "lab"
 
 ENDPOINT = re.compile(
-    r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):\d{1,5}([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
+    r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
 )
 """What Zenoh takes for an address: host and port, or what other protocols need (`serial//dev/ttyUSB0`)."""
+
+MAX_PORT = 65535
+
+SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
+IN_USE = re.compile(r"\(os error (48|98|10048)\)")
+"""How macOS, Linux and Windows number that an address is taken."""
 
 OPEN_RETRY_S = 0.5
 CONNECT_TIMEOUT_MS = 1000
@@ -60,8 +66,11 @@ def configuration(link: Link) -> zenoh.Config:
     """
     check_name(link.site, "site")
     for endpoint in (*link.listen, *link.connect):
-        if not ENDPOINT.fullmatch(endpoint):
+        found = ENDPOINT.fullmatch(endpoint)
+        if not found:
             raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
+        if found["port"] and int(found["port"]) > MAX_PORT:
+            raise ConfigError(f"{endpoint!r}: there is no port {found['port']}; use one up to {MAX_PORT}")
     config = zenoh.Config()
     if link.router:
         mode = "router"
@@ -114,9 +123,10 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         except zenoh.ZError as error:
             if not link.connect:
                 where = ", ".join(link.listen)
+                taken = "another PointIt may be running there: join it with --connect, or "
+                hint = taken if IN_USE.search(str(error)) else ""
                 raise ListenError(
-                    f"cannot listen on {where}: {_short(error)}; another PointIt may be running there: "
-                    "join it with --connect, or choose another address with --listen"
+                    f"cannot listen on {where}: {_short(error)}; {hint}choose another address with --listen"
                 ) from error
             where = ", ".join(link.connect)
             if patience_s is not None and loop.time() - began >= patience_s:
@@ -234,4 +244,5 @@ class LinkWatch:
 
 def _short(error: Exception) -> str:
     """Return the innermost reason of a Zenoh error."""
-    return str(error).split(" at ")[0].rstrip(".")
+    system = SYSTEM_REASON.search(str(error))
+    return system[1] if system else str(error).split(" at ")[0].rstrip(".")

@@ -20,9 +20,17 @@ from pointit.runtime import (
     ListenError,
     NoAnswerError,
     Service,
+    process,
 )
 from pointit.runtime.config import leaves
-from pointit.runtime.process import load_config, run_async, run_command, service_command
+from pointit.runtime.process import (
+    ASKED_CLOCK_PATIENCE_S,
+    CLOCK_PATIENCE_S,
+    load_config,
+    run_async,
+    run_command,
+    service_command,
+)
 from pointit.runtime.service import Scope
 from pointit.schemas import KeyNameError
 
@@ -223,3 +231,46 @@ def test_what_a_service_can_see_by_itself_is_told_before_anybody_is_sought(
     arguments = ("--user", "anna", "--connect", "tcp/127.0.0.1:9")
     assert ended(service_command(Picky), *arguments) == 2
     assert "Error: sample-one.anna: rate_hz: 50 is none of the recording's" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--listen", "--connect"])
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("tcp/127.0.0.1:70000", "'tcp/127.0.0.1:70000': there is no port 70000; use one up to 65535"),
+        ("tcp/127.0.0.1:99999?x=1", "there is no port 99999"),
+        ("tcp/[::1]:65536", "there is no port 65536"),
+        ("tcp/127.0.0.1:-1", "'tcp/127.0.0.1:-1' is no address"),
+        ("tcp/127.0.0.1:http", "is no address"),
+        ("tcp/127.0.0.1", "is no address"),
+    ],
+)
+def test_a_port_that_cannot_be_is_a_mistake_of_who_typed_it(
+    option: str, address: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended(service_command(Sample), "--user", "anna", option, address) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert "another PointIt" not in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "patience_s"),
+    [
+        ((), CLOCK_PATIENCE_S),
+        (("--clock", "site"), ASKED_CLOCK_PATIENCE_S),
+        (("--clock", "wall"), None),
+    ],
+)
+def test_the_sites_time_is_followed_unless_wall_time_is_asked_for(
+    arguments: tuple[str, ...], patience_s: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float | None] = []
+
+    async def serve(_launch: object, _link: object, clock_patience_s: float | None) -> int:
+        asked.append(clock_patience_s)
+        return 0
+
+    monkeypatch.setattr(process, "_serve", serve)
+    assert ended(service_command(Sample), "--user", "anna", *arguments) == 0
+    assert asked == [patience_s]

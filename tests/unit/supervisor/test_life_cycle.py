@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from pointit.schemas import ButtonEvent, Feedback, Interaction, Localization, UserPose
+from pointit.geometry.rotation import IDENTITY
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 
@@ -28,6 +29,11 @@ def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
 def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
     now_ns = round(now_s * S)
     return Localization.model_validate({"stamp_ns": now_ns, "phase": phase, **more}), now_ns
+
+
+def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
+    now_ns = round(now_s * S)
+    return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
 
 
 def told(outputs: list[Output]) -> list[str]:
@@ -164,7 +170,7 @@ def test_news_of_an_earlier_localization_do_not_count() -> None:
 
 def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     cycle = localizing(10.0)
-    cycle.imu(69 * S)
+    cycle.imu(*sample(69))
     first = cycle.run
     outputs = cycle.localization(*news(20, "idle"))
     assert told(outputs) == ["start", "localizing"]
@@ -190,7 +196,7 @@ def test_a_silent_wrist_ends_it() -> None:
     assert cycle.deadline_ns is None
     cycle.pose(*pose())
     cycle.button(*press(10))
-    cycle.imu(12 * S)
+    cycle.imu(*sample(12))
     assert cycle.deadline_ns == 15 * S
     assert cycle.pass_time(15 * S - 1) == []
     outputs = cycle.pass_time(15 * S)
@@ -239,9 +245,9 @@ class AnyLife(RuleBasedStateMachine):
         }
     )
 
-    @initialize(localize=st.booleans(), each_time=st.booleans())
-    def start(self, *, localize: bool, each_time: bool) -> None:
-        self.cycle = LifeCycle(localize=localize, relocalize_each_time=each_time)
+    @initialize(localize=st.booleans(), each_time=st.booleans(), autostart=st.booleans())
+    def start(self, *, localize: bool, each_time: bool, autostart: bool) -> None:
+        self.cycle = LifeCycle(localize=localize, relocalize_each_time=each_time, autostart=autostart)
         self.localize = localize
         self.now_ns = 1000 * S
         self.asked: list[int] = []
@@ -269,7 +275,7 @@ class AnyLife(RuleBasedStateMachine):
     @rule(span_s=st.floats(0, 3))
     def little_time_with_imu(self, span_s: float) -> None:
         self.now_ns += round(span_s * S)
-        self.cycle.imu(self.now_ns)
+        self.take(self.cycle.imu(*sample(self.now_ns / S)))
 
     @rule(gesture=st.sampled_from(["press", "double", "hold"]))
     def button(self, gesture: Gesture) -> None:
@@ -346,5 +352,5 @@ def test_a_wrist_that_is_heard_never_ends_pointing(moments: list[tuple[float, bo
         now_ns += round(span_s * S)
         if looks:
             assert cycle.pass_time(now_ns) == []
-        cycle.imu(now_ns)
+        assert cycle.imu(ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY), now_ns) == []
     assert cycle.state == "pointing"

@@ -185,6 +185,19 @@ async def test_a_wrist_that_falls_silent_ends_the_interaction(*, localize: bool)
             await until(lambda: localizer.asked == ["start", "cancel"])
 
 
+async def test_samples_alone_begin_and_begin_again_where_there_is_no_button() -> None:
+    clock = SimulatedClock(10.0)
+    async with memory_bench(clock) as bench:
+        interactions = bench.collect(INTERACTION, ANNA)
+        bench.start(Supervisor, SupervisorConfig(autostart=True, imu_timeout_s=2.0), user=ANNA)
+        put_pose(bench)
+        await bench.settle()
+        for begun in (1, 2):
+            bench.put(IMU, ImuSample(stamp_ns=clock.now_ns(), orientation_xyzw=IDENTITY), ANNA)
+            await until(lambda: states(interactions).count("pointing") == begun)  # noqa: B023 - awaited here
+            await until(lambda: interactions[-1].state == "idle")
+
+
 async def test_localizing_that_never_ends_is_ended() -> None:
     clock = SimulatedClock(20.0)
     async with memory_bench(clock) as bench:

@@ -61,4 +61,11 @@ class SupervisorConfig(Config):
     imu_timeout_s: float = Field(
         default=3.0, gt=0, le=600, description="a wrist that is silent for longer ends the interaction, s"
     )
+    autostart: bool = Field(
+        default=False,
+        description="begin by itself when samples come, until a press stops it: for devices without a button",
+    )
+    retry_s: float = Field(
+        default=5.0, gt=0, le=600, description="autostart: how long to wait after localizing failed, s"
+    )
     profile: ProfileConfig = Field(default=ProfileConfig(), description="the person's profile")

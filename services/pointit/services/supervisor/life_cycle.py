@@ -4,15 +4,20 @@ idle --button--> localizing --solved--> pointing --button--> idle
 idle --button--> pointing                        when the person's place is known
 localizing --button, refusal, time-out, silent wrist--> idle
 pointing --silent wrist--> idle
+
+With `autostart` a sample of the wrist does in idle what the button does, unless a press led there.
 """
 
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.schemas import ButtonEvent, Feedback, Interaction, Localization, UserPose
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
 
 NS_PER_S = 1_000_000_000
+
+SETTLE_NS = NS_PER_S
+"""After the begin, how long the person's place may take to come before they are localized unasked."""
 
 State = Literal["idle", "localizing", "pointing"]
 Cue = Literal["started", "stopped", "target", "localized", "refused"]
@@ -49,6 +54,8 @@ class LifeCycle:
         follows_robot: bool = False,
         localization_timeout_s: float = 60.0,
         imu_timeout_s: float = 3.0,
+        autostart: bool = False,
+        retry_s: float = 5.0,
     ) -> None:
         self.state: State = "idle"
         self._localizes = localize
@@ -56,6 +63,11 @@ class LifeCycle:
         self._follows_robot = follows_robot
         self._timeout_s = localization_timeout_s
         self._silence_s = imu_timeout_s
+        self._retry_ns = round(retry_s * NS_PER_S)
+        self._is_eager = autostart
+        """Whether the next sample may begin; not after the person stopped themselves."""
+        self._autostarts = autostart
+        self._not_before_ns = 0
         self._button: ButtonEvent | None = None
         self._pose_ns: int | None = None
         self._heard_ns = 0
@@ -86,16 +98,21 @@ class LifeCycle:
 
     def begin(self, now_ns: int) -> list[Output]:
         """Say the first state."""
+        self._not_before_ns = now_ns + SETTLE_NS if self._localizes else now_ns
         return self._show(now_ns)
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Take a press: it starts what is not going on and ends what is.
 
-        `double` only ends; `hold` localizes anew, where the person localizes at all.
+        `double` only ends; `hold` localizes anew, where the person localizes at all. Nothing begins by itself
+        after a gesture that ends.
         """
         if self._button is not None and _is_same(event, self._button):
             return []
         self._button = event
+        ends = event.gesture == "double" or self.state == "localizing"
+        ends = ends or (self.state == "pointing" and not (event.gesture == "hold" and self._localizes))
+        self._is_eager = self._autostarts and not ends
         if self.state == "localizing":
             return [Cancel(), *self._rest(now_ns, "stopped", sentences.CANCELLED)]
         if event.gesture == "hold" and self._localizes:
@@ -103,16 +120,20 @@ class LifeCycle:
         if self.state == "pointing":
             return self._rest(now_ns, "stopped", sentences.STOPPED)
         if event.gesture == "double":
-            return []
-        if self._localizes and not self._is_place_known:
-            return self._localize(now_ns)
-        if self._pose_ns is None:
+            return self._show(now_ns)
+        if self._pose_ns is None and not self._localizes:
             return self._rest(now_ns, "refused", sentences.NO_POSE)
-        return self._point(now_ns, sentences.PLACE_KNOWN)
+        return self._start(now_ns)
 
-    def imu(self, now_ns: int) -> None:
-        """Take note that the wrist is heard."""
+    def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
+        """Take note that the wrist is heard; with `autostart` a timely sample begins."""
         self._heard_ns = now_ns
+        if self.state != "idle" or not self._is_eager or now_ns < self._not_before_ns:
+            return []
+        is_timely = abs(now_ns - sample.stamp_ns) <= self._silence_s * NS_PER_S
+        if not is_timely or (self._pose_ns is None and not self._localizes):
+            return []
+        return self._start(now_ns)
 
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Take the person's place."""
@@ -128,11 +149,11 @@ class LifeCycle:
         if news.phase == "solved":
             return self._localized(now_ns)
         if news.phase == "refused":
-            return self._rest(now_ns, "refused", news.reason or sentences.REFUSED)
+            return self._fail(now_ns, "refused", news.reason or sentences.REFUSED)
         if not self._is_answered:  # cancelled or idle before it heard of this run
             return []
         if news.phase == "cancelled":
-            return self._rest(now_ns, "stopped", news.reason or sentences.CANCELLED)
+            return self._fail(now_ns, "stopped", news.reason or sentences.CANCELLED)
         if self._pose_ns is not None and self._pose_ns >= self._run_ns:  # idle again: solved unseen
             return self._localized(now_ns)
         start = self._ask()  # idle, as if it had never heard of us
@@ -150,7 +171,7 @@ class LifeCycle:
         """Take why a `Start` came to nothing."""
         if self.state != "localizing" or run != self._run:
             return []
-        return self._rest(now_ns, "refused", reason)
+        return self._fail(now_ns, "refused", reason)
 
     def pass_time(self, now_ns: int) -> list[Output]:
         """Go on to `now_ns`: what took too long ends."""
@@ -158,7 +179,9 @@ class LifeCycle:
         if deadline_ns is None or now_ns < deadline_ns:
             return []
         is_silent = now_ns >= self._heard_ns + round(self._silence_s * NS_PER_S)
-        reason = sentences.silent(self._silence_s) if is_silent else sentences.too_long(self._timeout_s)
+        if not is_silent:
+            return [Cancel(), *self._fail(now_ns, "refused", sentences.too_long(self._timeout_s))]
+        reason = sentences.silent(self._silence_s)
         if self.state == "localizing":
             return [Cancel(), *self._rest(now_ns, "refused", reason)]
         return self._rest(now_ns, "stopped", reason)
@@ -166,6 +189,11 @@ class LifeCycle:
     @property
     def _is_place_known(self) -> bool:
         return self._pose_ns is not None and not self._each_time
+
+    def _start(self, now_ns: int) -> list[Output]:
+        if self._localizes and not self._is_place_known:
+            return self._localize(now_ns)
+        return self._point(now_ns, sentences.PLACE_KNOWN)
 
     def _localize(self, now_ns: int) -> list[Output]:
         self.state = "localizing"
@@ -197,6 +225,10 @@ class LifeCycle:
         self._heard_ns = now_ns  # the silence counts from here
         return [*self._show(now_ns), self._cue(now_ns, "started", sentences.POINT)]
 
+    def _fail(self, now_ns: int, cue: Cue, reason: str) -> list[Output]:
+        self._not_before_ns = now_ns + self._retry_ns
+        return self._rest(now_ns, cue, reason)
+
     def _rest(self, now_ns: int, cue: Cue, reason: str) -> list[Output]:
         self.state = "idle"
         self._reason = reason
@@ -227,6 +259,7 @@ class LifeCycle:
             localizes=self._localizes,
             is_place_known=self._is_place_known,
             follows_robot=self._follows_robot,
+            is_eager=self._is_eager,
         )
 
     def _cue(self, now_ns: int, cue: Cue, text: str) -> Feedback:

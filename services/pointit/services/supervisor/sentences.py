@@ -16,6 +16,9 @@ POINT = "Point with your arm straight; press the button to stop."
 PRESS = "Press the button to start pointing."
 PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
 PRESS_FOR_ROBOT = "Press the button and keep pointing at the robot while it moves."
+BY_ITSELF = "Wear the wristband: pointing begins by itself when it is heard."
+BY_ITSELF_AT_LAMP = "Wear the wristband: when it is heard, a lamp lights up; point at it."
+BY_ITSELF_AT_ROBOT = "Wear the wristband: when it is heard, keep pointing at the robot while it moves."
 SET_POSE = "Give the localizer your place (its fixed pose, or its request set_pose), or switch `localize` on."
 
 
@@ -35,8 +38,12 @@ def aim(news: Localization) -> str:
     return f"Point at {news.target_id} and stay on it{which}."
 
 
-def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool) -> str:
-    """Return the next step while idle."""
+def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager: bool) -> str:
+    """Return the next step while idle; `is_eager`: it begins by itself, without a button."""
     if localizes and not is_place_known:
+        if is_eager:
+            return BY_ITSELF_AT_ROBOT if follows_robot else BY_ITSELF_AT_LAMP
         return PRESS_FOR_ROBOT if follows_robot else PRESS_FOR_LAMP
-    return PRESS if is_place_known else SET_POSE
+    if not is_place_known:
+        return SET_POSE
+    return BY_ITSELF if is_eager else PRESS

@@ -15,6 +15,7 @@ from pointit.schemas import (
     ImuSample,
     Interaction,
     Localization,
+    SetPose,
     StartLocalization,
     UserPose,
     UserProfile,
@@ -28,9 +29,12 @@ from pointit.schemas.topics import (
     LOCALIZATION,
     POSE,
     PROFILE,
+    SERVICE_ALIVE,
+    SET_POSE,
     START_LOCALIZATION,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
+from pointit.services.supervisor.kept_place import KeptPlace
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 
 log = logging.getLogger(__name__)
@@ -54,8 +58,11 @@ class Supervisor(Service[SupervisorConfig]):
             follows_robot=config.localization_method == "moving_target",
             localization_timeout_s=config.localization_timeout_s,
             imu_timeout_s=config.imu_timeout_s,
+            autostart=config.autostart,
+            retry_s=config.retry_s,
         )
-        self._requests: asyncio.Queue[Start | Cancel] = asyncio.Queue()
+        self._place = KeptPlace()
+        self._requests: asyncio.Queue[Start | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
         profiles = self.bus.publisher(PROFILE, self.user)
         self._interactions = self.bus.publisher(INTERACTION, self.user)
@@ -66,6 +73,7 @@ class Supervisor(Service[SupervisorConfig]):
         self.bus.subscribe(LOCALIZATION, self._on_localization, self.user)
         self.bus.subscribe(IMU, self._on_imu, self.user)
         self.bus.subscribe(BUTTON, self._on_button, self.user)
+        self.bus.watch(SERVICE_ALIVE, self._on_presence)
 
     async def run(self) -> None:
         """Ask the localizer, one request after the other, and mind the deadlines."""
@@ -74,13 +82,23 @@ class Supervisor(Service[SupervisorConfig]):
             group.create_task(self._mind_time(), name=f"supervisor.{self.user} deadlines")
 
     def _on_pose(self, pose: UserPose, _user: str) -> None:
+        self._place.pose(pose)
         self._do(self._cycle.pose(pose, self.clock.now_ns()))
 
     def _on_localization(self, news: Localization, _user: str) -> None:
-        self._do(self._cycle.localization(news, self.clock.now_ns()))
+        now_ns = self.clock.now_ns()
+        self._place.localization(news, now_ns)
+        self._do(self._cycle.localization(news, now_ns))
 
-    def _on_imu(self, _sample: ImuSample, _user: str) -> None:
-        self._cycle.imu(self.clock.now_ns())
+    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if instance == f"{START_LOCALIZATION.server}.{self.user}":
+            self._place.localizer(self.clock.now_ns(), is_present=present)
+            self._moved.set()
+
+    def _on_imu(self, sample: ImuSample, _user: str) -> None:
+        outputs = self._cycle.imu(sample, self.clock.now_ns())
+        if outputs:
+            self._do(outputs)
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
         self._do(self._cycle.button(event, self.clock.now_ns()))
@@ -94,14 +112,15 @@ class Supervisor(Service[SupervisorConfig]):
                     self._feedback.put(output)
                 case Start() | Cancel():
                     self._requests.put_nowait(output)
-        if outputs:
-            self._moved.set()
+        self._moved.set()
 
     async def _ask(self) -> None:
         while True:
             request = await self._requests.get()
             if isinstance(request, Cancel):
                 await self._cancel()
+            elif isinstance(request, SetPose):
+                await self._give_back(request)
             elif request.run == self._cycle.run:  # else the person has thought better of it
                 await self._start(request.run)
 
@@ -120,11 +139,27 @@ class Supervisor(Service[SupervisorConfig]):
         except RequestError as error:  # it is not localizing, or not there: nothing is left to cancel
             log.debug("%s", error)
 
+    async def _give_back(self, place: SetPose) -> None:
+        try:
+            await self.bus.call(SET_POSE, place, self.user)
+        except RequestError as error:
+            self.bus.warn("place", f"the restarted localizer did not take the person's place: {error}")
+            self._place.not_taken(self.clock.now_ns())
+            self._moved.set()
+        else:
+            self.bus.clear("place")
+
     async def _mind_time(self) -> None:
         while True:
+            now_ns = self.clock.now_ns()
+            self._do(self._cycle.pass_time(now_ns))
+            is_resting = self._cycle.state != "localizing"  # else a pose would end what the localizer does
+            place = self._place.due(now_ns) if is_resting else None
+            if place is not None:
+                self._requests.put_nowait(place)
             self._moved.clear()
-            self._do(self._cycle.pass_time(self.clock.now_ns()))
-            deadline_ns = self._cycle.deadline_ns
+            waits = [self._cycle.deadline_ns, self._place.deadline_ns if is_resting else None]
+            deadline_ns = min((wait for wait in waits if wait is not None), default=None)
             if deadline_ns is None:
                 await self._moved.wait()
                 continue

@@ -1,0 +1,126 @@
+"""A person whose device has no button: samples begin, unless a press ended it."""
+
+from typing import Literal
+
+import pytest
+
+from pointit.geometry.rotation import IDENTITY
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.services.supervisor import sentences
+from pointit.services.supervisor.life_cycle import LifeCycle, Output, Start
+
+S = 1_000_000_000
+Phase = Literal["refused", "cancelled"]
+Gesture = Literal["press", "double", "hold"]
+
+
+def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
+    return ButtonEvent(stamp_ns=round(now_s * S), gesture=gesture), round(now_s * S)
+
+
+def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
+    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
+
+
+def news(now_s: float, phase: Phase) -> tuple[Localization, int]:
+    return Localization(stamp_ns=round(now_s * S), phase=phase), round(now_s * S)
+
+
+def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
+    now_ns = round(now_s * S)
+    return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
+
+
+def told(outputs: list[Output]) -> list[str]:
+    """Return outputs in short: states, cues, requests."""
+    short: list[str] = []
+    for output in outputs:
+        match output:
+            case Interaction():
+                short.append(output.state)
+            case Feedback():
+                short.append(f"cue {output.cue}")
+            case Start():
+                short.append("start")
+            case _:
+                short.append("cancel")
+    return short
+
+
+def shown(outputs: list[Output]) -> Interaction:
+    return next(output for output in outputs if isinstance(output, Interaction))
+
+
+def eager(*, localize: bool = False) -> LifeCycle:
+    cycle = LifeCycle(localize=localize, autostart=True, retry_s=5.0)
+    cycle.begin(0)
+    return cycle
+
+
+def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> None:
+    cycle = eager()
+    assert cycle.imu(*sample(1)) == []  # neither a place nor a complaint
+    assert shown(cycle.pose(*pose(2))).next_step == sentences.BY_ITSELF
+    assert cycle.imu(*sample(20, late_s=10)) == []
+    assert told(cycle.imu(*sample(20))) == ["pointing", "cue started"]
+    assert cycle.imu(*sample(20.02)) == []
+
+
+def test_without_autostart_samples_begin_nothing() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    cycle.pose(*pose())
+    assert cycle.imu(*sample(10)) == []
+    assert cycle.state == "idle"
+
+
+def test_samples_that_are_back_after_a_silence_begin_again() -> None:
+    cycle = eager()
+    cycle.pose(*pose())
+    cycle.imu(*sample(1))
+    outputs = cycle.pass_time(4 * S)
+    assert told(outputs) == ["idle", "cue stopped"]
+    assert shown(outputs).next_step == sentences.BY_ITSELF
+    assert told(cycle.imu(*sample(4.1))) == ["pointing", "cue started"]
+
+
+@pytest.mark.parametrize("gesture", ["press", "double", "hold"])
+def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) -> None:
+    cycle = eager()
+    cycle.pose(*pose())
+    cycle.imu(*sample(1))
+    outputs = cycle.button(*press(2, gesture))
+    assert told(outputs) == ["idle", "cue stopped"]
+    assert shown(outputs).next_step == sentences.PRESS
+    assert cycle.imu(*sample(100)) == []
+    assert told(cycle.button(*press(101))) == ["pointing", "cue started"]
+    cycle.pass_time(200 * S)
+    assert told(cycle.imu(*sample(201))) == ["pointing", "cue started"]
+
+
+def test_a_double_while_waiting_keeps_it_idle() -> None:
+    cycle = eager()
+    cycle.pose(*pose())
+    assert shown(cycle.button(*press(1, "double"))).next_step == sentences.PRESS
+    assert cycle.imu(*sample(2)) == []
+
+
+def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:
+    cycle = eager(localize=True)
+    assert cycle.imu(*sample(0.5)) == []  # a place may be on its way
+    assert told(cycle.imu(*sample(1.1))) == ["start", "localizing", "cue started"]
+    outputs = cycle.not_started(cycle.run, "there is no map yet", 2 * S)
+    assert shown(outputs).next_step == sentences.BY_ITSELF_AT_LAMP
+    assert cycle.imu(*sample(6.9)) == []
+    assert told(cycle.imu(*sample(7.1)))[:2] == ["start", "localizing"]
+    cycle.localization(*news(8, "refused"))
+    assert cycle.imu(*sample(12.9)) == []
+    assert told(cycle.imu(*sample(13.1)))[:2] == ["start", "localizing"]
+    for now_s in range(14, 73):
+        cycle.imu(*sample(now_s))
+    cycle.imu(*sample(73))
+    assert told(cycle.pass_time(round(73.2 * S))) == ["cancel", "idle", "cue refused"]
+    assert cycle.imu(*sample(78)) == []
+    assert told(cycle.imu(*sample(78.3)))[:2] == ["start", "localizing"]
+    assert told(cycle.button(*press(80))) == ["cancel", "idle", "cue stopped"]
+    assert cycle.imu(*sample(100)) == []

@@ -1,0 +1,166 @@
+"""A place that outlives its localizer: by example, with a played localizer, and with the real ones."""
+
+import asyncio
+from typing import Literal
+
+import pytest
+
+from pointit.runtime import Exchange, Launch, MemoryBus, RefusedError, SimulatedClock, run_service
+from pointit.schemas import ButtonEvent, Done, Interaction, Localization, PointingRay, SetPose, UserPose
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    INTERACTION,
+    POSE,
+    RAY,
+    SERVICE_ALIVE,
+    SET_POSE,
+)
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.service import Localizer
+from pointit.services.pui.service import Pui
+from pointit.services.supervisor.kept_place import KeptPlace
+from pointit.services.supervisor.service import Supervisor
+from tests.support.bench import Bench, memory_bench, until
+
+S = 1_000_000_000
+ANNA = "anna"
+Method = Literal["fixed", "static_targets", "moving_target", "external"]
+
+
+def pose(now_s: float, method: Method = "static_targets") -> UserPose:
+    return UserPose(stamp_ns=round(now_s * S), position_m=(1.0, 2.0, 0.0), yaw_rad=0.5, method=method)
+
+
+def idle(now_s: float) -> tuple[Localization, int]:
+    return Localization(stamp_ns=round(now_s * S), phase="idle"), round(now_s * S)
+
+
+def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
+    place = KeptPlace()
+    place.localization(*idle(1))
+    place.pose(pose(2))
+    place.localization(idle(1)[0], 3 * S)  # an old word, heard again
+    assert place.deadline_ns is None
+    place.localization(*idle(10))
+    assert place.deadline_ns == 11 * S
+    assert place.due(11 * S - 1) is None
+    assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+    assert place.due(20 * S) is None
+    place.not_taken(20 * S)
+    assert place.due(21 * S) is not None
+
+
+def test_a_localizer_that_was_away_gets_it_back() -> None:
+    place = KeptPlace()
+    place.localizer(1 * S, is_present=True)
+    place.pose(pose(2))
+    place.localizer(3 * S, is_present=True)
+    assert place.deadline_ns is None
+    place.localizer(4 * S, is_present=False)
+    assert place.deadline_ns is None
+    place.localizer(9 * S, is_present=True)
+    assert place.due(10 * S) is not None
+
+
+@pytest.mark.parametrize("own_s", [9.0, 10.5])
+def test_a_localizer_with_a_pose_of_its_own_keeps_it(own_s: float) -> None:
+    place = KeptPlace()
+    place.pose(pose(2, "fixed"))
+    place.localizer(4 * S, is_present=False)
+    if own_s < 10:
+        place.pose(pose(own_s, "fixed"))
+    place.localization(*idle(own_s - 0.1))
+    place.localizer(10 * S, is_present=True)
+    place.pose(pose(own_s, "fixed"))
+    assert place.deadline_ns is None
+
+
+def test_what_a_tracker_said_or_a_running_search_will_say_is_not_given_back() -> None:
+    place = KeptPlace()
+    place.pose(pose(2, "external"))
+    place.localization(*idle(10))
+    assert place.due(20 * S) is None
+    place = KeptPlace()
+    place.pose(pose(2))
+    place.localization(*idle(10))
+    place.localization(Localization(stamp_ns=10 * S, phase="sampling"), 10 * S)
+    assert place.due(20 * S) is None
+    place.localization(Localization(stamp_ns=21 * S, phase="refused"), 21 * S)
+    assert place.due(21 * S) is not None
+
+
+async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken() -> None:
+    clock = SimulatedClock(10.0)
+    async with memory_bench(clock) as bench:
+        given: list[SetPose] = []
+
+        async def set_pose(query: SetPose, _user: str) -> Done:
+            given.append(query)
+            if len(given) == 1:
+                raise RefusedError("not yet")
+            return Done()
+
+        bench.start(Supervisor, user=ANNA)
+        bench.put(POSE, pose(clock.now_ns() / S), ANNA)
+        present = bench.bus.announce(SERVICE_ALIVE, "localizer.anna")
+        await bench.settle()
+        bench.bus.serve(SET_POSE, set_pose, ANNA)
+        present.close()
+        await bench.settle()
+        bench.bus.announce(SERVICE_ALIVE, "localizer.ben")
+        bench.bus.announce(SERVICE_ALIVE, "localizer.anna")
+        await until(lambda: len(given) == 2)  # refused, and again
+        assert given == [SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)] * 2
+
+
+async def test_two_restarts_leave_nobody_without_a_place() -> None:
+    """The localizer by lamps, then pui: the real ones, each stopped and started again."""
+    clock = SimulatedClock(10.0)
+    exchange = Exchange()
+
+    def start(kind: type[Localizer] | type[Pui], user: str = "") -> tuple[MemoryBus, asyncio.Task[None]]:
+        config = LocalizerConfig(method="static_targets") if kind is Localizer else kind.CONFIG()
+        bus = MemoryBus(exchange)
+        return bus, asyncio.create_task(
+            run_service(Launch(service=kind, config=config, user=user), bus, clock)
+        )
+
+    async def stop(running: tuple[MemoryBus, asyncio.Task[None]]) -> None:
+        bus, task = running
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        await bus.close()
+
+    bench = Bench(MemoryBus(exchange), clock)
+    localizer, pui = start(Localizer, ANNA), start(Pui)
+    try:
+        bench.start(Supervisor, user=ANNA)
+        poses, cursors = bench.collect(POSE, ANNA), bench.collect(CURSOR, ANNA)
+        states: list[Interaction] = bench.collect(INTERACTION, ANNA)
+        await until(lambda: bool(states))
+        await bench.bus.call(SET_POSE, SetPose(position_m=(2.0, 0.5, 0.0), yaw_rad=0.3), ANNA)
+        await until(lambda: len(poses) == 1)
+        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), ANNA)
+        await until(lambda: states[-1].state == "pointing")
+        for restarts in (1, 2):  # what was given back is kept as well
+            await stop(localizer)
+            localizer = start(Localizer, ANNA)
+            await until(lambda: len(poses) == 1 + restarts)  # noqa: B023 - awaited within the round
+        await stop(pui)
+        pui = start(Pui)
+        cursors.clear()
+        await bench.settle()
+
+        def point() -> bool:
+            ray = PointingRay(stamp_ns=clock.now_ns(), origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
+            bench.put(RAY, ray, ANNA)
+            return bool(cursors)
+
+        await until(point)
+        assert (poses[-1].position_m, poses[-1].yaw_rad) == ((2.0, 0.5, 0.0), 0.3)
+    finally:
+        await bench.stop()
+        await stop(localizer)
+        await stop(pui)
+        await bench.bus.close()

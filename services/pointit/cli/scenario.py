@@ -11,11 +11,15 @@ from pydantic import Field, PrivateAttr
 
 from pointit.runtime import Config, ConfigError, Launch
 from pointit.runtime.config import Layers, read_yaml
-from pointit.runtime.process import environment_prefix
+from pointit.runtime.environment import environment_prefix
+from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
 from pointit.services import registry
 
 SHIPPED = resources.files("pointit.cli") / "scenarios"
+
+SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
+"""Of a simulated device: an arm nearly level, over which one sees things at the height of a table or belt."""
 
 
 class Place(Config):
@@ -78,10 +82,15 @@ def read_scenario(name: str) -> Scenario:
     """Return the shipped scenario `name`, or the one in the file of that path.
 
     Raises:
-        ConfigError: there is none, or a field is wrong.
+        ConfigError: there is none, a field is wrong, or the file's name cannot stand in a key.
     """
     if name.endswith((".yaml", ".yml")):
-        return Scenario.read(Path(name), name)
+        scenario = Scenario.read(Path(name), name)
+        try:
+            check_name(Path(name).stem, "scenario")  # it stands in the key of the deployment
+        except KeyNameError as error:
+            raise ConfigError(f"{name}: rename the file: {error}") from error
+        return scenario
     if name not in scenario_names():
         raise ConfigError(
             f"no scenario {name!r}; there are {', '.join(scenario_names())} and replay, or give a .yaml file"
@@ -134,7 +143,8 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     services = dict(scenario.user)
     if device != "sim":
         services.pop("user-sim", None)
-        services["imu-bridge"] = {**services.get("imu-bridge", {}), **_device(device)}
+        services["imu-bridge"] = {"simulated": SWEEP, **services.get("imu-bridge", {}), **_device(device)}
+        extra["supervisor"]["autostart"] = True  # many devices have no button
     return [
         _launch(scenario, name, (parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()

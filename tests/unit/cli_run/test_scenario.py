@@ -103,6 +103,10 @@ def test_a_device_takes_the_place_of_the_simulated_person(
     assert "user-sim.a" in names(user_launches(scenario, choices, "a", 0))
     second = user_launches(scenario, choices, "b", 1)
     assert "user-sim.b" not in names(second)
+    assert config_of(second, "supervisor")["autostart"] is True  # nobody may be able to press
+    assert config_of(user_launches(scenario, choices, "a", 0), "supervisor")["autostart"] is False
+    by_hand = Choices(imu=["sim", device], settings=["supervisor.autostart=false"])
+    assert config_of(user_launches(scenario, by_hand, "b", 1), "supervisor")["autostart"] is False
     bridge = config_of(second, "imu-bridge")
     assert bridge["source"] == source
     if section is not None and field is not None:
@@ -242,6 +246,12 @@ def test_a_scenario_that_does_not_exist() -> None:
         read_scenario("nope")
     with pytest.raises(ConfigError, match=r"nope\.yml: cannot be read"):
         read_scenario("/nowhere/nope.yml")
+
+
+def test_a_scenario_whose_file_name_cannot_stand_in_a_key(tmp_path: Path) -> None:
+    path = written(tmp_path / "my room.yaml", GOOD)
+    with pytest.raises(ConfigError, match=r"my room\.yaml: rename the file: scenario 'my room': use 1 to 64"):
+        read_scenario(str(path))
 
 
 def test_a_service_for_all_cannot_stand_under_user(tmp_path: Path) -> None:

@@ -64,15 +64,16 @@ def _advice(parts: Sequence[str]) -> str:
     for what, rows in (("something to ask for", REQUESTS), ("presence", PRESENCES)):
         for row in rows:
             if _match(parts, row.key.split("/")) is not None:
-                return f"{row.key} is {what} ({row.about}), not a topic"
-    known = [_filled(topic.key, parts) for topic in TOPICS]
+                hint = "; ask with `pointit call`" if rows is REQUESTS else ""
+                return f"{row.key} is {what} ({row.about}), not a topic{hint}"
+    known = [filled(topic.key, parts) for topic in TOPICS]
     near = difflib.get_close_matches("/".join(parts), known, n=3, cutoff=0.5)
     if near:
         return f"did you mean {' or '.join(near)}?"
     return "`pointit topics` shows them all"
 
 
-def _filled(key: str, parts: Sequence[str]) -> str:
+def filled(key: str, parts: Sequence[str]) -> str:
     """Return `key` with the placeholder replaced by what was typed there."""
     own = key.split("/")
     return "/".join(

@@ -13,6 +13,8 @@ COMMANDS = (
     ("list", "list what there is to run", "pointit.cli.list:command"),
     ("topics", "show the topic table: what travels, how often, who writes it", "pointit.cli.topics:command"),
     ("echo", "print messages as they come", "pointit.cli.echo:command"),
+    ("press", "press a person's button from here", "pointit.cli.press:command"),
+    ("call", "ask a service for something; alone, list what can be asked", "pointit.cli.call:command"),
     ("hz", "measure rates against the nominal ones", "pointit.cli.hz:command"),
     ("doctor", "say what runs, what is stale, what is wrong and what to do", "pointit.cli.doctor:command"),
     ("schema", "write or check the catalogue of messages", "pointit.cli.schema:command"),

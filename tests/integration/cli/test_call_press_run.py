@@ -1,0 +1,53 @@
+"""A run with a device that has no button: it begins by itself, and `pointit press` stops and starts it."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.bench import until
+from tests.support.cli_site import free_endpoint
+from tests.support.commands import Commands, onlooker, summary_of
+
+
+@pytest.fixture
+def commands(tmp_path: Path) -> Iterator[Commands]:
+    started = Commands(tmp_path)
+    try:
+        yield started
+    finally:
+        started.kill_all()
+
+
+async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(commands: Commands) -> None:
+    endpoint = free_endpoint()
+    run = commands.start(
+        *("run", "scenario_2", "--imu", "simulated", "--duration", "6", "--no-view", "--json"),
+        *("--listen", endpoint),
+    )
+    async with onlooker(endpoint) as seen:
+        await until(lambda: seen.surfaces("user1") == {"0", "1"}, 20, "its sweep crosses both strips")
+        cursors = list(seen.cursors["user1"])
+    ended = await run.end()
+    assert ended.code == 0, ended.err
+    assert summary_of(ended)["cursors"] > 100
+    assert sum(cursor.surface == "strip" for cursor in cursors) > len(cursors) / 2
+    assert min(cursor.miss_rad for cursor in cursors if cursor.surface == "strip") < 0.01
+
+
+async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Commands) -> None:
+    endpoint = free_endpoint()
+    run = commands.start(
+        *("run", "scenario_2", "--imu", "simulated", "--duration", "60", "--no-view", "--listen", endpoint)
+    )
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1")
+        pressed = await commands.pointit("press", "user1", "--json", "--connect", endpoint)
+        assert (pressed.code, json.loads(pressed.out)["state"]) == (0, "idle"), pressed.err
+        pressed = await commands.pointit("press", "user1", "--connect", endpoint)
+        assert pressed.code == 0
+        assert pressed.out.startswith("user1: pointing. Your place in the room is known. Point with")
+        assert [interaction.state for interaction in seen.interactions["user1"]][-2:] == ["idle", "pointing"]
+        await seen.sees_cursors("user1")
+    assert (await run.stop()).code == 0

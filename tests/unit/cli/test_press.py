@@ -1,0 +1,62 @@
+"""A button pressed from the command line, with a real supervisor on the memory bus."""
+
+import pytest
+
+from pointit.cli.press import press
+from pointit.runtime import NoAnswerError
+from pointit.schemas import ButtonEvent, Interaction, UserPose
+from pointit.schemas.topics import BUTTON, INTERACTION, POSE, SERVICE_ALIVE
+from pointit.services.supervisor.service import Supervisor
+from tests.support.bench import Bench, memory_bench
+
+ANNA = "anna"
+
+
+def put_pose(bench: Bench) -> None:
+    bench.put(POSE, UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
+
+
+async def test_it_presses_and_returns_what_followed() -> None:
+    async with memory_bench() as bench:
+        buttons: list[ButtonEvent] = bench.collect(BUTTON, ANNA)
+        bench.start(Supervisor, user=ANNA)
+        put_pose(bench)
+        await bench.settle()
+        assert (await press(bench.bus, ANNA, "press")).state == "pointing"
+        after = await press(bench.bus, ANNA, "double")
+        assert (after.state, after.reason) == ("idle", "You stopped.")
+        assert [(event.gesture, event.source) for event in buttons] == [
+            ("press", "keyboard"),
+            ("double", "keyboard"),
+        ]
+
+
+async def test_what_changes_nothing_is_answered_too() -> None:
+    async with memory_bench() as bench:
+        bench.start(Supervisor, user=ANNA)
+        await bench.settle()
+        first = await press(bench.bus, ANNA, "press")
+        second = await press(bench.bus, ANNA, "press")  # refused for the same reason: a cue, no news
+        assert "not known" in first.reason
+        assert first == second
+        assert (await press(bench.bus, ANNA, "double", patience_s=0.1)).state == "idle"
+
+
+async def test_nobody_who_answers_is_one_sentence() -> None:
+    async with memory_bench() as bench:
+        with pytest.raises(NoAnswerError, match=r"interaction of anna: nobody else .* `pointit user anna`"):
+            await press(bench.bus, ANNA, "press", patience_s=0.05)
+        bench.bus.announce(SERVICE_ALIVE, "supervisor.ben")
+        with pytest.raises(NoAnswerError, match=r"interaction of anna: there is ben; add them with"):
+            await press(bench.bus, ANNA, "press", patience_s=0.05)
+
+
+async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
+    async with memory_bench() as bench:
+        bench.bus.announce(SERVICE_ALIVE, "supervisor.anna")
+        with pytest.raises(NoAnswerError, match="present but says nothing"):
+            await press(bench.bus, ANNA, "press", patience_s=0.05)
+        interaction = Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
+        bench.put(INTERACTION, interaction, ANNA)
+        with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
+            await press(bench.bus, ANNA, "press", patience_s=0.05)

@@ -4,7 +4,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import FARTHEST, Along, Distance, Extent, Fraction, Message, Real, UnitVec3, Vec3
+from pointit.schemas.base import (
+    FARTHEST,
+    Along,
+    Distance,
+    Extent,
+    Fraction,
+    Message,
+    Ns,
+    Real,
+    UnitVec3,
+    Vec3,
+)
 
 _Cov = Annotated[float, Field(ge=-(FARTHEST**2), le=FARTHEST**2)]
 
@@ -42,6 +53,7 @@ class Localization(Message):
     target_index: Annotated[int, Field(ge=0)] = 0
     target_count: Annotated[int, Field(ge=0)] = 0
     samples: Annotated[int, Field(ge=0, description="rays gathered so far")] = 0
+    since_ns: Annotated[Ns, Field(description="when this localization began; 0: none has")] = 0
     progress: Fraction = 0.0
     residual_rad: Extent | None = None
     reason: Annotated[str, Field(description="why it was refused and what to do")] = ""

@@ -54,7 +54,7 @@ PROCESSES: tuple[Process, ...] = (
         name="localizer",
         scope="user",
         about="where the person stands: fixed, by pointing at lamps, or at a moving robot",
-        reads=(topics.RAY, topics.MAP, topics.OBJECTS),
+        reads=(topics.RAY, topics.MAP, topics.OBJECTS, topics.LOCALIZATION),
         writes=(topics.POSE, topics.LOCALIZATION, topics.LAMP_COLOR),
         serves=(topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION, topics.SET_POSE),
     ),

@@ -64,8 +64,8 @@ class Room:
         bench.bus.subscribe(LAMP_COLOR, self._on_lamp)
 
     def _on_lamp(self, lamp: LampColor, name: str) -> None:
-        self.lit[name] = lamp.color != (0, 0, 0)
-        if self.lit[name]:
+        was_lit, self.lit[name] = self.lit.get(name), lamp.color != (0, 0, 0)
+        if self.lit[name] and not was_lit:
             self.order.append(name)
 
     @property

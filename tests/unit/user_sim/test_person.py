@@ -17,6 +17,7 @@ from pointit.schemas import (
     Interaction,
     Lamp,
     LampColor,
+    Localization,
     SelectedObject,
     Selection,
     Strip,
@@ -140,6 +141,15 @@ def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(0, 0, 0)), "led_1")
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(0, 0, 9)), "led_2")
     assert life.error_rad(life.run(2.0), ROOM.lamps[1].position_m) < 1e-6
+
+
+def test_the_lamp_that_the_own_localizer_names_comes_before_any_that_is_lit() -> None:
+    life = Life(PRECISE)
+    life.state("localizing")
+    life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
+    own = Localization(stamp_ns=0, phase="sampling", target_id="led_2")
+    life.person.see(life.now_ns, own)
+    assert life.error_rad(life.run(3.0), ROOM.lamps[1].position_m) < 1e-6
 
 
 def test_without_a_cursor_people_err_as_measured() -> None:

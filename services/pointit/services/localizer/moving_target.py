@@ -166,6 +166,7 @@ class MovingTarget:
             target_id=self._target_id,
             target_count=len(self._tracks),
             samples=len(self._rays),
+            since_ns=self._started_ns,
             progress=share if progress is None else progress,
             residual_rad=residual_rad,
             reason=reason,

@@ -35,12 +35,16 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.static_targets import StaticTargets
+from pointit.services.localizer.turns import Turns, busy
 
 STEP_HZ = 20.0
 """How often a procedure is stepped while it runs."""
 
 AHEAD_NS = NS_PER_S
 """Rays and objects stamped further in the future are wrong, and would make all that follow look late."""
+
+SAY_NS = NS_PER_S
+"""How often who is localized says so at least, and lights their lamp again."""
 
 ON = (255, 255, 255)
 OFF = (0, 0, 0)
@@ -56,6 +60,8 @@ class Localizer(Service[LocalizerConfig]):
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
         self._map: Environment | None = None
+        self._turns = Turns()
+        self._said_ns = 0
         self._procedure: StaticTargets | MovingTarget | None = None
         self._sampling = asyncio.Event()
         self._lamps: dict[str, Publisher[LampColor]] = {}
@@ -68,6 +74,7 @@ class Localizer(Service[LocalizerConfig]):
             self._emit([self._fixed_pose()])
         elif config.method == "moving_target" and config.autostart:
             self._begin(MovingTarget(config.following(), config.trust.trust(), floor_m=config.floor_m))
+        self.bus.subscribe(LOCALIZATION, self._on_localization)  # first: the map may switch lamps off
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(RAY, self._on_ray, self.user)
@@ -81,14 +88,46 @@ class Localizer(Service[LocalizerConfig]):
             while True:
                 await self._sampling.wait()
                 await sleep(self.clock, 1.0 / STEP_HZ)
+                now_ns = self.clock.now_ns()
                 if self._procedure is not None:
-                    self._emit(self._procedure.step(self.clock.now_ns()))
+                    self._emit(self._procedure.step(now_ns))
                     self._rest()
+                if isinstance(self._procedure, StaticTargets) and abs(now_ns - self._said_ns) >= SAY_NS:
+                    self._say_again(self._procedure)
         finally:
             self._stop()
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        self._map = environment
+        is_first, self._map = self._map is None, environment
+        if is_first and self.config.method == "static_targets":
+            self._darken(environment)
+
+    def _darken(self, environment: Environment) -> None:
+        """Switch off what a localizer that was killed left lit, unless it is somebody's now."""
+        wanted = self.config.lamps
+        lamps = [lamp.id for lamp in environment.lamps if not wanted or lamp.id in wanted]
+        if self._procedure is None and not self._turns.others(lamps, self.clock.now_ns()):
+            self._emit([LampSwitch(lamp_id, on=False) for lamp_id in lamps])
+
+    def _on_localization(self, news: Localization, user: str) -> None:
+        """Mind the others who are localized: the lamps are theirs who began first."""
+        if user == self.user:
+            return
+        now_ns = self.clock.now_ns()
+        has_ended = self._turns.hear(user, news, now_ns)
+        procedure = self._procedure
+        if not isinstance(procedure, StaticTargets):
+            return
+        if has_ended:
+            self._say_again(procedure)
+        others = self._turns.others(procedure.lamp_ids, now_ns)
+        if others and others[0] < (procedure.since_ns, self.user):
+            self._emit(procedure.give_way(now_ns, busy(others[0][1])))
+            self._rest()
+
+    def _say_again(self, procedure: StaticTargets) -> None:
+        self._said_ns = self.clock.now_ns()
+        self._emit(procedure.again(self._said_ns))
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
         if self._procedure is not None and self._is_timely(RAY.key, ray.stamp_ns):
@@ -146,7 +185,8 @@ class Localizer(Service[LocalizerConfig]):
         """Return the configured lamps of the map.
 
         Raises:
-            RefusedError: there is no map, or not the lamps that are wanted, or fewer than two.
+            RefusedError: there is no map, or not the lamps that are wanted, or fewer than two, or somebody
+                else is pointing at them.
         """
         if self._map is None:
             raise RefusedError("there is no map yet; start pui, which publishes it")
@@ -164,11 +204,15 @@ class Localizer(Service[LocalizerConfig]):
             raise RefusedError(
                 f"pointing at lamps needs two at different places, map {self._map.name!r} gives {len(lamps)}"
             )
+        others = self._turns.others({lamp.id for lamp in lamps}, self.clock.now_ns())
+        if others:
+            raise RefusedError(busy(others[0][1]))
         return lamps
 
     def _begin(self, procedure: StaticTargets | MovingTarget) -> None:
         self._procedure = procedure
-        self._emit(procedure.start(self.clock.now_ns()))
+        self._said_ns = self.clock.now_ns()
+        self._emit(procedure.start(self._said_ns))
         self._sampling.set()
 
     def _stop(self) -> bool:

@@ -48,11 +48,14 @@ class StaticTargets:
     ) -> None:
         """Take the lamps in the order in which they are lit, at least one."""
         self._lamps = tuple(lamps)
+        self.lamp_ids = frozenset(lamp.id for lamp in lamps)
         self._timing = timing if timing is not None else Timing()
         self._trust = trust if trust is not None else Trust()
         self._floor_m = floor_m
         self._enough = -(-self._trust.min_samples // len(self._lamps))
         self._running = False
+        self.since_ns = 0
+        """When it was started."""
         self._clear()
 
     @property
@@ -65,6 +68,7 @@ class StaticTargets:
         out: list[Output] = [self._switch(on=False)] if self._running else []
         self._clear()
         self._running = True
+        self.since_ns = now_ns
         return [*out, *self._light(now_ns)]
 
     def on_ray(self, ray: PointingRay) -> None:
@@ -99,6 +103,15 @@ class StaticTargets:
             return []
         self._running = False
         return [self._switch(on=False), self._localization(now_ns, "cancelled")]
+
+    def give_way(self, now_ns: int, reason: str) -> list[Output]:
+        """Stop, lamps off, because somebody else has them."""
+        return self._end(now_ns, Refusal(reason)) if self._running else []
+
+    def again(self, now_ns: int) -> list[Output]:
+        """Return what is to be seen and where it stands once more: the lamp may have been switched off."""
+        self._told = (-1, -1)
+        return [self._switch(on=True), *self._progress(now_ns)] if self._running else []
 
     def _clear(self) -> None:
         self._index = 0
@@ -169,6 +182,7 @@ class StaticTargets:
             target_index=self._index,
             target_count=len(self._lamps),
             samples=len(self._rays),
+            since_ns=self.since_ns,
             progress=progress,
             residual_rad=residual_rad,
             reason=reason,

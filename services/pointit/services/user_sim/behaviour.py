@@ -152,9 +152,9 @@ def wish_of(config: UserSimConfig, user: str) -> Wish:
 
 
 def localizing_goal(now_ns: int, sight: Sight) -> Goal:
-    """Return what the localizer asks to point at: the lit lamp, or the moving target it names."""
-    lamp = sight.lit_lamp()
+    """Return what the localizer asks to point at: the lamp or moving target it names, else the lit lamp."""
     asked = sight.localization.target_id if sight.localization is not None else ""
+    lamp = asked if asked in sight.lamps_m else sight.lit_lamp() if not asked else ""
     if lamp:
         return Goal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
     for seen in sight.objects(now_ns):

@@ -1,6 +1,7 @@
 """`pointit run` and `pointit user`: whole scenarios, or one person's part of one."""
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,11 @@ from pointit.cli.scenario import (
     user_launches,
 )
 from pointit.runtime import ConfigError
+from pointit.runtime.environment import check_environment
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import link_options, log_option, run_async
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
+from pointit.services.registry import PROCESSES
 
 
 class _Finite(click.FloatRange):
@@ -213,6 +216,7 @@ user.params.append(log_option())
 
 
 def _choices(options: dict[str, Any], leds: str) -> Choices:
+    check_environment(os.environ, [row.name for row in PROCESSES])
     return Choices(
         seed=options["seed"],
         localize=options["localize"],

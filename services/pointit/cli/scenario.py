@@ -22,6 +22,17 @@ SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
 """Of a simulated device: an arm nearly level, over which one sees things at the height of a table or belt."""
 
 
+CURSOR_COLORS = (
+    (255, 255, 255),
+    (86, 180, 233),
+    (240, 228, 66),
+    (204, 121, 167),
+    (230, 159, 0),
+    (0, 158, 115),
+)
+"""Of people's cursors, in turn: white, then hues that colour-blind people tell apart (Okabe and Ito)."""
+
+
 class Place(Config):
     """Where a person stands in {W}, and the azimuth of their IMU's yaw 0."""
 
@@ -52,6 +63,9 @@ class Scenario(Config):
         layers.add(read_yaml(path), source)
         scenario = layers.build(cls)
         scenario._source = source  # noqa: SLF001 - its own
+        room = scenario.site.get("pui", {}).get("map")
+        if isinstance(room, str) and Path(room).suffix:  # a file, beside the scenario unless said otherwise
+            scenario.site["pui"]["map"] = str(path.parent / room)
         return scenario
 
 
@@ -114,7 +128,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
             raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
         extra["led-driver"] = {"outputs": [{"kind": "expander", "port": port}]}
     return [
-        _launch(scenario, name, (parameters, extra.get(name, {})), choices)
+        _launch(scenario, name, ({}, parameters, extra.get(name, {})), choices)
         for name, parameters in scenario.site.items()
     ]
 
@@ -128,6 +142,11 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     check_name(user, "user")
     place = scenario.places[index % len(scenario.places)]
     device = choices.imu[index] if index < len(choices.imu) else "sim"
+    usual: dict[str, dict[str, Any]] = {
+        "supervisor": {"profile": {"cursor_color": CURSOR_COLORS[index % len(CURSOR_COLORS)]}},
+        "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
+        "imu-bridge": {"simulated": SWEEP},
+    }
     extra: dict[str, dict[str, Any]] = {
         "localizer": {"position_m": list(place.position_m), "yaw_deg": place.yaw_deg},
         "supervisor": {"localize": choices.localize},
@@ -143,10 +162,11 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     services = dict(scenario.user)
     if device != "sim":
         services.pop("user-sim", None)
-        services["imu-bridge"] = {"simulated": SWEEP, **services.get("imu-bridge", {}), **_device(device)}
+        services.setdefault("imu-bridge", {})
+        extra["imu-bridge"] = _device(device)
         extra["supervisor"]["autostart"] = True  # many devices have no button
     return [
-        _launch(scenario, name, (parameters, extra.get(name, {})), choices, user)
+        _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()
     ]
 
@@ -189,7 +209,9 @@ def _launch(
         raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
     service = row.load()
     layers = Layers()
-    for values, source in zip(layered, (scenario.source, "command line"), strict=True):
+    for values, source in zip(
+        layered, ("defaults of scenarios", scenario.source, "command line"), strict=True
+    ):
         layers.add(values, f"{source}, {name}")
     for path in choices.files:
         layers.add(_section(path, name), f"{path}, {name}")

@@ -34,7 +34,7 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("{folder}/broken.yaml",), ["{folder}/broken.yaml: is not YAML in line "]),
         (("{folder}/places.yaml",), ["{folder}/places.yaml: places.0.position_m", "[1, 2]"]),
         (("{folder}/service.yaml",), ["{folder}/service.yaml: site: no service 'puj'"]),
-        (("{folder}/parameter.yaml",), ["{folder}/parameter.yaml, pui: nope: ", "3"]),
+        (("{folder}/parameter.yaml",), ["{folder}/parameter.yaml, pui: no parameter nope"]),
         (
             ("--config", "{folder}/section.yaml"),
             ["{folder}/section.yaml: 'puj' is no service", "pointit list"],

@@ -183,7 +183,7 @@ def test_nested_parameters_can_be_set() -> None:
         (Choices(settings=["selector=1"]), "write service.parameter=value"),
         (Choices(settings=["selektor.window_s=1"]), "'selektor' is no service"),
         (Choices(settings=["selector.window_s=soon"]), r"--set selector.window_s=soon: window_s: .*'soon'"),
-        (Choices(settings=["selector.nope=1"]), r"--set selector.nope=1: nope: "),
+        (Choices(settings=["selector.nope=1"]), r"--set selector.nope=1: no parameter nope; there are "),
     ],
 )
 def test_a_wrong_setting_is_named(choices: Choices, sentence: str) -> None:
@@ -224,14 +224,14 @@ GOOD = "about: a\nplaces: [{position_m: [0, 0, 0]}]\n"
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("about: a\n", "places: Field required"),
+        ("about: a\n", "places: is missing"),
         ("about: a\nplaces: []\n", "places: "),
         ("about: a\nplaces: [{position_m: [0, 0]}]\n", "places.0.position_m"),
         (GOOD + "duration_s: -1\n", "duration_s: "),
-        (GOOD + "sites: {}\n", "sites: Extra inputs"),
+        (GOOD + "sites: {}\n", "no parameter sites; did you mean site"),
         (GOOD + "site: {puj: {}}\n", "site: no service 'puj'"),
         (GOOD + "site: {pointing: {}}\n", "site: pointing must stand under user"),
-        (GOOD + "site: {pui: {mapp: lab}}\n", "pui: mapp: Extra inputs"),
+        (GOOD + "site: {pui: {mapp: lab}}\n", "pui: no parameter mapp; did you mean map"),
     ],
 )
 def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> None:
@@ -264,3 +264,30 @@ def test_defaults_of_a_scenario() -> None:
     scenario = Scenario.model_validate({"about": "a", "places": [{"position_m": (0.0, 0.0, 0.0)}]})
     assert scenario.source == "scenario"
     assert (scenario.duration_s, scenario.site, scenario.user) == (60.0, {}, {})
+
+
+def test_people_differ_in_the_colour_of_their_cursor_unless_the_scenario_says_otherwise() -> None:
+    scenario = read_scenario("scenario_3")
+    profiles = [
+        config_of(user_launches(scenario, Choices(), f"user{index}", index), "supervisor")["profile"]
+        for index in range(3)
+    ]
+    assert len({tuple(profile["cursor_color"]) for profile in profiles}) == 3
+    own = scenario.model_copy(
+        update={"user": {**scenario.user, "supervisor": {"profile": {"cursor_color": [1, 2, 3]}}}}
+    )
+    profile = config_of(user_launches(own, Choices(), "anna"), "supervisor")["profile"]
+    assert profile["cursor_color"] == (1, 2, 3)
+
+
+def test_a_map_stands_beside_its_scenario_and_people_want_its_kinds(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "about: mine\ntarget_kinds: [purple]\nplaces: [{position_m: [0, 0, 0]}]\n"
+        "site: {pui: {map: room.yaml}}\nuser: {user-sim: {behaviour: select}}\n",
+        encoding="utf-8",
+    )
+    scenario = read_scenario(str(file))
+    assert scenario.site["pui"]["map"] == str(tmp_path / "room.yaml")
+    person = config_of(user_launches(scenario, Choices(), "anna"), "user-sim")
+    assert person["target_kinds"] == ("purple",)

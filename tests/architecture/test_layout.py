@@ -107,6 +107,7 @@ def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
     doors = ("asyncio", "threading", "time", "logging", "serial", "pointit.runtime")
     harmless = set(sources.importers("pointit.runtime.config", cores))
     harmless |= set(sources.importers("pointit.runtime.errors", cores))
+    harmless |= set(sources.importers("pointit.runtime.complaint", cores))
     found = {place for module in doors for place in sources.importers(module, cores)}
     assert not found - harmless, f"{row.name}: a core gets inputs and the time, and returns messages"
 

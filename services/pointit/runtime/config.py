@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from pointit.runtime.complaint import complaint
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import explain
 
 C = TypeVar("C", bound="Config")
 
@@ -185,7 +185,7 @@ class Layers:
             return kind.model_validate(self.values)
         except ValidationError as error:
             loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
-            raise ConfigError(f"{self._source_of(loc)}: {explain(error)}") from error
+            raise ConfigError(f"{self._source_of(loc)}: {complaint(error, kind)}") from error
 
     def _merge(
         self, into: dict[str, Any], values: Mapping[str, Any], path: tuple[str, ...], source: str

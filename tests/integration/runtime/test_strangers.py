@@ -11,7 +11,7 @@ import pytest
 import pytest_asyncio
 import zenoh
 
-from pointit.runtime import zenoh_topics
+from pointit.runtime import zenoh_wire
 from pointit.runtime.names import MAX_USERS
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
@@ -106,13 +106,13 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
 ) -> None:
     bus, stranger = bus_and_stranger
     decoded: list[object] = []
-    inner = zenoh_topics.decoded
+    inner = zenoh_wire.decoded
 
     def counted(*arguments: Any) -> Any:
         decoded.append(arguments)
         return inner(*arguments)
 
-    monkeypatch.setattr(zenoh_topics, "decoded", counted)
+    monkeypatch.setattr("pointit.runtime.zenoh_topics.decoded", counted)
     sinks = [Sink() for _ in range(3)]
     subscriptions = [bus.subscribe(IMU, sink) for sink in sinks]
     key = SITE + IMU.at("anna")

@@ -191,8 +191,8 @@ def test_files_variables_and_options_in_this_order(tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--rate-hz", "-1"], "--rate-hz: rate_hz: Input should be greater than 0 (got '-1')"),
-        (["--arm.length-m", "long"], "--arm.length-m: arm.length_m: Input should be a valid number"),
+        (["--rate-hz", "-1"], "--rate-hz: rate_hz: must be above 0 (got '-1')"),
+        (["--arm.length-m", "long"], "--arm.length-m: arm.length_m: write a number"),
         (["--config", "absent.yaml"], "absent.yaml: cannot be read"),
         (["--speed", "1"], "No such option"),
         (["--user", "a/b"], "user 'a/b': use 1 to 64 letters"),

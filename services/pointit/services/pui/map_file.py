@@ -6,11 +6,12 @@ from typing import Any, cast
 
 from pydantic import BaseModel, ValidationError
 
+from pointit.runtime.complaint import field_names, listed, more_mistakes, shown
 from pointit.runtime.config import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Belt, BeltLink, Environment, KeyNameError, Lamp, Strip, encode
 from pointit.schemas.topics import check_name
-from pointit.services.pui.map_model import BeltEntry, LedEntry, LinkEntry, MapFile, StripEntry, shown
+from pointit.services.pui.map_model import BeltEntry, LedEntry, LinkEntry, MapFile, StripEntry
 
 PACKAGE = "pointit.services.pui"
 FOLDER = "maps"
@@ -111,7 +112,7 @@ def _check_links(path: Path, file: MapFile) -> None:
         for end, name in (("from", link.source), ("to", link.target)):
             if name not in lanes:
                 raise ConfigError(
-                    f"{path}: links.{index}.{end}: there is no {kind} {name!r}; use one of {_listed(lanes)}"
+                    f"{path}: links.{index}.{end}: there is no {kind} {name!r}; use one of {listed(lanes)}"
                 )
 
 
@@ -122,10 +123,9 @@ def _sentence(error: ValidationError) -> str:
     where = ".".join(str(part) for part in loc)
     model = MapFile if len(loc) == 1 else _ENTRIES[str(loc[0])]
     if kind == "missing":
-        text = f"is missing; add it beside {_listed(value) or 'the name'}"
+        text = f"is missing; add it beside {listed(value) or 'the name'}"
     elif kind == "extra_forbidden":
-        known = [field.alias or name for name, field in model.model_fields.items()]
-        text = f"is not known (got {shown(value)}); remove it, or use one of {_listed(known)}"
+        text = f"is not known (got {shown(value)}); remove it, or use one of {listed(field_names(model))}"
     elif kind == "value_error":
         text = details[0]["msg"].removeprefix("Value error, ")
     elif loc == ("links",):
@@ -134,10 +134,5 @@ def _sentence(error: ValidationError) -> str:
         text = f"write a mapping of names to entries, not {shown(value)}"
     else:
         known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
-        text = f"write a mapping with {_listed(known)}, not {shown(value)}"
-    more = f" (and {len(details) - 1} more mistakes)" if len(details) > 1 else ""
-    return f"{where}: {text}{more}"
-
-
-def _listed(names: Any) -> str:
-    return ", ".join(str(name) for name in names)
+        text = f"write a mapping with {listed(known)}, not {shown(value)}"
+    return f"{where}: {text}{more_mistakes(len(details) - 1)}"

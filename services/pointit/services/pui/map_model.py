@@ -6,16 +6,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.runtime.complaint import shown
 from pointit.schemas import FARTHEST
 
 MAX_PIXELS = 4096
-MAX_SHOWN = 60
-
-
-def shown(value: object) -> str:
-    """Return `value` as a sentence can show it."""
-    text = repr(value)
-    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
 
 
 def _number(value: object) -> float:

@@ -1,0 +1,130 @@
+"""What is wrong with a file or a parameter, in words for the person who wrote it."""
+
+import difflib
+import types
+import typing
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+MAX_SHOWN = 60
+"""Characters of a value that are worth showing."""
+
+_WANTED = {
+    "greater_than": "must be above {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be below {lt}",
+    "less_than_equal": "must be at most {le}",
+    "finite_number": "must be a finite number",
+    "literal_error": "use one of {expected}",
+    "bool": "write true or false",
+    "dict": "write a mapping of names to values",
+    "float": "write a number",
+    "int": "write a whole number",
+    "list": "write a list such as [a, b]",
+    "path": "write the path of a file",
+    "string": "write text",
+    "tuple": "write a list such as [a, b]",
+}
+"""By what pydantic calls a mistake, or by the first word of it (`int_parsing`, `int_type`)."""
+
+
+def complaint(error: ValidationError, kind: type[BaseModel]) -> str:
+    """Return the first mistake that `error` finds in a `kind`: field, what to do, value, how many more."""
+    details = error.errors(include_url=False)
+    first = details[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        *parents, name = (str(part) for part in first["loc"])
+        model = _model_at(kind, first["loc"][:-1])
+        where, text = ".".join(parents), unknown(name, () if model is None else field_names(model))
+    elif first["type"] == "missing":
+        text = _missing(first)
+    else:
+        text = f"{_wanted(first, kind)} (got {shown(first['input'])})"
+    return f"{where}: {text}{more_mistakes(len(details) - 1)}" if where else text
+
+
+def unknown(name: str, known: Sequence[str]) -> str:
+    """Return that there is no parameter `name`, and which of those that are `known` may be meant."""
+    near = difflib.get_close_matches(name, known, n=1)
+    if near:
+        return f"no parameter {name}; did you mean {near[0]}?"
+    return f"no parameter {name}; there are {listed(known)}" if known else f"no parameter {name}"
+
+
+def field_names(model: type[BaseModel]) -> list[str]:
+    """Return the parameters of `model` as people write them."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def more_mistakes(count: int) -> str:
+    """Return the end of a sentence that told one mistake of `count` more."""
+    return "" if count < 1 else f" (and {count} more mistake{'s' if count > 1 else ''})"
+
+
+def listed(names: Iterable[object]) -> str:
+    """Return `names` as a sentence lists them."""
+    return ", ".join(str(name) for name in names)
+
+
+def shown(value: object) -> str:
+    """Return `value` as a sentence can show it."""
+    text = repr(value)
+    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
+
+
+def _missing(detail: ErrorDetails) -> str:
+    if isinstance(detail["loc"][-1], int):
+        return f"is missing in {shown(detail['input'])}; write as many values as are wanted"
+    return "is missing; give it a value"
+
+
+def _wanted(detail: ErrorDetails, kind: type[BaseModel]) -> str:
+    what = detail["type"]
+    if what in ("model_type", "model_attributes_type", "dataclass_type"):
+        model = _model_at(kind, detail["loc"])
+        return f"write a mapping with {listed(field_names(model))}" if model else "write a mapping"
+    wanted = _WANTED.get(what) or (
+        _WANTED.get(what.partition("_")[0]) if what.endswith(("_type", "_parsing", "_from_float")) else None
+    )
+    if wanted is None:
+        return detail["msg"].removeprefix("Value error, ")
+    limits = {name: str(value).removesuffix(".0") for name, value in detail.get("ctx", {}).items()}
+    return wanted.format(**limits)
+
+
+def _model_at(kind: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel] | None:
+    """Return the model that stands at `loc` in a `kind`; none where it cannot be told."""
+    here: Any = kind
+    for part in loc:
+        here = _inner(here, part)
+    here = _plain(here)
+    return here if isinstance(here, type) and issubclass(here, BaseModel) else None
+
+
+def _inner(annotation: Any, part: int | str) -> Any:
+    here = _plain(annotation)
+    if isinstance(here, type) and issubclass(here, BaseModel):
+        for name, field in here.model_fields.items():
+            if part in (name, field.alias):
+                return field.annotation
+    origin, arguments = typing.get_origin(here), typing.get_args(here)
+    if origin is dict:
+        return arguments[1]
+    if origin in (tuple, list) and isinstance(part, int):
+        return arguments[0] if arguments[-1] is Ellipsis or origin is list else arguments[part]
+    return None
+
+
+def _plain(annotation: Any) -> Any:
+    """Return `annotation` without `Annotated` and without `| None`."""
+    origin = typing.get_origin(annotation)
+    if origin is typing.Annotated:
+        return _plain(typing.get_args(annotation)[0])
+    if origin in (typing.Union, types.UnionType):
+        kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
+        return _plain(kinds[0]) if len(kinds) == 1 else None
+    return annotation

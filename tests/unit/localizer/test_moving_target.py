@@ -1,5 +1,6 @@
 """Following a robot with the finger, stepped in virtual time."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -36,6 +37,8 @@ def fly(
     person: Person = PERSON,
     robot_late_s: float = 0.0,
     decoy: bool = False,
+    beside_m: float = 0.0,
+    noise_rad: float = 0.0,
     follow: bool = True,
 ) -> list[Output]:
     """The person follows the robot; rays at 50 Hz, the robot's place at 25 Hz, `robot_late_s` late."""
@@ -46,10 +49,14 @@ def fly(
         now_ns = START_NS + round(t_s * NS_PER_S)
         aim = place(t_s) if follow else tuple(float(v) for v in generator.uniform(-3, 3, 3))
         assert len(aim) == 3
-        procedure.on_ray(person.ray(aim, now_ns))
+        bias_rad = person.bias_rad + noise_rad * math.sin(t_s / 0.7)
+        procedure.on_ray(dataclasses.replace(person, bias_rad=bias_rad).ray(aim, now_ns))
         if tick % 2 == 0 and t_s >= robot_late_s:
             seen_s = t_s - robot_late_s
             others = {"decoy": place(seen_s, 2.5)} if decoy else {}
+            if beside_m:
+                x, y, z = place(seen_s)
+                others = {"twin": (x + beside_m, y, z)}
             procedure.on_objects("room", robots(seen_s, **others, drone=place(seen_s)))
         outputs += procedure.step(now_ns)
     return outputs
@@ -103,6 +110,23 @@ def test_of_two_robots_the_one_that_is_followed_is_meant() -> None:
     assert error_m(poses(outputs)[-1]) < 0.05
     named = fly(MovingTarget(Following(target_id="decoy", give_up_s=11.0)), 12.0, decoy=True)
     assert all(message.target_id == "decoy" for message in told(named))
+
+
+@pytest.mark.parametrize("noise_rad", [0.0, math.radians(1.0)])
+def test_two_robots_that_move_alike_are_refused_by_name(noise_rad: float) -> None:
+    outputs = fly(MovingTarget(Following(give_up_s=11.0)), 12.0, beside_m=0.8, noise_rad=noise_rad)
+    assert poses(outputs) == []
+    last = told(outputs)[-1]
+    assert last.phase == "refused"
+    assert "two robots move alike" in last.reason
+    assert "drone" in last.reason
+    assert "twin" in last.reason
+    named = fly(MovingTarget(Following(target_id="drone")), 12.0, beside_m=0.8, noise_rad=noise_rad)
+    assert error_m(poses(named)[-1]) < 0.2
+
+
+def test_a_robot_that_is_tracked_twice_is_one() -> None:
+    assert error_m(poses(fly(MovingTarget(), 12.0, beside_m=0.05))[-1]) < 0.1
 
 
 def test_who_does_not_follow_is_refused_in_the_end() -> None:

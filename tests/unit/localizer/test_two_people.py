@@ -104,7 +104,7 @@ async def test_who_comes_later_is_refused_in_a_sentence_and_served_afterwards() 
 async def test_of_two_who_start_at_once_one_gives_way_and_the_other_keeps_the_lamp() -> None:
     async with room_of_two() as room:
         answers = await asyncio.gather(room.start("ben"), room.start("anna"))
-        assert answers == ["", ""]  # neither had heard of the other
+        assert not any(answers)  # neither had heard of the other
         await until(lambda: "refused" in {room.last(user).phase for user in PEOPLE}, what="one to give way")
         loser = next(user for user in PEOPLE if room.last(user).phase == "refused")
         (winner,) = set(PEOPLE) - {loser}

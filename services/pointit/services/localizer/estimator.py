@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pointit.schemas import FARTHEST
 from pointit.services.localizer.descent import Minima, Weights, descend, starts
 from pointit.services.localizer.sphere import PARAMETERS, Array, Rays, residuals
 
@@ -30,6 +31,9 @@ AMBIGUOUS_COST = 2.0
 
 GAP_S = 0.5
 """A longer pause between two samples is no time of pointing."""
+
+SAME_POSE = 0.3
+"""Metres and radians: poses nearer to each other are one."""
 
 SAME_PLACE_M = 0.05
 """Targets closer together than this are one."""
@@ -98,6 +102,12 @@ class Solution:
     def position_sigma_m(self) -> float:
         """Return one sigma along the worse horizontal direction."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+
+    def is_near(self, other: "Solution") -> bool:
+        """Return whether it makes no difference which of the two is taken."""
+        away_m = math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
+        turned_rad = abs(math.remainder(self.yaw_rad - other.yaw_rad, math.tau))
+        return away_m <= SAME_POSE and turned_rad <= SAME_POSE
 
     @property
     def yaw_sigma_rad(self) -> float:
@@ -190,6 +200,8 @@ def _accepted(solution: Solution, trust: Trust) -> Solution | Refusal:
             residual_rad,
         )
     covariance = solution.covariance
+    if max(abs(solution.x_m), abs(solution.y_m)) > FARTHEST or residual_rad > FARTHEST:
+        return Refusal("these rays meet nowhere in the world; point at each target, arm straight")
     if not np.all(np.isfinite(covariance)) or np.any(np.diag(covariance) <= 0.0):
         return Refusal("these targets do not tell the position; add a target elsewhere", residual_rad)
     position_m, yaw_rad = solution.position_sigma_m, solution.yaw_sigma_rad
@@ -213,6 +225,9 @@ def _distinct(minima: Minima, margin: float) -> Array:
     kept: list[Array] = []
     for pose in minima.poses[minima.costs <= minima.costs[0] + margin]:
         steps = [np.abs(pose[:3] - other[:3]) for other in kept]
-        if all(max(step[0], step[1]) > 0.3 or abs(math.remainder(step[2], math.tau)) > 0.3 for step in steps):
+        if all(
+            max(step[0], step[1]) > SAME_POSE or abs(math.remainder(step[2], math.tau)) > SAME_POSE
+            for step in steps
+        ):
             kept.append(pose)
     return np.array(kept)

@@ -6,11 +6,14 @@ Pure: rays, tracked objects and the time go in; progress and poses come out.
 from dataclasses import dataclass
 
 from pointit.schemas import Localization, PointingRay, TrackedObjects
-from pointit.services.localizer.estimator import Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimator import AMBIGUOUS_COST, Refusal, Solution, Trust, solve
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.pairing import RayWindow, Track
 
 NS_PER_S = 1_000_000_000
+
+ALIKE = 1.2
+"""The residual of the robot that fits next best must be larger by this, or nobody knows which is meant."""
 
 ROBOT = "robot"
 """Kind of the objects that are followed when no id is given."""
@@ -132,8 +135,27 @@ class MovingTarget:
         results = [(self._solve(track), track_id) for (_, track_id), track in self._tracks.items()]
         if not results:
             return Refusal("the robot is not tracked any more; see what tracks it")
-        result, self._target_id = min(results, key=_worth)
-        return result
+        results.sort(key=_worth)
+        result, self._target_id = results[0]
+        rival = next((other for other in results[1:] if self._is_rival(result, *other)), None)
+        if rival is None:
+            return result
+        return Refusal(
+            f"two robots move alike, {self._target_id} and {rival[1]}: have one of them move otherwise, "
+            "or set robot_id",
+            result.residual_rad,
+        )
+
+    def _is_rival(self, best: Solution | Refusal, other: Solution | Refusal, other_id: str) -> bool:
+        """Return whether the rays fit another robot as well, from another place."""
+        if isinstance(best, Refusal) or isinstance(other, Refusal) or other_id == self._target_id:
+            return False
+        if best.is_near(other):
+            return False
+        square = other.residual_rad**2 - best.residual_rad**2
+        independent = 1.0 + self._trust.independent_hz * self._span_s
+        unlikelier = 0.5 * independent * square / self._trust.ray_sigma_rad**2
+        return unlikelier < AMBIGUOUS_COST or other.residual_rad < ALIKE * best.residual_rad
 
     def _solve(self, track: Track) -> Solution | Refusal:
         pointings = self._rays.pointings(track)

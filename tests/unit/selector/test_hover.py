@@ -130,3 +130,8 @@ def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
     assert whereabouts.silent(2 * S) == []
     assert under(whereabouts, cursor(1.0, stamp_ns=2 * S + 1)) is None
     assert whereabouts.silent(2 * S + 1) == ["one"]
+    assert not whereabouts.forget(6 * S)
+    assert whereabouts.kinds == {"a": "red"}
+    assert whereabouts.forget(6 * S + 1)
+    assert not whereabouts.kinds
+    assert whereabouts.silent(6 * S + 1) == []

@@ -35,6 +35,18 @@ def test_only_the_owner_deselects() -> None:
     assert selected(ledger) == {"a": ("anna", 5)}
 
 
+def test_what_is_of_somebody_who_is_gone_anybody_deselects() -> None:
+    ledger = Ledger()
+    ledger.toggle("a", "red", "anna", 5)
+    ledger.set_gone("anna", gone=True)
+    ledger.set_gone("anna", gone=False)
+    assert ledger.toggle("a", "red", "ben", 6).event == "refused"
+    ledger.set_gone("anna", gone=True)
+    event = ledger.toggle("a", "red", "ben", 7)
+    assert (event.event, event.user) == ("deselected", "ben")
+    assert selected(ledger) == {}
+
+
 def test_clear_takes_only_the_persons_own() -> None:
     ledger = Ledger()
     for object_id, user in (("a", "anna"), ("b", "ben"), ("c", "anna")):

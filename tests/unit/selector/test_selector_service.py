@@ -1,5 +1,7 @@
 """The selector on a bus: from cursors to hovers, selections, events and cues."""
 
+import asyncio
+
 import pytest
 
 from pointit.runtime import ConfigError, Context
@@ -10,15 +12,17 @@ from pointit.schemas.topics import (
     CLEAR_SELECTION,
     CURSOR,
     FEEDBACK,
+    HEALTH,
     HOVER,
     OBJECTS,
     SELECTION,
     SELECTION_EVENTS,
+    USER_ALIVE,
 )
 from pointit.services.registry import process
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
-from tests.support.bench import Bench, ManualClock, memory_bench
+from tests.support.bench import Bench, ManualClock, memory_bench, until
 
 
 def strip_object(object_id: str, position_m: float) -> TrackedObject:
@@ -142,19 +146,12 @@ async def test_clearing_nothing_is_no_error() -> None:
         assert events == []
 
 
-async def test_health_says_when_the_objects_are_not_heard_of() -> None:
+async def test_it_reads_writes_and_answers_what_its_row_says() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         view = ServiceBus(bench.bus, clock, "selector", "selector")
         Selector(SelectorConfig(), Context(bus=view, clock=clock))
         await stay(bench, clock, "anna", 1.0, "a")
-        assert view.report().warnings == ()
-        clock.advance(5.0)
-        bench.put(CURSOR, Cursor(stamp_ns=clock.now_ns()), "anna")
-        await bench.settle()
-        assert "conveyor" in view.report().warnings[0]
-        await stay(bench, clock, "anna", 1.0, "a")
-        assert view.report().warnings == ()
         row = process("selector")
         assert view.reads == {topic.key for topic in row.reads}
         assert view.writes == {topic.key for topic in row.writes}
@@ -162,9 +159,62 @@ async def test_health_says_when_the_objects_are_not_heard_of() -> None:
         await view.close()
 
 
+async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_its_objects() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        health, selections = bench.collect(HEALTH), bench.collect(SELECTION)
+        bench.start(Selector)
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert [o.id for o in selections[-1].objects] == ["a"]
+        assert health[-1].warnings == ()
+        clock.advance(2.0)
+        await until(lambda: any("from conveyor;" in text for text in health[-1].warnings), what="the warning")
+        assert selections[-1].objects
+        clock.advance(4.0)
+        await until(lambda: not selections[-1].objects, what="its objects to leave the selection")
+        await until(lambda: not health[-1].warnings, what="the warning to go")
+
+
+async def test_what_somebody_who_left_has_selected_is_anybodys_after_a_while() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        events = bench.collect(SELECTION_EVENTS)
+        bench.start(Selector, SelectorConfig(ownerless_after_s=0.3))
+        await bench.settle()
+        token = bench.bus.announce(USER_ALIVE, "anna")
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        token.close()
+        await bench.settle()
+        await stay(bench, clock, "ben", 1.0, "a")
+        assert [(e.event, e.user) for e in events] == [("selected", "anna"), ("refused", "ben")]
+        assert events[-1].reason == "red is selected by anna; only anna can deselect it"
+        await asyncio.sleep(0.35)
+        await stay(bench, clock, "ben", 9.0, "a")  # looks elsewhere, so that it may be toggled again
+        await stay(bench, clock, "ben", 1.0, "a")
+        assert (events[-1].event, events[-1].user) == ("deselected", "ben")
+
+
+async def test_who_is_back_in_time_keeps_what_is_theirs() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        events = bench.collect(SELECTION_EVENTS)
+        bench.start(Selector, SelectorConfig(ownerless_after_s=0.05))
+        await bench.settle()
+        bench.bus.announce(USER_ALIVE, "anna").close()
+        again = bench.bus.announce(USER_ALIVE, "anna")
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        await asyncio.sleep(0.1)
+        await stay(bench, clock, "ben", 1.0, "a")
+        assert events[-1].event == "refused"
+        again.close()
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("method", "gauge"), ("fraction", 1.5), ("window_s", 0.05), ("margin", 0.1)],
+    [("method", "gauge"), ("fraction", 1.5), ("window_s", 0.05)],
 )
 def test_a_wrong_parameter_is_named(field: str, value: object) -> None:
     layers = Layers()
@@ -191,3 +241,10 @@ async def test_two_trackers_at_25_hz_side_by_side_are_both_seen() -> None:
             await bench.settle(3)
         assert {hover.object_id for hover in hovers["anna"]} == {"a"}
         assert {hover.object_id for hover in hovers["ben"]} == {"b"}
+
+
+def test_an_unknown_parameter_is_named() -> None:
+    layers = Layers()
+    layers.add({"margin": 0.1}, "file.yaml")
+    with pytest.raises(ConfigError, match=r"no parameter margin.*margin_m"):
+        layers.build(SelectorConfig)

@@ -30,6 +30,12 @@ class SelectorConfig(Config):
     objects_stale_after_s: float = Field(
         default=1.0, gt=0, le=60, description="objects not heard of for longer cannot be hovered, s"
     )
+    ownerless_after_s: float = Field(
+        default=5.0,
+        ge=0,
+        le=3600,
+        description="what a person selected who left so long ago may be deselected by anybody, s",
+    )
 
     @model_validator(mode="after")
     def _window_holds_a_timestep(self) -> Self:

@@ -15,6 +15,9 @@ NS_PER_S = 1_000_000_000
 LINES = ("strip", "belt")
 """Surfaces with an arc length; everything else is compared in space."""
 
+ENDED_PERIODS = 5
+"""A tracker silent for so many times what makes its objects stale has ended: they are gone."""
+
 MAX_TRACKERS = 64
 """Of more, the one longest unheard is forgotten."""
 
@@ -84,6 +87,9 @@ class Whereabouts:
         self._trackers[tracker] = _Listing(message, self._margin_m)
         while len(self._trackers) > MAX_TRACKERS:
             del self._trackers[next(iter(self._trackers))]
+        self._list_kinds()
+
+    def _list_kinds(self) -> None:
         self._kinds = {
             object_id: kind
             for listing in self._trackers.values()
@@ -93,6 +99,19 @@ class Whereabouts:
     def silent(self, now_ns: int) -> list[str]:
         """Return the trackers whose last list is too far from `now_ns` to be used."""
         return [name for name, listing in self._trackers.items() if not self._fits(listing, now_ns)]
+
+    def forget(self, now_ns: int) -> bool:
+        """Forget trackers silent for so long that they have ended; return whether there were any."""
+        ended = [
+            name
+            for name, listing in self._trackers.items()
+            if abs(now_ns - listing.stamp_ns) > ENDED_PERIODS * self._stale_ns
+        ]
+        for name in ended:
+            del self._trackers[name]
+        if ended:
+            self._list_kinds()
+        return bool(ended)
 
     def under(self, cursor: Cursor) -> TrackedObject | None:
         """Return the object whose centre is nearest to `cursor`, within half its length and the margin.

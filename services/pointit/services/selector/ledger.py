@@ -17,21 +17,34 @@ class _Entry:
 
 
 class Ledger:
-    """Keeps what is selected; an object has one owner, and only its owner deselects it."""
+    """Keeps what is selected; an object has one owner, and only its owner deselects it.
+
+    What belongs to a person who is gone may be deselected by anybody.
+    """
 
     def __init__(self) -> None:
         self._entries: dict[str, _Entry] = {}
+        self._gone: set[str] = set()
         self._events = 0
         self._selections = 0
 
+    def set_gone(self, user: str, *, gone: bool) -> None:
+        """Take note that `user` is gone, or there again."""
+        if gone and any(entry.user == user for entry in self._entries.values()):
+            self._gone.add(user)
+        elif not gone:
+            self._gone.discard(user)
+
     def toggle(self, object_id: str, kind: str, user: str, stamp_ns: int) -> SelectionEvent:
-        """Select or deselect `object_id` for `user`; refused when it is somebody else's."""
+        """Select or deselect `object_id` for `user`; refused when it is somebody else's who is there."""
         entry = self._entries.get(object_id)
         if entry is None:
             self._entries[object_id] = _Entry(user, kind, stamp_ns)
             return self._event("selected", object_id, kind, user, stamp_ns)
-        if entry.user != user:
-            reason = f"{object_id} is selected by {entry.user}; only {entry.user} can deselect it"
+        if entry.user != user and entry.user not in self._gone:
+            reason = (
+                f"{entry.kind or 'object'} is selected by {entry.user}; only {entry.user} can deselect it"
+            )
             return self._event("refused", object_id, entry.kind, user, stamp_ns, reason=reason)
         del self._entries[object_id]
         return self._event("deselected", object_id, entry.kind, user, stamp_ns)

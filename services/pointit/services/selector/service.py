@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Literal
 
-from pointit.runtime import Context, Publisher, Service
+from pointit.runtime import Context, Publisher, Service, sleep
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     ClearSelection,
@@ -21,11 +21,15 @@ from pointit.schemas.topics import (
     OBJECTS,
     SELECTION,
     SELECTION_EVENTS,
+    USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.dwell import Dwell
 from pointit.services.selector.hover import Whereabouts
 from pointit.services.selector.ledger import Ledger
+
+JUDGE_S = 1.0
+"""How often it is looked whether a tracker has fallen silent."""
 
 _CUES: dict[str, Literal["selected", "deselected", "refused"]] = {
     "selected": "selected",
@@ -57,12 +61,33 @@ class Selector(Service[SelectorConfig]):
         self._whereabouts = Whereabouts(margin_m=config.margin_m, stale_after_s=config.objects_stale_after_s)
         self._ledger = Ledger()
         self._people: dict[str, _Person] = {}
+        self._present: set[str] = set()
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
         self._selections.put(self._ledger.selection(self.clock.now_ns()))
         self.bus.serve(CLEAR_SELECTION, self._on_clear)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(CURSOR, self._on_cursor)
+        self.bus.watch(USER_ALIVE, self._on_presence)
+
+    async def run(self) -> None:
+        """Mind the trackers that fall silent."""
+        while True:
+            await sleep(self.clock, JUDGE_S)
+            self._mind_silence(self.clock.now_ns())
+
+    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if present:
+            self._present.add(user)
+            self._ledger.set_gone(user, gone=False)
+        else:
+            self._present.discard(user)
+            wait_s = self.config.ownerless_after_s / self.clock.speed
+            self.bus.call_later(wait_s, lambda: self._disown(user))
+
+    def _disown(self, user: str) -> None:
+        if user not in self._present:
+            self._ledger.set_gone(user, gone=True)
 
     def _on_objects(self, message: TrackedObjects, tracker: str) -> None:
         self._whereabouts.update(tracker, message)
@@ -86,7 +111,6 @@ class Selector(Service[SelectorConfig]):
         kind = None if toggled is None else self._whereabouts.kinds.get(toggled)
         if toggled is not None and kind is not None:  # it may have left in the meantime
             self._tell(self._ledger.toggle(toggled, kind, user, cursor.stamp_ns))
-        self._mind_silence(cursor.stamp_ns)
 
     async def _on_clear(self, _query: ClearSelection, user: str) -> Done:
         events = self._ledger.clear(user, self.clock.now_ns())
@@ -118,14 +142,16 @@ class Selector(Service[SelectorConfig]):
                 stamp_ns=event.stamp_ns,
                 seq=person.cues,
                 cue=_CUES[event.event],
-                text=event.reason or f"{event.object_id} ({event.kind}) {event.event}",
+                text=event.reason or f"{event.kind or 'object'} {event.event}",
             )
         )
 
     def _mind_silence(self, now_ns: int) -> None:
+        if self._whereabouts.forget(now_ns) and self._ledger.keep(self._whereabouts.kinds):
+            self._selections.put(self._ledger.selection(now_ns))
         silent = self._whereabouts.silent(now_ns)
         if silent:
-            names = ", ".join(name or "(unnamed)" for name in sorted(silent))
+            names = ", ".join(sorted(silent))
             self.bus.warn(
                 "objects",
                 f"no news of objects from {names}; nothing of theirs can be hovered: is it running?",

@@ -158,13 +158,13 @@ class TestClose:
             return Done()
 
         site.a.serve(SET_BRIGHTNESS, slow)
-        call = asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1)))
-        await asyncio.wait_for(asked.wait(), 2)
+        call = asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60))
+        await asyncio.wait_for(asked.wait(), 10)
         began_s = time.monotonic()
         await site.b.close()
         with pytest.raises(BusClosedError):
             await call
-        assert time.monotonic() - began_s < 1.5
+        assert time.monotonic() - began_s < 30
 
     async def test_the_bus_has_no_trouble(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
         assert [bus.trouble for bus in site.buses] == [""] * 3

@@ -101,12 +101,12 @@ class TestRequests:
             with pytest.raises(RefusedError, match="Done, not a AddPackageReply"):
                 await bus.call(ADD_PACKAGE, AddPackage(kind="red"))
 
-    async def test_nobody_there_is_known_within_a_second(self, site: Site) -> None:
+    async def test_nobody_there_is_known_without_waiting_for_the_time_out(self, site: Site) -> None:
         for bus in site.buses:
             began_s = time.monotonic()
             with pytest.raises(NoAnswerError, match="led-driver does not answer leds/brightness"):
-                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
-            assert time.monotonic() - began_s < 1
+                await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60)
+            assert time.monotonic() - began_s < 30
 
     async def test_too_slow_is_no_answer_and_the_server_goes_on(self, site: Site) -> None:
         go_on, done = asyncio.Event(), asyncio.Event()
@@ -124,7 +124,7 @@ class TestRequests:
             ):
                 await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=0.1)
         go_on.set()
-        await asyncio.wait_for(done.wait(), 2)
+        await asyncio.wait_for(done.wait(), 10)
 
     async def test_a_caller_may_give_up(self, site: Site) -> None:
         asked, go_on, done = asyncio.Event(), asyncio.Event(), asyncio.Event()
@@ -139,15 +139,16 @@ class TestRequests:
         for bus in site.buses:
             for event in (asked, go_on, done):
                 event.clear()
-            call = asyncio.create_task(bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1)))
-            await asyncio.wait_for(asked.wait(), 2)
+            question = bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60)
+            call = asyncio.create_task(question)
+            await asyncio.wait_for(asked.wait(), 10)
             began_s = time.monotonic()
             call.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await call
-            assert time.monotonic() - began_s < 1
+            assert time.monotonic() - began_s < 30
             go_on.set()
-            await asyncio.wait_for(done.wait(), 2)
+            await asyncio.wait_for(done.wait(), 10)
 
     async def test_a_hundred_calls_at_once_each_get_their_own_reply(self, site: Site) -> None:
         together = asyncio.Barrier(100)

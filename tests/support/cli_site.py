@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import signal
-import socket
 import sys
 import time
 from collections.abc import AsyncGenerator
@@ -15,6 +14,7 @@ from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample
 from pointit.schemas.topics import IMU
 from tests.support.bench import until
+from tests.support.buses import free_port
 
 PATIENCE_S = 30.0
 
@@ -109,6 +109,4 @@ async def next_line(stream: asyncio.StreamReader | None) -> str:
 
 
 def free_endpoint() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return f"tcp/127.0.0.1:{port}"
+    return f"tcp/127.0.0.1:{free_port()}"

@@ -127,14 +127,15 @@ class Parcel:
         """
         if self._failure:
             raise DecodeError(self._failure)
-        if self._message is None:
+        message = self._message
+        if message is None:
             try:
-                self._message = decoded(kind, self._sample.payload, self._sample.encoding)
+                message = self._message = decoded(kind, self._sample.payload, self._sample.encoding)
             except Exception as error:
                 is_known = isinstance(error, DecodeError)
                 self._failure = str(error) if is_known else f"{type(error).__name__}: {error}"
                 raise
-        return self._message
+        return message
 
 
 class _Inlet:

@@ -21,7 +21,17 @@ from tests.support.bench import until
 from tests.support.buses import RouterProcess, free_port, router_process
 
 END_S = 2.0
+"""How long the end may take on a quiet machine."""
+START_S = 0.1
+"""How long Python takes to start there."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def end_s() -> float:
+    """Return how long the end may take on this machine as busy as it is now."""
+    began_s = time.monotonic()
+    subprocess.run([sys.executable, "-c", "pass"], check=True, timeout=60)
+    return END_S * max(1.0, (time.monotonic() - began_s) / START_S)
 
 
 @contextmanager
@@ -70,7 +80,7 @@ def test_a_service_that_waits_for_its_router_ends_on_a_signal(number: int) -> No
         assert endpoint in entry["message"]
         code, took_s = ended(child, number)
         assert code == 0
-        assert took_s < END_S
+        assert took_s < end_s()
         assert child.stderr is not None
         assert "Traceback" not in child.stderr.read()
 
@@ -80,7 +90,7 @@ def test_it_ends_while_somebody_listens_who_never_answers() -> None:
     with mute, process(*pointing(f"tcp/127.0.0.1:{mute.getsockname()[1]}")) as child:
         line_with(child, "nobody answers")
         code, took_s = ended(child, signal.SIGINT)
-        assert (code, took_s < END_S) == (0, True)
+        assert (code, took_s < end_s()) == (0, True)
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -92,7 +102,7 @@ async def test_a_service_that_runs_ends_on_a_signal_and_is_gone(number: int) -> 
     with process(*pointing(endpoint)) as child:
         await until(lambda: told == [("pointing.anna", True)], 15)
         code, took_s = await asyncio.to_thread(ended, child, number)
-        assert (code, took_s < END_S) == (0, True)
+        assert (code, took_s < end_s()) == (0, True)
         await until(lambda: told[1:] == [("pointing.anna", False)])
     await bus.close()
 
@@ -108,7 +118,7 @@ async def test_a_service_that_lost_its_router_ends_on_a_signal() -> None:
             router.stop()
             await asyncio.to_thread(line_with, child, "is lost")
             code, took_s = await asyncio.to_thread(ended, child, signal.SIGTERM)
-            assert (code, took_s < END_S) == (0, True)
+            assert (code, took_s < end_s()) == (0, True)
 
 
 BODY = """
@@ -169,7 +179,7 @@ def test_what_does_not_end_is_cut_off_and_named() -> None:
         assert child.stdout.readline() == "ready\n"
         code, took_s = ended(child, signal.SIGTERM)
         assert code == 1
-        assert took_s < END_S
+        assert took_s < end_s()
         assert child.stderr is not None
         assert "Error: did not end within 0.5 s: " in (said := child.stderr.read())
         assert "main" in said
@@ -179,7 +189,7 @@ def test_what_does_not_end_is_cut_off_and_named() -> None:
 def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> None:
     router = RouterProcess()
     router.start()  # fails unless the address is in its first line
-    assert router.stop(number) < END_S
+    assert router.stop(number) < end_s()
 
 
 def test_a_router_on_a_taken_port_says_so_in_a_sentence() -> None:

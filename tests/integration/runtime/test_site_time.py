@@ -1,50 +1,43 @@
-"""A service that is started alone keeps the time of its site, whatever its operator forgets."""
+"""A service that is started alone keeps the time of its site."""
 
 import asyncio
-import sys
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.runtime import SimulatedClock, keep_time
+from pointit.runtime import Launch, SimulatedClock, keep_time
+from pointit.runtime import process as process_module
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Environment
 from pointit.schemas.topics import MAP
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
 from tests.support.bench import until
 from tests.support.buses import free_port
 
 AHEAD_NS = 10_000 * 1_000_000_000
 
 
-@asynccontextmanager
-async def pui(endpoint: str, *arguments: str) -> AsyncIterator[None]:
-    child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "pointit.services.pui", "--connect", endpoint, *arguments),
-        stderr=asyncio.subprocess.DEVNULL,
-    )
-    try:
-        yield
-    finally:
-        child.kill()
-        await child.wait()
-
-
-@pytest.mark.parametrize(("arguments", "follows"), [((), True), (("--clock", "wall"), False)])
-async def test_a_service_keeps_the_sites_time(arguments: tuple[str, ...], follows: bool) -> None:  # noqa: FBT001
+@pytest.mark.parametrize(("patience_s", "follows"), [(30.0, True), (None, False)])
+async def test_a_service_keeps_the_sites_time_from_its_first_message(
+    patience_s: float | None,
+    follows: bool,  # noqa: FBT001
+) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
     clock = SimulatedClock(5.0)
     clock._start_ns += AHEAD_NS
-    keeping = asyncio.create_task(keep_time(clock, bus))
     maps: list[Environment] = []
     bus.subscribe(MAP, lambda message, _name: maps.append(message))
-    before_ns = clock.now_ns()
-    async with pui(endpoint, *arguments):
-        await until(lambda: bool(maps), 30)
-    # put in the constructor: nothing of the service has seen another time
-    assert (before_ns <= maps[0].stamp_ns <= clock.now_ns()) is follows
-    keeping.cancel()
-    await asyncio.gather(keeping, return_exceptions=True)
+    launch = Launch(service=Pui, config=PuiConfig())
+    serving = asyncio.create_task(
+        process_module._serve(launch, Link(connect=(endpoint,)), clock_patience_s=patience_s)
+    )
+    await asyncio.sleep(0.1)  # it may well be there before the site has a time
+    keeping = asyncio.create_task(keep_time(clock, bus))
+    await until(lambda: bool(maps), 30)
+    assert (clock._start_ns <= maps[0].stamp_ns <= clock.now_ns()) is follows
+    for task in (serving, keeping):
+        task.cancel()
+    await asyncio.gather(serving, keeping, return_exceptions=True)
     await bus.close()

@@ -100,7 +100,7 @@ class StripFrame(Part):
 
 
 class StripsFrame(Message):
-    """The pixels of every strip; `stamp_ns` is the newest capture time that went into it."""
+    """The pixels of every strip; `stamp_ns`: when the newest cursor new in it was captured, else its own."""
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 64 strips of 4096 pixels, all that one expander drives."""

@@ -30,7 +30,6 @@ class CursorMark:
     position_m: float
     width_m: float
     color: Color
-    stamp_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

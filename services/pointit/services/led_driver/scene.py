@@ -1,6 +1,5 @@
 """What is to be seen on the strips now: the newest of everything, as long as it is fresh."""
 
-from collections.abc import Sequence
 from typing import TypeVar
 
 from pointit.schemas import (
@@ -31,11 +30,14 @@ class Scene:
         self._hovers: dict[str, tuple[int, Hover]] = {}
         self._objects: dict[str, tuple[int, TrackedObjects]] = {}
         self._profiles: dict[str, UserProfile] = {}
+        self._new_ns: int | None = None
         self._selected: frozenset[str] = frozenset()
 
     def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Take where `user` points."""
         self._cursors[user] = (now_ns, cursor)
+        if cursor.surface == "strip":
+            self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""
@@ -65,6 +67,11 @@ class Scene:
         ends += [at + self._objects_timeout_ns for at, _ in self._objects.values()]
         return min(ends, default=None)
 
+    def take_new_ns(self) -> int | None:
+        """Return the newest capture time of the cursors on strips that came since the last call."""
+        new_ns, self._new_ns = self._new_ns, None
+        return new_ns
+
     def cursors(self) -> list[CursorMark]:
         """Return the cursors on strips, by user name."""
         marks: list[CursorMark] = []
@@ -78,7 +85,6 @@ class Scene:
                         position_m=cursor.position_m,
                         width_m=profile.cursor_width_m,
                         color=profile.cursor_color,
-                        stamp_ns=cursor.stamp_ns,
                     )
                 )
         return marks
@@ -117,8 +123,3 @@ class Scene:
 def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> None:
     for name in [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]:
         del heard[name]
-
-
-def newest_stamp_ns(cursors: Sequence[CursorMark]) -> int | None:
-    """Return the newest capture time among `cursors`."""
-    return max((mark.stamp_ns for mark in cursors), default=None)

@@ -31,7 +31,7 @@ from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.expander import ExpanderOutput
 from pointit.services.led_driver.pacing import Pacer
 from pointit.services.led_driver.render import Renderer
-from pointit.services.led_driver.scene import Scene, newest_stamp_ns
+from pointit.services.led_driver.scene import Scene
 
 
 class LedDriver(Service[LedDriverConfig]):
@@ -139,12 +139,11 @@ class LedDriver(Service[LedDriverConfig]):
         """Have a frame drawn, at once if a `fresh` cursor came and the rate allows."""
         if self._ended:  # what arrives while everything is taken down
             return
-        loop = asyncio.get_running_loop()
-        wait_s = self._pacer.wish(loop.time(), fresh=fresh)
+        wait_s = self._pacer.wish(asyncio.get_running_loop().time(), fresh=fresh)
         if wait_s == 0.0:
             self._draw()
         elif wait_s is not None:
-            self._frame_timer = loop.call_later(wait_s, self._draw)
+            self._frame_timer = self.bus.call_later(wait_s, self._draw)
 
     def _draw(self) -> None:
         if self._frame_timer is not None:
@@ -157,10 +156,10 @@ class LedDriver(Service[LedDriverConfig]):
         self._scene.forget(now_ns)
         cursors = self._scene.cursors()
         pixels = self._renderer.render(self._scene.objects(now_ns), cursors)
-        stamp_ns = newest_stamp_ns(cursors)
+        new_ns = self._scene.take_new_ns()
         self._seq += 1
         frame = StripsFrame(
-            stamp_ns=now_ns if stamp_ns is None else stamp_ns,
+            stamp_ns=now_ns if new_ns is None else new_ns,
             seq=self._seq,
             strips=tuple(StripFrame(id=name, rgb=rgb) for name, rgb in pixels.items()),
         )
@@ -175,7 +174,7 @@ class LedDriver(Service[LedDriverConfig]):
         if end_ns is None or self._expiry_timer is not None:
             return
         wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
-        self._expiry_timer = asyncio.get_running_loop().call_later(wait_s, self._expire)
+        self._expiry_timer = self.bus.call_later(wait_s, self._expire)
 
     def _expire(self) -> None:
         self._expiry_timer = None

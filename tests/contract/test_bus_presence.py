@@ -9,6 +9,7 @@ import pytest
 from pointit.runtime import (
     Bus,
     BusClosedError,
+    MemoryBus,
     present,
 )
 from pointit.schemas import (
@@ -179,7 +180,10 @@ class TestPresent:
         tokens = [bus.announce(USER_ALIVE, name) for bus, name in ((site.a, "anna"), (site.b, "ben"))]
         site.a.announce(SERVICE_ALIVE, "pui")
         await site.settle()
+        assert isinstance(site.c, MemoryBus)
+        declared = set(site.c.declarations)
         assert await present(site.c, USER_ALIVE, 1.0) == {"anna", "ben"}
+        assert site.c.declarations == declared, "it watches no longer"
         tokens[0].close()
         await site.settle()
         for bus in site.buses:

@@ -121,17 +121,18 @@ async def test_setting_the_walls_clock_moves_nobody(wall: Wall, bus: MemoryBus) 
 
 
 async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, bus: MemoryBus) -> None:
-    """Another machine, whose wall is 0.2 s ahead: only the first tick is read with it."""
+    """The source's machine has a wall 0.2 s behind: only the first tick is read with it."""
     source, follower = SimulatedClock(10.0), SiteClock(bus)
     publisher = bus.publisher(CLOCK)
-    tick = source.tick()
-    wall.offset_ns += NS_PER_S // 5
-    publisher.put(tick)
-    await handled()
+
+    async def tick() -> None:
+        publisher.put(source.tick().model_copy(update={"stamp_ns": time.time_ns() - NS_PER_S // 5}))
+        await handled()
+
+    await tick()
     assert follower.now_ns() - source.now_ns() == 2 * NS_PER_S
     wall.step(1)
-    publisher.put(source.tick())
-    await handled()
+    await tick()
     times, errors = [follower.now_ns()], [follower.now_ns() - source.now_ns()]
     for _ in range(50):
         wall.step(0.01)

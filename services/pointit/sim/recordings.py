@@ -10,11 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.runtime.errors import ConfigError
+from pointit.schemas import FARTHEST
 
 Array = NDArray[np.float64]
 
 UNIT_TOLERANCE = 0.01
 """How far the norm of a recorded quaternion may be from 1; it is then made 1."""
+
+LATEST_S = 1e12
+LONGEST_S = 1e9
+"""Thirty years: its nanoseconds, and the times reckoned from them, fit 64 bits."""
+
+MAX_BYTES = 64_000_000
+"""An hour at 1000 Hz; more does not fit the memory that a service should take."""
 
 _NOTHING: list[str] = []
 _TIME = "t"
@@ -49,10 +57,17 @@ def read_imu_csv(path: Path) -> ImuRecording:
     Other columns are ignored; the order does not matter.
 
     Raises:
-        ConfigError: names file, line, column and value: it cannot be read, a column or value is missing, a
-            value is not a finite number, a quaternion is far from norm 1, the time goes backwards, no rows.
+        ConfigError: names file, line, column and value: it cannot be read, is too long, a column or value is
+            missing, a value is not a number within bounds, a quaternion is far from norm 1, the time goes
+            backwards, no rows.
     """
     try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ConfigError(
+                f"{path}: has {size / 1e6:.1f} MB and at most {MAX_BYTES / 1e6:.0f} MB are read; "
+                "cut it into pieces"
+            )
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.reader(file)
             header = [name.strip() for name in next(rows, _NOTHING)]
@@ -94,9 +109,11 @@ def _values(path: Path, rows: Iterator[list[str]], columns: dict[str, int]) -> l
                 number = float(text)
             except ValueError:
                 number = math.nan
-            if not math.isfinite(number):
+            most = LATEST_S if name == _TIME else FARTHEST
+            if not abs(number) <= most:
                 raise ConfigError(
-                    f"{path}, line {line}, column {name!r}: a finite number was expected, got {text!r}"
+                    f"{path}, line {line}, column {name!r}: a number within {most:g} was expected, "
+                    f"got {text!r}"
                 )
             numbers.append(number)
         values.append(numbers)
@@ -120,6 +137,11 @@ def _recording(path: Path, columns: dict[str, int], values: list[list[float]]) -
         raise ConfigError(
             f"{path}, line {lines[row]}, column {_TIME!r}: time goes backwards, "
             f"{t_s[row]:g} after {t_s[row - 1]:g}"
+        )
+    if t_s[-1] - t_s[0] > LONGEST_S:
+        raise ConfigError(
+            f"{path}, line {lines[-1]}, column {_TIME!r}: the recording is {t_s[-1] - t_s[0]:g} s long and "
+            f"at most {LONGEST_S:g} s can be played; is its time in seconds?"
         )
     orientation = part(_ORIENTATION)
     norms = np.linalg.norm(orientation, axis=1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.runtime import ConfigError, Launch, MemoryBus, SimulatedClock, run_service
+from pointit.schemas import FARTHEST
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.service import RobotReplay
@@ -43,6 +44,13 @@ def test_samples_that_share_a_time_make_one_report_with_finite_velocity() -> Non
     trajectory = Trajectory(recording([0.0, 0.1, 0.1, 0.2], [0.0, 0.1, 5.0, 0.2]))
     assert trajectory.times_ns == [0, 100_000_000, 200_000_000]
     assert trajectory.report(1, 0).objects[0].velocity_mps == pytest.approx((1.0, 0.0, 0.0))
+
+
+def test_every_report_can_travel_however_the_robot_jumps() -> None:
+    trajectory = Trajectory(recording([0.0, 1e-12, 2e-9, 1e9], [0.0, 5.0, FARTHEST, -FARTHEST]))
+    assert trajectory.times_ns == [0, 2, 10**18]
+    for index in range(3):
+        assert trajectory.report(index, 2**62).objects[0].position_m[2] == 1.0
 
 
 async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Path) -> None:

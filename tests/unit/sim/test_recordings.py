@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.runtime import ConfigError
-from pointit.sim.recordings import read_imu_csv
+from pointit.sim.recordings import MAX_BYTES, read_imu_csv
 from tests.support.data import data_file
 
 HEADER = "t,qw,qx,qy,qz"
@@ -46,6 +46,9 @@ def test_rounded_quaternions_are_made_unit(tmp_path: Path) -> None:
         (HEADER + "\n0,1,0,0,0\n1,1,zero,0,0\n", ["line 3", "'qx'", "'zero'"]),
         (HEADER + "\n0,1,0,0,0\n1,1,nan,0,0\n", ["line 3", "'qx'", "'nan'"]),
         (HEADER + "\n0,1,0,0,0\ninf,1,0,0,0\n", ["line 3", "'t'", "'inf'"]),
+        (HEADER + "\n0,1,0,0,0\n1e13,1,0,0,0\n", ["line 3", "'t'", "'1e13'", "within 1e+12"]),
+        (HEADER + "\n0,1,0,0,0\n2e9,1,0,0,0\n", ["line 3", "'t'", "2e+09 s long", "in seconds?"]),
+        (HEADER + ROBOT + "\n0,1,0,0,0,1,1e7,3\n", ["line 2", "'robot_y'", "'1e7'", "within 1e+06"]),
         (HEADER + "\n0,1,0\n", ["line 2", "'qy'", "''"]),
         (HEADER + ROBOT + "\n0,1,0,0,0,1,,3\n", ["line 2", "'robot_y'", "''"]),
         (HEADER + "\n0,1,0,0,0\n1,0.5,0,0,0\n", ["line 3", "norm 0.5"]),
@@ -69,6 +72,14 @@ def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(ConfigError, match="not a CSV text file"):
         read_imu_csv(binary)
+
+
+def test_a_file_without_end_is_not_read(tmp_path: Path) -> None:
+    huge = tmp_path / "huge.csv"
+    with huge.open("wb") as file:
+        file.truncate(MAX_BYTES + 1)
+    with pytest.raises(ConfigError, match=r"huge\.csv: has 64.0 MB and at most 64 MB are read; cut it"):
+        read_imu_csv(huge)
 
 
 def test_a_published_recording() -> None:

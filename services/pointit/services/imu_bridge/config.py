@@ -37,6 +37,7 @@ class ReplayConfig(Config):
     start_ns: int = Field(
         default=0,
         ge=0,
+        le=2**62,
         description="time at which the recording's t is 0, Unix ns; 0: when the service starts",
     )
     loop: bool = Field(default=False, description="begin again at the end")

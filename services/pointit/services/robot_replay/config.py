@@ -15,6 +15,7 @@ class RobotReplayConfig(Config):
     start_ns: int = Field(
         default=0,
         ge=0,
+        le=2**62,
         description="time of the recording's first sample, Unix ns; 0: when the service starts",
     )
     tracker: Name = Field(

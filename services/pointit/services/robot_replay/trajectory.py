@@ -3,10 +3,8 @@
 import numpy as np
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import TrackedObject, TrackedObjects
+from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.sim.recordings import ImuRecording
-
-NS_PER_S = 1_000_000_000
 
 KIND = "robot"
 
@@ -24,17 +22,18 @@ class Trajectory:
             raise ConfigError(
                 f"{recording.path}: has no columns 'robot_x', 'robot_y', 'robot_z': no robot to replay"
             )
-        times_s, first = np.unique(recording.t_s, return_index=True)
-        if len(times_s) < 2:
+        times_ns, first = np.unique(np.rint(recording.t_s * NS_PER_S).astype(np.int64), return_index=True)
+        if len(times_ns) < 2:
             raise ConfigError(f"{recording.path}: a robot that moves needs two samples at different times")
         places = recording.robot_m[first]
         self._robot_id = robot_id
         self._places: list[list[float]] = places.tolist()
         velocities = np.empty_like(places)
         for axis in range(3):
-            velocities[:, axis] = np.gradient(places[:, axis], times_s)
-        self._velocities: list[list[float]] = velocities.tolist()
-        self.times_ns: list[int] = np.rint(times_s * NS_PER_S).astype(np.int64).tolist()
+            velocities[:, axis] = np.gradient(places[:, axis], times_ns / NS_PER_S)
+        # where samples lie nanoseconds apart, jumps are faster than can be said
+        self._velocities: list[list[float]] = np.clip(velocities, -FARTHEST, FARTHEST).tolist()
+        self.times_ns: list[int] = times_ns.tolist()
         """When each report is due, from the recording's start, rising."""
 
     def report(self, index: int, start_ns: int) -> TrackedObjects:

@@ -8,9 +8,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import FARTHEST
 from pointit.services.conveyor_sim.conveyor import Conveyor, NoRoomError, UnknownLaneError
 from pointit.services.conveyor_sim.feeder import Feeder
-from pointit.services.conveyor_sim.lane import Lane
+from pointit.services.conveyor_sim.lane import Item, Lane
 
 S = 1_000_000_000
 
@@ -226,3 +228,17 @@ def test_time_that_passes_standing_still_moves_nothing() -> None:
     belts.stand_still(100 * S)
     belts.step(100 * S)
     assert places(belts) == before
+
+
+corners = st.sampled_from([-FARTHEST, FARTHEST])
+inside = st.floats(-FARTHEST, FARTHEST)
+
+
+@given(st.tuples(inside, inside, inside), st.tuples(corners, corners, corners), st.floats(0.999, 1.0))
+def test_what_moves_at_the_end_of_the_world_can_still_be_reported(
+    start: Vec3, end: Vec3, share: float
+) -> None:
+    lane = Lane("belt", "a", Polyline((start, end)))
+    lane.fill([Item("p-1", "red", 0.3)])
+    lane.move(lane.line.length_m * (share - 0.5))
+    assert len(lane.tracked(5.0)) == len(lane.items)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
-from pointit.schemas import TrackedObject
+from pointit.schemas import FARTHEST, TrackedObject
 
 Array = NDArray[np.float64]
 Surface = Literal["strip", "belt"]
@@ -100,7 +100,7 @@ class Lane:
         rows = zip(
             self.items,
             self.positions_m.tolist(),
-            line.points_at(self.positions_m).tolist(),
+            np.clip(line.points_at(self.positions_m), -FARTHEST, FARTHEST).tolist(),  # but for rounding
             velocities.tolist(),
             strict=True,
         )

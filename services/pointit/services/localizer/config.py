@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from pointit.runtime.config import Config
+from pointit.schemas.base import Real, Vec3
 from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.moving_target import Following
 from pointit.services.localizer.static_targets import Timing
@@ -55,11 +56,11 @@ class LocalizerConfig(Config):
     method: Literal["fixed", "static_targets", "moving_target"] = Field(
         default="fixed", description="a pose given here, pointing at lamps, or following a robot"
     )
-    position_m: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, 0.0), description="fixed: where the feet are in the room, m"
-    )
+    position_m: Vec3 = Field(default=(0.0, 0.0, 0.0), description="fixed: where the feet are in the room, m")
     yaw_deg: float = Field(
         default=0.0,
+        ge=-360,
+        le=360,
         description="fixed: azimuth in the room of the direction in which the IMU's yaw is 0, degrees",
     )
     lamps: tuple[str, ...] = Field(
@@ -90,7 +91,7 @@ class LocalizerConfig(Config):
     autostart: bool = Field(
         default=False, description="moving_target: begin at once and go on refining for ever"
     )
-    floor_m: float = Field(default=0.0, description="height of the floor in the room's coordinates, m")
+    floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
     trust: TrustConfig = TrustConfig()
 
     def timing(self) -> Timing:

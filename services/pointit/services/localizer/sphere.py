@@ -79,7 +79,8 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     gain = np.arctan2(across, along) / across
     whole = square + along * along
     bend = (along / whole - gain) / square
-    bend = np.where(square < 1e-8 * whole, -2.0 / 3.0 / np.abs(along) ** 3, bend)  # its limit, free of noise
+    limit = -2.0 / 3.0 / np.maximum(np.abs(along), 1e-9) ** 3  # used only where `along` is far more than that
+    bend = np.where(square < 1e-8 * whole, limit, bend)  # free of noise
     out = np.stack([gain * left, gain * above], axis=1)
 
     # derivatives of (left, above, along) by each parameter, then the chain rule

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from pointit.runtime.config import Config
 from pointit.schemas import BodyMeasures
+from pointit.schemas.base import Vec3
 
 Behaviour = Literal["rest", "strips", "select"]
 """What the person does once they may point."""
@@ -107,11 +108,12 @@ class UserSimConfig(Config):
         description="rest; strips: along the strips, there and back; select: every object of a kind",
     )
     target_kinds: tuple[str, ...] = Field(default=("red",), description="kinds of objects to select")
-    position_m: tuple[float, float, float] = Field(
-        default=(2.0, 0.5, 0.0), description="where the feet truly stand in the room, m"
-    )
+    position_m: Vec3 = Field(default=(2.0, 0.5, 0.0), description="where the feet truly stand in the room, m")
     yaw_deg: float | None = Field(
-        default=0.0, description="azimuth of the IMU's yaw origin in the room, deg; empty: unknown, random"
+        default=0.0,
+        ge=-360,
+        le=360,
+        description="azimuth of the IMU's yaw origin in the room, deg; empty: unknown, random",
     )
     rate_hz: float = Field(default=50.0, ge=5, le=200, description="IMU samples per second, Hz")
     think_s: float = Field(default=1.0, ge=0, le=60, description="idle time before pressing the button, s")

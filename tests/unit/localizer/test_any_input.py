@@ -1,0 +1,68 @@
+"""Whatever valid messages others put on the bus, a localization refuses, or gives a pose that can travel."""
+
+import math
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pointit.schemas import FARTHEST, Lamp, PointingRay, TrackedObject, TrackedObjects
+from pointit.services.localizer.moving_target import Following, MovingTarget
+from pointit.services.localizer.static_targets import StaticTargets, Timing
+
+S = 1_000_000_000
+START_NS = 1_700_000_000 * S
+
+far = st.one_of(st.floats(-5.0, 5.0), st.floats(-FARTHEST, FARTHEST), st.sampled_from([-FARTHEST, FARTHEST]))
+places = st.tuples(far, far, far)
+angles = st.floats(-math.pi, math.pi)
+
+
+def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, stamp_ns: int) -> PointingRay:
+    level = math.cos(elevation)
+    direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
+    return PointingRay(stamp_ns=stamp_ns, origin_m=origin, direction=direction)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.lists(places, min_size=2, max_size=4, unique=True),
+    st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
+)
+def test_lamps_and_rays_anywhere(
+    lamps: list[tuple[float, float, float]], rays: list[tuple[tuple[float, float, float], float, float]]
+) -> None:
+    procedure = StaticTargets(
+        [Lamp(id=f"led_{index}", position_m=place) for index, place in enumerate(lamps)],
+        Timing(reaction_s=0.0, hold_s=0.4),
+    )
+    procedure.start(START_NS)
+    for tick in range(200):
+        now_ns = START_NS + (tick + 1) * S // 50
+        procedure.on_ray(ray(*rays[tick // 30 % len(rays)], now_ns))
+        procedure.step(now_ns)
+    assert not procedure.running
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.lists(st.tuples(places, places), min_size=1, max_size=5),
+    st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
+    st.sampled_from([0, 2**62, -START_NS]),
+)
+def test_robots_and_rays_anywhere(
+    robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
+    rays: list[tuple[tuple[float, float, float], float, float]],
+    off_ns: int,
+) -> None:
+    procedure = MovingTarget(Following(continuous=True))
+    procedure.start(max(0, START_NS + off_ns))
+    for tick in range(200):
+        now_ns = START_NS + off_ns + (tick + 1) * S // 50
+        procedure.on_ray(ray(*rays[tick // 30 % len(rays)], now_ns))
+        one, other = robots[tick // 10 % len(robots)]
+        objects = (
+            TrackedObject(id="one", kind="robot", position_m=one),
+            TrackedObject(id="other", kind="robot", position_m=other),
+        )
+        procedure.on_objects("x", TrackedObjects(stamp_ns=now_ns, objects=objects))
+        procedure.step(now_ns)

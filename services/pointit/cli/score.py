@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.schemas import Cursor, SelectionEvent, StripsFrame, TrackedObjects
+from pointit.schemas import NS_PER_S, Cursor, SelectionEvent, StripsFrame, TrackedObjects
 
-NS_PER_S = 1_000_000_000
 RECENT = 64
 """Cursors remembered to find out which capture a frame shows."""
 STEP = 1.005

@@ -10,10 +10,8 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import UserPose, explain
+from pointit.schemas import NS_PER_S, UserPose, explain
 from pointit.sim.recordings import ImuRecording
-
-NS_PER_S = 1_000_000_000
 
 BUCKET_S = 5.0
 """Errors are summed up over so much of a recording."""

@@ -12,7 +12,6 @@ from pointit.schemas import PointingRay
 from pointit.services.localizer.estimator import Pointings
 
 EYES_M = 1.64
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Localization, PointingRay, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import NS_PER_S, Localization, PointingRay, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.moving_target import Following, MovingTarget
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pairing import RayWindow, Track
-from tests.unit.localizer.person import NS_PER_S, Person, yaw_difference
+from tests.unit.localizer.person import Person, yaw_difference
 
 START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))

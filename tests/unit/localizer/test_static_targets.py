@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from pointit.schemas import Lamp, Localization, UserPose
+from pointit.schemas import NS_PER_S, Lamp, Localization, UserPose
 from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.static_targets import StaticTargets, Timing
-from tests.unit.localizer.person import NS_PER_S, Person, yaw_difference
+from tests.unit.localizer.person import Person, yaw_difference
 
 LAMPS = (
     Lamp(id="a", position_m=(3.0, 2.0, 0.1)),

@@ -9,6 +9,7 @@ import pytest
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
+    NS_PER_S,
     BodyMeasures,
     ButtonEvent,
     Cursor,
@@ -28,7 +29,7 @@ from pointit.schemas.topics import BUTTON, IMU, INTERACTION
 from pointit.services.pointing.eye_finger import EyeFinger
 from pointit.services.user_sim.aim import Stance
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig, WristbandConfig
-from pointit.services.user_sim.person import NS_PER_S, Person
+from pointit.services.user_sim.person import Person
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import ManualClock, memory_bench, until
 

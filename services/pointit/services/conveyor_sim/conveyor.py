@@ -3,11 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from pointit.schemas import TrackedObject
+from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.services.conveyor_sim.feeder import Feeder
 from pointit.services.conveyor_sim.lane import Item, Lane
-
-NS_PER_S = 1_000_000_000
 
 ROUNDING_S = 0.5e-9
 """Times are whole nanoseconds; sums of their floats are off by less than half of one."""

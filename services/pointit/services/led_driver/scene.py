@@ -3,6 +3,7 @@
 from typing import TypeVar
 
 from pointit.schemas import (
+    NS_PER_S,
     Cursor,
     Hover,
     Selection,
@@ -12,8 +13,6 @@ from pointit.schemas import (
 )
 from pointit.services.led_driver.config import Color
 from pointit.services.led_driver.render import CursorMark, ObjectMark
-
-NS_PER_S = 1_000_000_000
 
 T = TypeVar("T")
 

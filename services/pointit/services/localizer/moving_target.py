@@ -5,12 +5,10 @@ Pure: rays, tracked objects and the time go in; progress and poses come out.
 
 from dataclasses import dataclass
 
-from pointit.schemas import Localization, PointingRay, TrackedObjects
+from pointit.schemas import NS_PER_S, Localization, PointingRay, TrackedObjects
 from pointit.services.localizer.estimator import AMBIGUOUS_COST, Refusal, Solution, Trust, solve
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.pairing import RayWindow, Track
-
-NS_PER_S = 1_000_000_000
 
 ALIKE = 1.2
 """The residual of the robot that fits next best must be larger by this, or nobody knows which is meant."""

@@ -5,15 +5,13 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.schemas import PointingRay
+from pointit.schemas import NS_PER_S, PointingRay
 from pointit.schemas.base import Vec3
 from pointit.services.localizer.estimator import Pointings
 from pointit.services.localizer.sphere import Array
 
 Stamps = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-
-NS_PER_S = 1_000_000_000
 
 MAX_GAP_S = 0.5
 """Between two reports of a target further apart in time, its place is not known."""

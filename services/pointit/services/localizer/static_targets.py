@@ -8,11 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointit.schemas import Lamp, Localization, PointingRay
+from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay
 from pointit.services.localizer.estimator import Pointings, Refusal, Trust, solve
 from pointit.services.localizer.outputs import LampSwitch, Output, Phase, pose_message
-
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,7 @@
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import BodyMeasures, ImuSample, PointingRay, UserProfile
-
-NS_PER_S = 1_000_000_000
+from pointit.schemas import NS_PER_S, ImuSample, PointingRay, UserProfile
 
 
 class EyeFinger:
@@ -48,8 +46,3 @@ class EyeFinger:
             origin_m=self._eyes,
             direction=vector.normalized(reach),
         )
-
-
-def eyes_height_m(body: BodyMeasures) -> float:
-    """Return how high the eyes are above the floor."""
-    return body.footprint_to_neck_m + body.neck_to_eyes_m

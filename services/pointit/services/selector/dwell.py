@@ -4,7 +4,7 @@ import math
 from collections import Counter, deque
 from typing import Literal
 
-NS_PER_S = 1_000_000_000
+from pointit.schemas import NS_PER_S
 
 Method = Literal["hold", "fraction"]
 

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Cursor, TrackedObject, TrackedObjects
+from pointit.schemas import NS_PER_S, Cursor, TrackedObject, TrackedObjects
 
 Array = NDArray[np.float64]
 
-NS_PER_S = 1_000_000_000
 LINES = ("strip", "belt")
 """Surfaces with an arc length; everything else is compared in space."""
 

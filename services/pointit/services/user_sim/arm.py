@@ -6,10 +6,10 @@ import numpy as np
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
+from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.aim import Aim
 from pointit.services.user_sim.config import ArmConfig
 
-NS_PER_S = 1_000_000_000
 TREMOR_HZ = (6.0, 12.0)
 TREMOR_TONES = 5
 

@@ -6,10 +6,10 @@ from typing import Protocol
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.sight import SeenObject, Sight
 
-NS_PER_S = 1_000_000_000
 PURSUIT_S = 1.5
 """How long a thing that was lost from view is followed along its way."""
 

@@ -9,12 +9,11 @@ from collections import deque
 from collections.abc import Sequence
 
 from pointit.geometry import vector
-from pointit.schemas import Cursor
+from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.user_sim.aim import Stance
 from pointit.services.user_sim.behaviour import Goal
 from pointit.services.user_sim.config import AimConfig
 
-NS_PER_S = 1_000_000_000
 MEMORY_S = 1.5
 """How far back a person recalls what their hand did."""
 ADAPTATION = 0.3

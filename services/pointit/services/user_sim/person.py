@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pointit.geometry import vector
-from pointit.schemas import ButtonEvent, ImuSample, Message
+from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
 from pointit.services.user_sim.aim import Aim, Stance
 from pointit.services.user_sim.arm import Arm
 from pointit.services.user_sim.behaviour import REST, Goal, localizing_goal, wish_of
@@ -15,7 +15,6 @@ from pointit.services.user_sim.error import OpenLoopError
 from pointit.services.user_sim.sight import Sight
 from pointit.services.user_sim.wristband import Wristband
 
-NS_PER_S = 1_000_000_000
 RATE_STEP_NS = 10_000_000
 """Over which an aim's rate is measured."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
+    NS_PER_S,
     Belt,
     Cursor,
     Environment,
@@ -21,7 +22,6 @@ from pointit.schemas import (
     TrackedObjects,
 )
 
-NS_PER_S = 1_000_000_000
 FRESH_S = 1.0
 """Objects of a tracker that says nothing for so long, or is so far ahead, are out of sight."""
 

@@ -6,10 +6,9 @@ import numpy as np
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import ImuSample
+from pointit.schemas import NS_PER_S, ImuSample
 from pointit.services.user_sim.config import WristbandConfig
 
-NS_PER_S = 1_000_000_000
 BOOT_SPAN_S = 3600.0
 """The band was switched on at some time within the last hour."""
 

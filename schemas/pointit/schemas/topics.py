@@ -77,7 +77,7 @@ PROFILE = Topic(
     message=person.UserProfile,
     delivery=_STATE,
     rate_hz=None,
-    writers=("supervisor",),
+    writers=("supervisor", "cli"),
     about="body measures, handedness, colour",
 )
 RAY = Topic(

@@ -28,6 +28,7 @@ from pointit.schemas.topics import (
     MAP,
     OBJECTS,
     PROFILE,
+    SELECTION,
     SELECTION_EVENTS,
     STRIPS_FRAME,
     USER_ALIVE,
@@ -71,6 +72,7 @@ class Monitor:
         bus.subscribe(MAP, self._on_map)
         bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message))
         bus.subscribe(SELECTION_EVENTS, self._on_event)
+        bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state))
         bus.subscribe(INTERACTION, self._on_interaction)
         bus.subscribe(PROFILE, self._on_profile)
         bus.subscribe(HOVER, self._on_hover)

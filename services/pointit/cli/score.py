@@ -6,13 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.schemas import NS_PER_S, Cursor, SelectionEvent, StripsFrame, TrackedObjects
+from pointit.schemas import NS_PER_S, Cursor, Selection, SelectionEvent, StripsFrame, TrackedObjects
 
 RECENT = 64
 """Cursors remembered to find out which capture a frame shows."""
 STEP = 1.005
 """Latencies are counted in classes this much apart, so that a run of weeks takes no more memory."""
 LEAST_S = 1e-6
+
+UNKNOWN = "object"
+"""Kind of what nobody has listed."""
+MAX_OBJECTS = 10_000
+"""Remembered one by one; of more, the oldest are counted and forgotten."""
+MAX_TRACKERS = 64
+"""Of more, the one longest unheard is forgotten."""
 
 
 @dataclass
@@ -29,17 +36,21 @@ class Score:
     """By tracker, the objects that are there now."""
     corrected: int = 0
     """Wrong selections that were taken back."""
+    past: Counter[str] = field(default_factory=Counter[str])
+    """What came of objects that are forgotten."""
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
         """Take note of what `tracker` lists."""
+        self.listed.pop(tracker, None)
         self.listed[tracker] = frozenset(thing.id for thing in message.objects)
+        if len(self.listed) > MAX_TRACKERS:
+            del self.listed[next(iter(self.listed))]
         for thing in message.objects:
-            self.kinds.setdefault(thing.id, thing.kind)
+            self._know(thing.id, thing.kind)
 
     def on_event(self, event: SelectionEvent) -> None:
         """Take note of what happened."""
-        if event.kind:
-            self.kinds.setdefault(event.object_id, event.kind)
+        self._know(event.object_id, event.kind)
         if event.event == "selected":
             self.selected.add(event.object_id)
         elif event.event == "deselected":
@@ -48,6 +59,30 @@ class Score:
                 self.corrected += 1
         elif event.event == "left":
             self.left.add(event.object_id)
+            if event.user:  # they had it, whichever came first: this, or the selection without it
+                self.selected.add(event.object_id)
+
+    def on_selection(self, state: Selection) -> None:
+        """Take what is selected now: a selector that was restarted begins anew, and tells no event of it."""
+        now = {thing.id for thing in state.objects}
+        for name in now:
+            self._know(name, "")
+        self.selected = now | (self.selected & self.left)
+
+    def _know(self, name: str, kind: str) -> None:
+        if self.kinds.get(name, UNKNOWN) == UNKNOWN:
+            self.kinds[name] = kind or UNKNOWN
+        if len(self.kinds) > MAX_OBJECTS:
+            self._forget(next(iter(self.kinds)))
+
+    def _forget(self, name: str) -> None:
+        is_target = self.kinds.pop(name) in self.target_kinds or not self.target_kinds
+        if name in self.selected:
+            self.past["selected" if is_target else "wrong"] += 1
+        elif name in self.left and self.target_kinds and is_target:
+            self.past["missed"] += 1
+        self.selected.discard(name)
+        self.left.discard(name)
 
     def counts(self) -> dict[str, int]:
         """Return targets selected, missed (left unselected) and pending, and other objects selected.
@@ -57,11 +92,12 @@ class Score:
         kinds, selected, left = dict(self.kinds), set(self.selected), set(self.left)  # each at one go
         there = frozenset[str]().union(*list(self.listed.values()))
         targets = {name for name, kind in kinds.items() if kind in self.target_kinds}
+        past = self.past
         return {
-            "selected": len(targets & selected if self.target_kinds else selected),
-            "missed": len((targets & left) - selected),
+            "selected": past["selected"] + len(targets & selected if self.target_kinds else selected),
+            "missed": past["missed"] + len((targets & left) - selected),
             "pending": len((targets & there) - left - selected),
-            "wrong": len(selected - targets if self.target_kinds else ()),
+            "wrong": past["wrong"] + len(selected - targets if self.target_kinds else ()),
             "corrected": self.corrected,
         }
 

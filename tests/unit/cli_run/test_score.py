@@ -6,8 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.score import RECENT, Latency, Score, summary_lines
-from pointit.schemas import Cursor, SelectionEvent, StripsFrame, TrackedObject, TrackedObjects
+from pointit.cli.score import MAX_OBJECTS, MAX_TRACKERS, RECENT, Latency, Score, summary_lines
+from pointit.schemas import (
+    Cursor,
+    SelectedObject,
+    Selection,
+    SelectionEvent,
+    StripsFrame,
+    TrackedObject,
+    TrackedObjects,
+)
 
 MS = 1_000_000
 
@@ -17,9 +25,9 @@ def things(*pairs: tuple[str, str]) -> TrackedObjects:
     return TrackedObjects(stamp_ns=1, objects=objects)
 
 
-def event(what: str, object_id: str, kind: str = "") -> SelectionEvent:
+def event(what: str, object_id: str, kind: str = "", user: str = "") -> SelectionEvent:
     return SelectionEvent.model_validate(
-        {"stamp_ns": 1, "event": what, "object_id": object_id, "kind": kind, "user": "anna"}
+        {"stamp_ns": 1, "event": what, "object_id": object_id, "kind": kind, "user": user}
     )
 
 
@@ -78,6 +86,45 @@ def test_what_vanished_with_its_tracker_is_neither_missed_nor_pending() -> None:
     score.on_objects("conveyor", TWO)
     score.on_objects("robot", things(("c", "red")))
     assert score.counts()["pending"] == 2
+
+
+def selection(*names: str) -> Selection:
+    objects = tuple(SelectedObject(id=name, user="anna", since_ns=1) for name in names)
+    return Selection(stamp_ns=1, objects=objects)
+
+
+def test_a_selector_that_begins_anew_has_nothing_selected() -> None:
+    score = Score(("red",))
+    score.on_objects("conveyor", things(("a", "red"), ("b", "red"), ("c", "blue")))
+    for message in (event("selected", "a"), event("selected", "b"), event("selected", "c")):
+        score.on_event(message)
+    score.on_selection(selection("a", "b", "c"))
+    score.on_event(event("left", "a", user="anna"))
+    score.on_selection(selection("b", "c"))
+    assert score.counts() == {**NONE, "selected": 2, "wrong": 1}
+    score.on_selection(selection())  # restarted
+    assert score.counts() == {**NONE, "selected": 1, "pending": 1}
+
+
+def test_what_left_selected_counts_whichever_is_heard_first() -> None:
+    score = Score(("red",))
+    score.on_objects("conveyor", TWO)
+    score.on_selection(selection("a"))
+    assert score.counts()["selected"] == 1
+    score.on_selection(selection())
+    score.on_event(event("left", "a", user="anna"))
+    assert score.counts() == {**NONE, "selected": 1}
+
+
+def test_names_without_number_are_counted_and_not_remembered() -> None:
+    score = Score(("red",))
+    for number in range(MAX_OBJECTS + 30):
+        score.on_objects(f"t{number}", things((f"x{number}", "red" if number % 3 else "blue")))
+        score.on_event(event("selected" if number % 2 else "left", f"x{number}"))
+    assert len(score.kinds) == MAX_OBJECTS
+    assert len(score.selected) + len(score.left) <= MAX_OBJECTS
+    assert len(score.listed) == MAX_TRACKERS
+    assert sum(score.counts().values()) == MAX_OBJECTS + 30 - (MAX_OBJECTS + 30 + 5) // 6  # blue, only left
 
 
 def test_without_targets_everything_may_be_selected_and_nothing_need_be() -> None:

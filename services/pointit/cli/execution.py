@@ -2,24 +2,20 @@
 
 import asyncio
 import contextlib
-import json
 import logging
-import os
 import sys
 import time
 from collections.abc import AsyncGenerator, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-import click
 from rich.console import Console
 from rich.live import Live
 
 from pointit.cli.keyboard import has_keyboard, keys
 from pointit.cli.monitor import Monitor
+from pointit.cli.plan import Plan
 from pointit.cli.processes import Processes
-from pointit.cli.score import Score, summary_lines
+from pointit.cli.score import Score
+from pointit.cli.summary import sum_up
 from pointit.cli.view import REFRESH_HZ, draw, figures
 from pointit.runtime import (
     Clock,
@@ -31,22 +27,22 @@ from pointit.runtime import (
     WallClock,
     run_services,
 )
+from pointit.runtime.clock import keep_time
 from pointit.runtime.log import setup_logging
+from pointit.runtime.presence import present
 from pointit.runtime.process import run_async
+from pointit.runtime.service import check_launches
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
-from pointit.schemas import ButtonEvent, ClockTick, Deployment, ExpectedService
-from pointit.schemas.topics import BUTTON, CLOCK, DEPLOYMENT, USER_ALIVE
+from pointit.schemas import ButtonEvent, Deployment, ExpectedService
+from pointit.schemas.topics import BUTTON, DEPLOYMENT, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
 PORTS_TO_TRY = 10
 """Ports from the default on that `run` tries before it gives up."""
 
-TICK_S = 1.0
-"""How often the time is told; followers go on by themselves in between."""
-
-CLOCK_PATIENCE_S = 1.5 * TICK_S
+CLOCK_PATIENCE_S = 0.5
 """How long to wait for the time of a site that is joined; a site of bare services has none."""
 
 PRESENCE_PATIENCE_S = 0.3
@@ -56,48 +52,15 @@ FIGURES_S = 10.0
 """How often a run without a view logs its figures."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """Everything a run needs to know."""
-
-    name: str
-    launches: Sequence[Launch]
-    link: Link
-    target_kinds: Sequence[str] = ()
-    seed: int = 0
-    duration_s: float | None = None
-    speed: float = 1.0
-    processes: bool = False
-    may_move: bool = False
-    """The address to listen on is only the default: take the next port when it is taken."""
-    scored: bool = True
-    """A whole scenario: sum it up at the end, and without any cursor it has failed."""
-    view: bool = True
-    person: str = ""
-    """Only this person's part is told and drawn; empty for everybody's."""
-    summary: Path | None = None
-    as_json: bool = False
-
-
-def check_writable(summary: Path) -> None:
-    """Make sure, before a run, that its summary can be written after it.
-
-    Raises:
-        ConfigError: says why not.
-    """
-    if summary.is_dir():
-        raise ConfigError(f"--summary {summary}: is a directory, give a file in it")
-    if not summary.parent.is_dir():
-        raise ConfigError(f"--summary {summary}: there is no directory {summary.parent}")
-    if not os.access(summary if summary.exists() else summary.parent, os.W_OK):
-        raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
-
-
 def execute(plan: Plan, log_level: str) -> int:
     """Run the plan; return the exit code: 0 well, 1 when it failed or no cursor ever appeared.
 
     What people selected or missed is in the summary and does not make the run itself a failure.
+
+    Raises:
+        ConfigError: a service cannot work as configured; nothing was started.
     """
+    check_launches(plan.launches)
     console = Console(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
@@ -124,7 +87,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
             raise
         finally:
             if not failed or monitor.first_cursor_unix_s is not None:
-                _sum_up(plan, monitor, (time.monotonic() - began_s) * plan.speed)
+                sum_up(plan, monitor, (time.monotonic() - began_s) * plan.speed)
     finally:
         await bus.close()
     if plan.scored and monitor.first_cursor_unix_s is None:
@@ -151,25 +114,12 @@ async def _refuse_names_in_use(plan: Plan, bus: ZenohBus) -> None:
         ConfigError: somebody does.
     """
     users = {launch.user for launch in plan.launches} - {""}
-    taken = users & await _present(bus) if bus.link.connect else set[str]()
+    taken = users & await present(bus, USER_ALIVE, PRESENCE_PATIENCE_S) if bus.link.connect else set[str]()
     if taken:
         names = ", ".join(sorted(taken))
         raise ConfigError(
             f"{names}: already on site {bus.link.site}; choose another name, or end the other one first"
         )
-
-
-async def _present(bus: ZenohBus) -> set[str]:
-    """Return who is there."""
-    names: set[str] = set()
-
-    def note(name: str, there: bool) -> None:  # noqa: FBT001 - the bus's signature
-        (names.add if there else names.discard)(name)
-
-    watching = bus.watch(USER_ALIVE, note)
-    await asyncio.sleep(PRESENCE_PATIENCE_S)
-    watching.close()
-    return names
 
 
 async def _live(plan: Plan, bus: ZenohBus, clock: Clock, monitor: Monitor, console: Console | None) -> None:
@@ -187,20 +137,14 @@ async def _told(
 ) -> AsyncGenerator[None]:
     """Tell the site what time it is, and without a view the log the figures, now and then."""
 
-    async def tick() -> None:
-        publisher = bus.publisher(CLOCK)
-        while True:
-            publisher.put(ClockTick(stamp_ns=time.time_ns(), sim_ns=clock.now_ns(), speed=clock.speed))
-            await asyncio.sleep(TICK_S)
-
     async def tell_figures() -> None:
         while True:
             await asyncio.sleep(FIGURES_S)
             log.info("%s", figures(monitor).plain)
 
     tasks: list[asyncio.Task[None]] = []
-    if not isinstance(clock, SiteClock):  # whoever joins has this time, not its own
-        tasks.append(asyncio.create_task(tick(), name="clock"))
+    if isinstance(clock, WallClock | SimulatedClock):  # whoever joins has this time, not its own
+        tasks.append(asyncio.create_task(keep_time(clock, bus), name="clock"))
     if console is None:
         tasks.append(asyncio.create_task(tell_figures(), name="figures"))
     try:
@@ -301,36 +245,6 @@ def _view(
             stack.enter_context(keys(press))
         stack.enter_context(live)
         yield
-
-
-def _sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
-    """Print the summary, and write it where it is wanted; `duration_s` may hold the time that ending took."""
-    if not (plan.scored or plan.summary is not None or plan.as_json):
-        return
-    summary: dict[str, Any] = {
-        "scenario": plan.name,
-        "site": plan.link.site,
-        "seed": plan.seed,
-        "duration_s": round(min(duration_s, plan.duration_s or duration_s), 3),
-        "speed": plan.speed,
-        "target_kinds": list(plan.target_kinds),
-        **monitor.score.counts(),
-        "latency_ms": monitor.latency.quantiles_ms(),
-        "cursors": monitor.cursor_count,
-        "frames": monitor.frame_count,
-        "first_cursor_unix_s": monitor.first_cursor_unix_s,
-        "services": [launch.instance for launch in plan.launches],
-    }
-    if plan.as_json:
-        click.echo(json.dumps(summary, indent=2))
-    else:
-        for line in summary_lines(summary):
-            click.echo(line)
-    if plan.summary is not None:
-        try:
-            plan.summary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"{plan.summary}: cannot be written ({error.strerror or error})") from error
 
 
 def _names(launches: Sequence[Launch]) -> str:

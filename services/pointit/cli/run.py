@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from pointit.cli.execution import Plan, check_writable, execute
+from pointit.cli.execution import execute
+from pointit.cli.plan import Plan
 from pointit.cli.scenario import (
     Choices,
     Scenario,
@@ -16,6 +17,7 @@ from pointit.cli.scenario import (
     site_launches,
     user_launches,
 )
+from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.environment import check_environment
 from pointit.runtime.log import setup_logging

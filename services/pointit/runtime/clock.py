@@ -44,6 +44,11 @@ class WallClock:
         """Return the time, Unix ns."""
         return time.time_ns()
 
+    def tick(self) -> ClockTick:
+        """Return what lets other processes and machines follow."""
+        now_ns = time.time_ns()
+        return ClockTick(stamp_ns=now_ns, sim_ns=now_ns)
+
 
 class SimulatedClock:
     """Starts at the wall's time and runs `speed` times as fast."""
@@ -69,7 +74,7 @@ class SimulatedClock:
         return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
 
-async def keep_time(clock: SimulatedClock, bus: Bus) -> None:
+async def keep_time(clock: WallClock | SimulatedClock, bus: Bus) -> None:
     """Tell the site the time of `clock`, now and every `TICK_PERIOD_S`, until cancelled."""
     publisher = bus.publisher(CLOCK)
     try:

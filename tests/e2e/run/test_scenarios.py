@@ -61,7 +61,7 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
         assert summary["duration_s"] == pytest.approx(60, abs=0.5)
         assert 0 < summary["latency_ms"]["p50"] <= summary["latency_ms"]["p99"]
         assert summary["latency_ms"]["p50"] < 50
-        assert summary["cursors"] > 1000
+        assert summary["cursors"] > 300  # of 3000 samples; the arm rests when there is nothing to select
         assert summary["frames"] > 500
         assert f"Selected {summary['selected']} of {summary['selected']} red objects" in ended.out
 

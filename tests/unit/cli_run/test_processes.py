@@ -14,8 +14,8 @@ import psutil
 import pytest
 import yaml
 
-from pointit.cli.execution import check_writable
 from pointit.cli.processes import Processes, last_words
+from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError, Launch
 from pointit.services.pointing.service import Pointing
 from pointit.services.selector.service import Selector

@@ -1,0 +1,57 @@
+"""What a run came to, printed and written to a file."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.monitor import Monitor
+from pointit.cli.plan import Plan
+from pointit.cli.score import summary_lines
+from pointit.runtime import ConfigError
+
+
+def check_writable(summary: Path) -> None:
+    """Make sure, before a run, that its summary can be written after it.
+
+    Raises:
+        ConfigError: says why not.
+    """
+    if summary.is_dir():
+        raise ConfigError(f"--summary {summary}: is a directory, give a file in it")
+    if not summary.parent.is_dir():
+        raise ConfigError(f"--summary {summary}: there is no directory {summary.parent}")
+    if not os.access(summary if summary.exists() else summary.parent, os.W_OK):
+        raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
+
+
+def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
+    """Print the summary, and write it where it is wanted; `duration_s` may hold the time that ending took."""
+    if not (plan.scored or plan.summary is not None or plan.as_json):
+        return
+    summary: dict[str, Any] = {
+        "scenario": plan.name,
+        "site": plan.link.site,
+        "seed": plan.seed,
+        "duration_s": round(min(duration_s, plan.duration_s or duration_s), 3),
+        "speed": plan.speed,
+        "target_kinds": list(plan.target_kinds),
+        **monitor.score.counts(),
+        "latency_ms": monitor.latency.quantiles_ms(),
+        "cursors": monitor.cursor_count,
+        "frames": monitor.frame_count,
+        "first_cursor_unix_s": monitor.first_cursor_unix_s,
+        "services": [launch.instance for launch in plan.launches],
+    }
+    if plan.as_json:
+        click.echo(json.dumps(summary, indent=2))
+    else:
+        for line in summary_lines(summary):
+            click.echo(line)
+    if plan.summary is not None:
+        try:
+            plan.summary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"{plan.summary}: cannot be written ({error.strerror or error})") from error

@@ -68,8 +68,11 @@ class Terminal:
         """Return what was drawn, without colours and cursor movements."""
         return ESCAPE.sub("", self.read())
 
+    def press(self, key: bytes) -> None:
+        os.write(self.master, key)
+
     def press_ctrl_c(self) -> None:
-        os.write(self.master, b"\x03")
+        self.press(b"\x03")
 
     async def shows(self, *what: str) -> None:
         await until(
@@ -137,6 +140,18 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
         assert shown.after == shown.before
         assert "scenario_3 ran" in shown.text.rpartition("╯")[2]
         assert "of" in shown.text.rpartition("Selected ")[2]
+
+
+@pytest.mark.parametrize("key", [b" ", b"\r"])
+async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes) -> None:
+    with terminal(100, 40, "run", "scenario_2", "--listen", endpoint) as shown:
+        await shown.shows("Space is user1's button", "user1: pointing.")
+        shown.press(b"x")
+        shown.press(key)
+        await shown.shows("user1: idle. You stopped.")
+        shown.press_ctrl_c()
+        assert await shown.end() == 0
+        assert shown.after == shown.before
 
 
 async def test_logs_stand_above_the_view(

@@ -1,0 +1,39 @@
+"""Joining a site that runs: its time is taken over, a name stands for one person, a log tells what happens."""
+
+from pointit.runtime import SiteClock
+from tests.support.bench import until
+from tests.support.commands import Commands, onlooker
+
+SPEED = 5.0
+
+
+async def test_who_joins_takes_over_the_time_of_the_site(commands: Commands, endpoint: str) -> None:
+    commands.start(
+        "run", "scenario_3", "--site-only", "--speed", str(SPEED), "--no-view", "--listen", endpoint
+    )
+    async with onlooker(endpoint) as seen:
+        await seen.hears("conveyor-sim")
+        commands.start("user", "anna", "--no-view", "--connect", endpoint)
+        await seen.sees_cursors("anna")
+        clock = SiteClock(seen.bus)
+        assert await clock.found(5.0)
+        await until(lambda: len(seen.cursors["anna"]) > 50, 20, "more cursors")
+        behind_s = abs(clock.now_ns() - seen.cursors["anna"][-1].stamp_ns) / 1e9
+        assert behind_s < 2.0 * SPEED  # wall time would be behind by four seconds for each that passed
+        clock.close()
+
+
+async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -> None:
+    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1")
+        ended = await commands.pointit("user", "user1", "--connect", endpoint)
+        assert ended.code == 2
+        assert ended.sentence.startswith("user1: already on site lab; choose another name")
+        await seen.sees_cursors("user1")
+
+
+async def test_without_a_terminal_the_log_tells_what_happens(commands: Commands, endpoint: str) -> None:
+    run = commands.start("run", "scenario_3", "--speed", "4", "--no-view", "--listen", endpoint)
+    for news in ("user1: pointing.", "red 1 selected by user1", "wrist to light p50"):
+        await run.says(news)

@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 
 from pointit.runtime import Config, Context, Service
 from pointit.runtime.service import Scope
-from pointit.schemas import Deployment, ExpectedService, PointingRay
-from pointit.schemas.topics import DEPLOYMENT, IMU, RAY
+from pointit.schemas import Deployment, ExpectedService, PointingRay, UserProfile
+from pointit.schemas.topics import DEPLOYMENT, IMU, PROFILE, RAY
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import until
 from tests.support.cli_site import Ended, Site, interrupt
@@ -33,6 +33,7 @@ def findings(ended: Ended) -> list[tuple[str, str]]:
 @contextlib.asynccontextmanager
 async def pointing_process(site: Site) -> AsyncGenerator[asyncio.subprocess.Process]:
     """Run pointing of anna by itself, expected to be there, with input."""
+    site.bus.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1))
     site.feed_imu("anna")
     expect(site, ExpectedService(service="pointing", user="anna", command=("python", *POINTING)))
     async with site.python(*POINTING) as process:
@@ -114,6 +115,7 @@ class DryBridge(Service[Config]):
 async def test_a_source_that_ran_dry(site: Site) -> None:
     rays: list[PointingRay] = []
     site.bus.subscribe(RAY, lambda ray, _user: rays.append(ray))
+    site.bus.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1))
     site.start(DryBridge, "anna")
     site.start(Pointing, "anna")
     feeding = site.feed_imu("anna")

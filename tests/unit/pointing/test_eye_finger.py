@@ -2,12 +2,14 @@
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import BodyMeasures, ImuSample, UserProfile
 from pointit.schemas.topics import HEALTH, IMU, PROFILE, RAY
+from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.eye_finger import EyeFinger
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import ManualClock, memory_bench, until
@@ -87,6 +89,8 @@ async def test_health_says_what_is_wrong_with_the_stamps() -> None:
         health = bench.collect(HEALTH)
         bench.start(Pointing, user="anna")
         await bench.settle()
+        bench.put(PROFILE, UserProfile(stamp_ns=0), "anna")
+        await bench.settle()
         bench.put(IMU, sample(0, 0, clock.now_ns() + 3600 * S), "anna")
         await until(lambda: any("3600.0 s ahead of this" in text for h in health for text in h.warnings))
         bench.put(IMU, sample(0, 0, clock.now_ns() - 7 * S), "anna")
@@ -119,3 +123,35 @@ async def test_the_service_uses_the_profile_and_keeps_the_stamp() -> None:
         await bench.settle()
         assert [ray.stamp_ns for ray in rays] == [clock.now_ns()]
         assert math.isclose(rays[0].origin_m[2], 1.81)
+
+
+async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        rays = bench.collect(RAY, "anna")
+        bench.start(Pointing, PointingConfig(profile_wait_s=60.0), "anna")
+        await bench.settle()
+        bench.put(IMU, sample(0.3, 0.0, clock.now_ns()), "anna")
+        await bench.settle()
+        assert rays == []
+        bench.put(PROFILE, UserProfile(stamp_ns=0, body=BodyMeasures(footprint_to_neck_m=1.6)), "anna")
+        await bench.settle()
+        bench.put(IMU, sample(0.3, 0.0, clock.now_ns()), "anna")
+        await bench.settle()
+        assert [round(ray.origin_m[2], 6) for ray in rays] == [1.81]
+
+
+async def test_without_a_supervisor_it_goes_on_with_common_measures_and_says_so_until_one_comes() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        rays, health = bench.collect(RAY, "anna"), bench.collect(HEALTH)
+        bench.start(Pointing, PointingConfig(profile_wait_s=0.0), "anna")
+        await until(
+            lambda: any("no profile of anna" in text for h in health for text in h.warnings),
+            what="the warning",
+        )
+        bench.put(IMU, sample(0.3, 0.0, clock.now_ns()), "anna")
+        await until(lambda: bool(rays), what="a ray")
+        assert rays[0].origin_m[2] == pytest.approx(1.64)
+        bench.put(PROFILE, UserProfile(stamp_ns=0), "anna")
+        await until(lambda: not health[-1].warnings, what="the warning to go")

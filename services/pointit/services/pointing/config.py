@@ -14,3 +14,9 @@ class PointingConfig(Config):
         le=10,
         description="samples older, or so far in the future, make no ray, s",
     )
+    profile_wait_s: float = Field(
+        default=1.0,
+        ge=0,
+        le=60,
+        description="wait for the person's measures so long at the start, then go on with common ones, s",
+    )

@@ -20,14 +20,30 @@ class Pointing(Service[PointingConfig]):
     def __init__(self, config: PointingConfig, context: Context) -> None:
         super().__init__(config, context)
         self._model = EyeFinger(stale_after_s=config.stale_after_s)
+        self._waits = True
         self._rays = self.bus.publisher(RAY, self.user)
         self.bus.subscribe(PROFILE, self._on_profile, self.user)
         self.bus.subscribe(IMU, self._on_imu, self.user)
+        self.bus.call_later(config.profile_wait_s, self._go_on)
 
     def _on_profile(self, profile: UserProfile, _user: str) -> None:
         self._model.set_profile(profile)
+        self._waits = False
+        self.bus.clear("profile")
+
+    def _go_on(self) -> None:
+        """Do without the profile, as where there is no supervisor."""
+        if self._waits:
+            self._waits = False
+            self.bus.warn(
+                "profile",
+                f"no profile of {self.user} came: rays are those of a body of common measures; start their "
+                "supervisor, which publishes it",
+            )
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
+        if self._waits:
+            return
         now_ns = self.clock.now_ns()
         ray = self._model.ray(sample, now_ns)
         if ray is None:

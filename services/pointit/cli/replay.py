@@ -98,6 +98,10 @@ async def replay(
         bus.subscribe(POSE, on_pose, user)
         bus.subscribe(LOCALIZATION, on_progress, user)
         if not as_json:
+            click.echo(
+                f"{recording.name}: {length_s:.0f} s, {length_s / speed:.0f} s to wait; "
+                "the first place is found after some seconds of pointing"
+            )
             click.echo(_HEADER)
         end_ns = start_ns + round((length_s + TAIL_S) * NS_PER_S)
         work = asyncio.create_task(run_services(launches, bus, clock), name="replay services")

@@ -156,7 +156,7 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         else f"p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"
     )
     speed = "" if summary["speed"] == 1.0 else f" at {summary['speed']:g} times the speed"
-    services = ", ".join(summary["services"])
+    services = f"{len(summary['services'])} services"
     lines = [f"{summary['scenario']} ran {summary['duration_s']:.0f} s{speed} with {services}."]
     if summary["target_kinds"]:
         total = summary["selected"] + summary["missed"] + summary["pending"]

@@ -1,4 +1,4 @@
-"""Joining a site that runs: its time is taken over, a name stands for one person, a log tells what happens."""
+"""Joining a site that runs: its time is taken over, a name is one person's, a log tells what happens."""
 
 from pointit.runtime import SiteClock
 from tests.support.bench import until

@@ -62,7 +62,8 @@ async def test_the_table_is_for_people(capsys: pytest.CaptureFixture[str]) -> No
     )
     lines = capsys.readouterr().out.splitlines()
     assert code == 0
-    assert "position error" in lines[0]
+    assert lines[0].startswith("triangle-s1.csv: 8 s, ")
+    assert "position error" in lines[1]
     assert any(" m " in line and "°" in line for line in lines[1:])
     assert lines[-1].startswith("final: ")
 

@@ -365,7 +365,7 @@ async def test_the_expander_gets_a_throw_away_frame_keep_alives_and_darkness_at_
             seen = sum(colored(bytes(stream)))
             await until(lambda: sum(colored(bytes(stream))) >= seen + 2)
             began_s = asyncio.get_running_loop().time()
-        assert asyncio.get_running_loop().time() - began_s < 0.5
+        assert asyncio.get_running_loop().time() - began_s < 2.0
         await until(lambda: colored(bytes(stream))[-4:] == [True, False, False, False])
         one = 2 * SET_SIZE + DRAW_SIZE
         assert stream[:one] == stream[one : 2 * one]  # the first may be swallowed

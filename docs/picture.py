@@ -16,17 +16,18 @@ from pointit.runtime import SimulatedClock, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 
-SPEED = 4.0
-MOMENT_S = 24.0
-"""Simulated seconds after the start at which the first good moment is sought."""
+PEOPLE = 1
+SPEED = 1.0
+MOMENT_S = 12.0
+"""Seconds after the start at which the first good moment is sought."""
 
 
 async def photograph(path: Path) -> None:
-    """Run scenario_3 with two people until one is half-way through a selection, and draw that."""
+    """Run scenario_3 until the person is half-way through a selection, and draw that."""
     scenario = read_scenario("scenario_3")
     choices = Choices()
     launches = site_launches(scenario, choices)
-    for index in range(2):
+    for index in range(PEOPLE):
         launches += user_launches(scenario, choices, f"user{index + 1}", index)
     clock = SimulatedClock(SPEED)
     bus = await ZenohBus.open(Link())
@@ -48,7 +49,7 @@ async def photograph(path: Path) -> None:
     # No font is fetched from anywhere: the reader's own monospace will do.
     form = re.sub(r"@font-face \{\{.*?\}\}", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL)
     form = form.replace("Fira Code, monospace", "ui-monospace, Menlo, Consolas, monospace")
-    path.write_text(console.export_svg(title="pointit run scenario_3 --users 2", code_format=form))
+    path.write_text(console.export_svg(title="pointit run scenario_3", code_format=form))
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ class StyleConfig(Config):
         default=KIND_COLORS, description="red, green, blue by kind of object"
     )
     default_color: Color = Field(default=(200, 200, 200), description="of objects of any other kind")
-    idle_level: Level = Field(default=0.25, description="brightness of objects that are not selected")
+    idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
     edge_m: float = Field(
         default=0.04, ge=0, le=1, description="length of the bright ends of a selected or hovered object, m"
     )

@@ -116,7 +116,8 @@ class Monitor:
         self.interactions[user] = interaction
         if self.person and user != self.person:
             return
-        if interaction.state != ("idle" if before is None else before.state):
+        begins = before is None and interaction.state == "idle" and not interaction.reason
+        if not begins and (before is None or before.state != interaction.state):
             self._news(f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip())
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:

@@ -61,7 +61,7 @@ def _plain(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
     }
     low, high = limits.get("gt", limits.get("ge")), limits.get("lt", limits.get("le"))
     if "pattern" in limits:
-        return st.from_regex(limits["pattern"], fullmatch=True)
+        return st.from_regex(str(limits["pattern"]), fullmatch=True)
     plain: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {
         types.NoneType: st.none,
         bool: st.booleans,

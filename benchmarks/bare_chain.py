@@ -1,3 +1,5 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
 """The baseline: a chain of Zenoh hops and nothing else, driven at the same rate as ours.
 
 Each hop takes 200 bytes and puts them on; the payload carries the time of the first put. `direct` runs the

@@ -5,7 +5,7 @@ import contextlib
 import logging
 import sys
 import time
-from collections.abc import AsyncGenerator, Iterator, Sequence
+from collections.abc import AsyncGenerator, Generator, Sequence
 
 from rich.console import Console
 from rich.live import Live
@@ -218,7 +218,7 @@ async def _forever() -> None:
 @contextlib.contextmanager
 def _view(
     plan: Plan, bus: ZenohBus, monitor: Monitor, console: Console | None, end_s: float | None
-) -> Iterator[None]:
+) -> Generator[None]:
     """Draw what happens, if there is a terminal; its Space key is the first person's button."""
     if console is None:
         yield

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 
 BUTTON_KEYS = frozenset(b" \n\r")
 
@@ -15,7 +15,7 @@ def has_keyboard() -> bool:
 
 
 @contextlib.contextmanager
-def keys(on_button: Callable[[], None]) -> Iterator[None]:
+def keys(on_button: Callable[[], None]) -> Generator[None]:
     """Call `on_button` for each Space or Enter; the terminal is as before afterwards.
 
     Must be entered in the event loop, and only when `has_keyboard`.

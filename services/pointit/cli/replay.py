@@ -10,11 +10,11 @@ from typing import Any
 import click
 
 from pointit.cli.output import Section, console, print_json, print_table, to_json
-from pointit.runtime import NS_PER_S, ConfigError, Launch, SimulatedClock, run_services, sleep
+from pointit.runtime import ConfigError, Launch, SimulatedClock, run_services, sleep
 from pointit.runtime.config import Layers
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
-from pointit.schemas import BodyMeasures, Localization, UserPose, UserProfile
+from pointit.schemas import NS_PER_S, BodyMeasures, Localization, UserPose, UserProfile
 from pointit.schemas.topics import LOCALIZATION, POSE, PROFILE
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge

@@ -2,7 +2,6 @@
 
 from pointit.runtime.bus import Bus, Closable, Publisher, Subscription, Traffic
 from pointit.runtime.clock import (
-    NS_PER_S,
     Clock,
     SimulatedClock,
     SiteClock,
@@ -36,7 +35,6 @@ from pointit.runtime.service import (
 )
 
 __all__ = [
-    "NS_PER_S",
     "AnyService",
     "Bus",
     "BusClosedError",

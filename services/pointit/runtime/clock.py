@@ -7,10 +7,8 @@ from collections.abc import AsyncIterator
 from typing import Protocol
 
 from pointit.runtime.bus import Bus, Closable
-from pointit.schemas import ClockTick
+from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
-
-NS_PER_S = 1_000_000_000
 
 TICK_PERIOD_S = 1.0
 """How often simulated time is published, in seconds of the wall."""
@@ -142,7 +140,8 @@ class SiteClock:
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         here_ns = time.monotonic_ns()
         before = self._source(here_ns)
-        age_ns = 0 if before else max(0, time.time_ns() - tick.stamp_ns)
+        # A first tick that is older is not old: its stamp is of a machine whose clock is apart.
+        age_ns = 0 if before else min(max(0, time.time_ns() - tick.stamp_ns), SILENT_NS)
         base_ns = tick.sim_ns + int(age_ns * tick.speed)
         ahead_ns = 0 if before is None else self._at(before, here_ns) - base_ns
         goes_on = before is not None and ahead_ns <= MOST_AHEAD_S * tick.speed * NS_PER_S

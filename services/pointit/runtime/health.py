@@ -22,8 +22,8 @@ from pointit.runtime.bus import (
     Subscription,
     Traffic,
 )
-from pointit.runtime.clock import NS_PER_S, Clock
-from pointit.schemas import Health, KeyHealth, Message, Quantiles, Query, Reply
+from pointit.runtime.clock import Clock
+from pointit.schemas import NS_PER_S, Health, KeyHealth, Message, Quantiles, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)

@@ -10,7 +10,8 @@ import pytest_asyncio
 
 from pointit.runtime import Exchange, MemoryBus, SimulatedClock, SiteClock, WallClock
 from pointit.runtime import clock as clock_module
-from pointit.runtime.clock import NS_PER_S, keep_time, sleep, ticks
+from pointit.runtime.clock import keep_time, sleep, ticks
+from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
 
@@ -256,3 +257,13 @@ async def test_missed_ticks_are_skipped_and_the_rest_stay_on_the_grid(
 async def test_ticks_follow_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = StepLoop(monkeypatch)
     assert await take(ticks(FastClock(), 10), loop, [0.0] * 4) == [0.0, 0.002, 0.004, 0.006]
+
+
+async def test_a_tick_of_a_machine_whose_clock_is_far_behind_is_not_taken_for_old(
+    wall: Wall, bus: MemoryBus
+) -> None:
+    del wall
+    follower = SiteClock(bus)
+    bus.publisher(CLOCK).put(ClockTick(stamp_ns=0, sim_ns=5 * NS_PER_S, speed=100.0))
+    await handled()
+    assert follower.now_ns() <= (5 + 10 * 100) * NS_PER_S

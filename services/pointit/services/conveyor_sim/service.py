@@ -4,9 +4,10 @@ import asyncio
 from typing import ClassVar
 
 from pointit.geometry.polyline import Polyline
-from pointit.runtime import NS_PER_S, Context, RefusedError, Service, ticks
+from pointit.runtime import Context, RefusedError, Service, ticks
 from pointit.runtime.service import Scope
 from pointit.schemas import (
+    NS_PER_S,
     AddPackage,
     AddPackageReply,
     ConveyorState,

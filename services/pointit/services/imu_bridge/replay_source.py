@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pointit.runtime.clock import NS_PER_S, Clock, sleep
+from pointit.runtime.clock import Clock, sleep
+from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.config import ReplayConfig
 from pointit.services.imu_bridge.reading import Deliver, Reading
 from pointit.sim.recordings import read_imu_csv

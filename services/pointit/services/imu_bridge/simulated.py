@@ -6,7 +6,8 @@ import numpy as np
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime.clock import NS_PER_S, Clock, ticks
+from pointit.runtime.clock import Clock, ticks
+from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.config import SimulatedConfig
 from pointit.services.imu_bridge.reading import Deliver, Reading
 

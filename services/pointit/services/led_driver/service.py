@@ -3,9 +3,10 @@
 import asyncio
 from typing import ClassVar
 
-from pointit.runtime import NS_PER_S, ConfigError, Context, Service
+from pointit.runtime import ConfigError, Context, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import (
+    NS_PER_S,
     Cursor,
     Done,
     Environment,

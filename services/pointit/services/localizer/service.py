@@ -5,9 +5,10 @@ import math
 from collections import Counter
 from typing import ClassVar, Literal
 
-from pointit.runtime import NS_PER_S, Context, Publisher, RefusedError, Service, sleep
+from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
 from pointit.runtime.service import Scope
 from pointit.schemas import (
+    NS_PER_S,
     CancelLocalization,
     Done,
     Environment,

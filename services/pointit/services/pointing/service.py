@@ -2,9 +2,9 @@
 
 from typing import ClassVar
 
-from pointit.runtime import NS_PER_S, Context, Service
+from pointit.runtime import Context, Service
 from pointit.runtime.service import Scope
-from pointit.schemas import ImuSample, UserProfile
+from pointit.schemas import NS_PER_S, ImuSample, UserProfile
 from pointit.schemas.topics import IMU, PROFILE, RAY
 from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.eye_finger import EyeFinger

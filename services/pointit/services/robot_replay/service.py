@@ -5,8 +5,9 @@ import logging
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.runtime import NS_PER_S, ConfigError, Context, Service, sleep
+from pointit.runtime import ConfigError, Context, Service, sleep
 from pointit.runtime.service import Scope
+from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.trajectory import Trajectory

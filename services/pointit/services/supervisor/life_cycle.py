@@ -11,10 +11,8 @@ With `autostart` a sample of the wrist does in idle what the button does, unless
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
-
-NS_PER_S = 1_000_000_000
 
 SETTLE_NS = NS_PER_S
 """After the begin, how long the person's place may take to come before they are localized unasked."""

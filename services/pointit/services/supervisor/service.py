@@ -5,9 +5,10 @@ import logging
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime import NS_PER_S, Context, RequestError, Service
+from pointit.runtime import Context, RequestError, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import (
+    NS_PER_S,
     BodyMeasures,
     ButtonEvent,
     CancelLocalization,

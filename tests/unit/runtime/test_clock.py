@@ -11,7 +11,7 @@ import pytest_asyncio
 from pointit.runtime import Exchange, MemoryBus, SimulatedClock, SiteClock, WallClock
 from pointit.runtime import clock as clock_module
 from pointit.runtime.clock import keep_time, sleep, ticks
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
 

@@ -20,20 +20,20 @@ ROUNDS = 3
 """Baseline and ours take turns, so that both see the same machine."""
 
 
-def latency(duration_s: float) -> dict[str, Any]:
+def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
     """Measure wrist to light beside bare Zenoh, in one process and in separate ones."""
     samples: dict[str, list[float]] = {name: [] for name in ("direct", "default", "ours", "bare", "separate")}
     hops = our_chain.HOPS
     for _ in range(ROUNDS):
-        samples["direct"] += asyncio.run(bare_chain.one_process(hops, RATE_HZ, duration_s, "direct"))
-        samples["default"] += asyncio.run(bare_chain.one_process(hops, RATE_HZ, duration_s, "default"))
-        samples["ours"] += asyncio.run(our_chain.one_process(RATE_HZ, duration_s))
+        samples["direct"] += asyncio.run(bare_chain.one_process(hops, rate_hz, duration_s, "direct"))
+        samples["default"] += asyncio.run(bare_chain.one_process(hops, rate_hz, duration_s, "default"))
+        samples["ours"] += asyncio.run(our_chain.one_process(rate_hz, duration_s))
     for _ in range(ROUNDS):
-        samples["bare"] += asyncio.run(bare_chain.processes(hops, RATE_HZ, duration_s, free_endpoint()))
-        samples["separate"] += asyncio.run(our_chain.processes(RATE_HZ, duration_s, free_endpoint()))
+        samples["bare"] += asyncio.run(bare_chain.processes(hops, rate_hz, duration_s, free_endpoint()))
+        samples["separate"] += asyncio.run(our_chain.processes(rate_hz, duration_s, free_endpoint()))
     figures = {name: Figures.of(values) for name, values in samples.items()}
     return {
-        "rate_hz": RATE_HZ,
+        "rate_hz": rate_hz,
         "hops": hops,
         "one_process": {
             "bare_zenoh_direct": figures["direct"].as_dict(),
@@ -59,11 +59,14 @@ def free_endpoint() -> str:
 
 @click.command()
 @click.option("--duration", default=5.0, show_default=True, help="seconds for each measurement")
+@click.option(
+    "--rate", default=RATE_HZ, show_default=True, help="samples per second of one wrist, for latency"
+)
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
 @click.option(
     "--only", type=click.Choice(["latency", "users", "startup"]), multiple=True, help="just these parts"
 )
-def main(duration: float, path: Path | None, only: tuple[str, ...]) -> None:
+def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...]) -> None:
     """Measure speed as ratios to bare Zenoh in the same run; takes about two minutes."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     wanted = only or ("latency", "users", "startup")
@@ -71,7 +74,7 @@ def main(duration: float, path: Path | None, only: tuple[str, ...]) -> None:
     result: dict[str, Any] = {"before": machine()}
     if "latency" in wanted:
         console.print("latency: IMU sample to LED frame …")
-        result["latency"] = latency(duration)
+        result["latency"] = latency(rate, duration)
         console.print(latency_table(result["latency"]))
     if "users" in wanted:
         console.print("users: 100 Hz each, one process …")
@@ -94,7 +97,9 @@ def main(duration: float, path: Path | None, only: tuple[str, ...]) -> None:
 
 def latency_table(latency_result: dict[str, Any]) -> Table:
     """Return the latency figures as a table."""
-    table = Table(title=f"IMU sample to LED frame, {latency_result['hops']} hops at {RATE_HZ:.0f} Hz")
+    table = Table(
+        title=f"IMU sample to LED frame, {latency_result['hops']} hops at {latency_result['rate_hz']:.0f} Hz"
+    )
     for column in ("layout", "chain", "p50 ms", "p99 ms", "max ms", "n"):
         table.add_column(column, justify="left" if column in ("layout", "chain") else "right")
     for layout in ("one_process", "separate_processes"):

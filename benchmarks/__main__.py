@@ -11,11 +11,12 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import bare_chain, our_chain, startup, users
+from benchmarks import bare_chain, cores, our_chain, startup, users
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.process import SWITCH_INTERVAL_S
 
 RATE_HZ = 100.0
+PARTS = ("latency", "users", "startup", "cores")
 ROUNDS = 3
 """Baseline and ours take turns, so that both see the same machine."""
 
@@ -63,13 +64,11 @@ def free_endpoint() -> str:
     "--rate", default=RATE_HZ, show_default=True, help="samples per second of one wrist, for latency"
 )
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
-@click.option(
-    "--only", type=click.Choice(["latency", "users", "startup"]), multiple=True, help="just these parts"
-)
+@click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
 def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...]) -> None:
     """Measure speed as ratios to bare Zenoh in the same run; takes about two minutes."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    wanted = only or ("latency", "users", "startup")
+    wanted = only or PARTS
     console = Console()
     result: dict[str, Any] = {"before": machine()}
     if "latency" in wanted:
@@ -87,6 +86,10 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
             f"command to first cursor {result['startup']['command_to_first_cursor_s']} s, "
             f"peak memory {result['startup']['memory_peak_mb']} MB"
         )
+    if "cores" in wanted:
+        result["cores"] = cores.run()
+        for row in result["cores"]:
+            console.print(f"{row['core']:<28} {row['map']:<10} {row['us']:>8} µs")
     result["after"] = machine()
     console.print(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"

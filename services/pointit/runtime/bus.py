@@ -68,6 +68,10 @@ class Publisher(Closable, Protocol[M_contra]):
         """
         ...
 
+    def retire(self) -> None:
+        """Close, where much else closes too: other processes may see the writer a moment longer."""
+        ...
+
 
 class Subscription(Closable, Protocol):
     """Reads one topic."""

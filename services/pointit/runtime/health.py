@@ -113,6 +113,10 @@ class MeteredPublisher(Generic[M]):
         """Undeclare."""
         self._inner.close()
 
+    def retire(self) -> None:
+        """Close, where much else closes too."""
+        self._inner.retire()
+
 
 class ServiceBus:
     """A service's own view of the bus: measured, and closed with the service."""
@@ -128,6 +132,7 @@ class ServiceBus:
         self._steps = _Times()
         self._latency = _Times()
         self._declared: list[Closable] = []
+        self._publishers: list[Publisher[Any]] = []
         self._tokens: list[Closable] = []
         self._warnings: dict[str, str] = {}
         self._errors = 0
@@ -151,7 +156,7 @@ class ServiceBus:
     def publisher(self, topic: Topic[M], name: str = "") -> Publisher[M]:
         """Declare a writer of `topic.at(name)`."""
         inner = self._bus.publisher(topic, name)
-        self._declared.append(inner)
+        self._publishers.append(inner)
         return MeteredPublisher(inner, self._meter(topic, "out"), self._latency, self._clock)
 
     def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
@@ -233,10 +238,15 @@ class ServiceBus:
         for timer in self._timers:
             timer.cancel()
         with contextlib.ExitStack() as stack:
-            for declared in (*self._tokens, *self._declared):
+            for token in self._tokens:
+                stack.callback(token.close)
+            for publisher in self._publishers:
+                stack.callback(publisher.retire)
+            for declared in self._declared:
                 stack.callback(declared.close)
-            self._declared.clear()
             self._tokens.clear()
+            self._publishers.clear()
+            self._declared.clear()
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`."""
@@ -290,7 +300,7 @@ class ServiceBus:
     def health_publisher(self) -> Publisher[Health]:
         """Declare the writer of this service's health."""
         publisher = self._bus.publisher(HEALTH, self._instance)
-        self._declared.append(publisher)
+        self._publishers.append(publisher)
         return publisher
 
     def _meter(self, topic: Topic[Any], direction: str) -> _Meter:

@@ -103,6 +103,10 @@ class MemoryPublisher(Generic[M]):
         """Undeclare; a state's last value goes with its writer."""
         self._declaration.close()
 
+    def retire(self) -> None:
+        """Write no more."""
+        self.close()
+
     def _undeclare(self) -> None:
         self._open = False
         if self._is_state and self._last is not None and self._states.get(self._name) is self._last:
@@ -286,6 +290,11 @@ class MemoryBus:
         for name in self.exchange.present.get(presence.key, {}):
             self._loop.call_soon(watcher.tell, name, True)
         return watcher
+
+    @property
+    def is_closed(self) -> bool:
+        """Return whether the bus is closed, or being closed."""
+        return self._closed.done()
 
     async def close(self) -> None:
         """Close everything that was declared here."""

@@ -2,6 +2,7 @@
 # (the stubs of zenoh leave return types out)
 """Writing and reading topics over Zenoh; its callbacks arrive on its threads and only fill mailboxes."""
 
+import asyncio
 import functools
 import time
 from typing import Protocol, TypeVar
@@ -25,6 +26,9 @@ EVENT_CACHE = 500
 
 HEARTBEAT_S = 0.2
 """How often a writer of states and events tells its last sequence number: bounds the time to recover."""
+
+UNDECLARE_S = 0.25
+"""How long a retired writer is still known elsewhere, unless its session is closed before."""
 
 PRIORITY = zenoh.Priority.DATA_HIGH
 """Of states and events as they are put; what is fetched again from a writer's cache has another one."""
@@ -97,6 +101,8 @@ class ZenohPublisher(MemoryPublisher[M]):
             if topic.delivery is Delivery.LATEST
             else _KeptWriter(session, topic, key)
         )
+        self._bus = bus
+        self._retires = False
         super().__init__(bus, topic, name)
 
     def put(self, message: M) -> None:
@@ -104,9 +110,24 @@ class ZenohPublisher(MemoryPublisher[M]):
         super().put(message)
         self._writer.put(message)
 
+    def retire(self) -> None:
+        """Write no more; elsewhere the writer is gone with the bus, or a moment later."""
+        self._retires = True
+        self.close()
+
     def _undeclare(self) -> None:
         super()._undeclare()
-        self._writer.undeclare()
+        # Undeclaring a writer of states or events waits for Zenoh's heartbeat and holds Python's lock
+        # meanwhile; a callback of ours that waits for that lock on the heartbeat's thread holds both up for
+        # 10 s. Where everything ends, closing the session ends the writers without the lock.
+        if self._retires:
+            asyncio.get_running_loop().call_later(UNDECLARE_S, self._undeclare_writer)
+        else:
+            self._undeclare_writer()
+
+    def _undeclare_writer(self) -> None:
+        if not self._bus.is_closed:
+            self._writer.undeclare()
 
 
 class Parcel:

@@ -108,7 +108,7 @@ async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint:
 Arguments = Callable[[str], tuple[str, ...]]
 OTHERS: dict[str, tuple[Arguments, str]] = {
     "user": (lambda at: ("user", "anna", "--connect", at), "anna of site lab at"),
-    "user in processes": (lambda at: ("user", "anna", "--processes", "--connect", at), "anna of site"),
+    "user in processes": (lambda at: ("user", "cleo", "--processes", "--connect", at), "cleo of site"),
     "service": (lambda at: ("service", "pointing", "--user", "ben", "--connect", at), "runs"),
     "echo": (lambda at: ("echo", "users/*/imu", "--connect", at), "users/user1/imu"),
 }

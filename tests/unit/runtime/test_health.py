@@ -159,6 +159,9 @@ class Order:
         if self.error is not None:
             raise self.error
 
+    def retire(self) -> None:
+        self.close()
+
 
 async def test_closing_takes_everything_back_in_reverse_and_presence_last(
     bench: Bench, monkeypatch: pytest.MonkeyPatch

@@ -28,8 +28,13 @@ async def test_two_systems_on_one_router_do_not_see_each_other(commands: Command
             await a.sees_cursors("user1", "user2")
             await b.sees_cursors("user1")
             await until(lambda: a.people == {"user1", "user2"}, what="the people of a")
-            assert b.people == {"user1"}
-            assert b.present == a.present - services_of("user2")
+            await until(lambda: b.people == {"user1"}, what="the people of b")
+            await until(lambda: services_of("user2") <= a.present, what="all services of a")
+            await until(
+                lambda: b.present == a.present - services_of("user2"),
+                what=f"the same services on b: {b.present} and {a.present}",
+            )
+            await until(lambda: bool(a.health) and bool(b.health), what="health on both sites")
             assert {health.pid for health in a.health.values()} == {runs["a"].process.pid}
             assert {health.pid for health in b.health.values()} == {runs["b"].process.pid}
             echo = await commands.pointit(

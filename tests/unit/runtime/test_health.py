@@ -184,7 +184,7 @@ async def test_closing_takes_everything_back_in_reverse_and_presence_last(
     bench.view.health_publisher()
     with pytest.raises(LookupError):
         await bench.view.close()
-    assert closed == ["publisher", "watch", "publisher", "presence"]
+    assert closed == ["watch", "publisher", "publisher", "presence"]
     await bench.view.close()
     assert len(closed) == 4
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.errors import BusClosedError
 from pointit.schemas import (
     ButtonEvent,
     KeyNameError,
@@ -25,6 +26,9 @@ from pointit.schemas.topics import (
 from tests.support.bench import until
 from tests.support.buses import Site
 from tests.support.sinks import Sink, imu, press, profile, reached
+
+RETIRED_S = 1.0
+"""Four times what the bus takes to undeclare a retired writer."""
 
 
 class TestLatest:
@@ -207,6 +211,19 @@ class TestState:
             await until(lambda sink=sink: bool(sink.seen))  # type: ignore[misc]
             await site.settle()
             assert sink.seen == [("ben", 2)]
+
+    async def test_a_retired_writer_is_gone_from_everywhere_a_moment_later(self, site: Site) -> None:
+        retired = site.a.publisher(PROFILE, "anna")
+        retired.put(profile(1))
+        retired.retire()
+        with pytest.raises(BusClosedError):
+            retired.put(profile(2))
+        await asyncio.sleep(RETIRED_S)
+        for bus in site.buses:
+            sink = Sink()
+            bus.subscribe(PROFILE, sink)
+            await site.settle()
+            assert not sink.seen
 
     async def test_a_second_writer_takes_over_and_keeps_its_value(self, site: Site) -> None:
         first, second = site.a.publisher(PROFILE, "anna"), site.b.publisher(PROFILE, "anna")

@@ -5,6 +5,7 @@
 import asyncio
 import functools
 import time
+from abc import ABC, abstractmethod
 from typing import Protocol, TypeVar
 
 import zenoh
@@ -159,7 +160,7 @@ class Parcel:
         return message
 
 
-class _Inlet:
+class _Inlet(ABC):
     """Where samples of other processes come in, for the readers of one key; called on Zenoh's threads."""
 
     def __init__(self, topic: AnyTopic) -> None:
@@ -183,8 +184,8 @@ class _Inlet:
         for mailbox in mailboxes:
             mailbox.offer(name, parcel)
 
-    def undeclare(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def undeclare(self) -> None: ...
 
 
 class LatestInlet(_Inlet):

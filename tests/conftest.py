@@ -1,9 +1,19 @@
-"""What holds for every test: no task outlives it."""
+"""What holds for every test: no task outlives it, no state of this machine is read or written."""
 
 import asyncio
 from collections.abc import AsyncIterator
+from pathlib import Path
 
+import pytest
 import pytest_asyncio
+
+
+@pytest.fixture(autouse=True)
+def own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give each test, and the processes it starts, an empty state directory."""
+    path = tmp_path / "state"
+    monkeypatch.setenv("POINTIT_STATE", str(path))
+    return path
 
 
 @pytest_asyncio.fixture(autouse=True)

@@ -1,10 +1,10 @@
 """What a person wears, does and is: IMU samples, button presses, the profile."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Message, Ns, Part, QuaternionXyzw, Rgb, Vec3
+from pointit.schemas.base import Extent, Fraction, Message, Ns, Part, QuaternionXyzw, Real, Rgb, Vec3
 
 
 class ImuSample(Message):
@@ -38,10 +38,39 @@ class BodyMeasures(Part):
     wrist_to_finger_m: Annotated[float, Field(ge=0, lt=1)] = 0.18
 
 
+Terms = tuple[Real, Real, Real, Real, Real, Real]
+"""Coefficients of 1, a, e, a², a·e, e² with a, e of `PointingOffset`; rad."""
+
+
+class PointingOffset(Part):
+    """A person's systematic error, fitted from pointing at known targets without a cursor (pointing.md §3).
+
+    What is added to the model's ray: azimuth and elevation are polynomials in a, the ray's azimuth in {W}
+    less `reference_rad`, and e, its elevation, both taken before the correction.
+    """
+
+    rung: Annotated[
+        Literal["pitch", "polynomial"], Field(description="pitch: only the constant of the elevation")
+    ]
+    azimuth: Terms = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    elevation: Terms = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    reference_rad: Annotated[Real, Field(description="azimuth in {W} in the midst of the anchors")] = 0.0
+    sigma_rad: Annotated[Extent, Field(description="1 sigma of the elevation that is left, rad")] = 0.0
+    anchors: Annotated[int, Field(ge=0, description="pointings it was fitted from")] = 0
+    fitted_ns: Annotated[Ns, Field(description="when, Unix ns")] = 0
+
+
 class UserProfile(Message):
     """Who the person is to the system: body measures, handedness, colour of the cursor."""
+
+    version: ClassVar[int] = 2
 
     body: BodyMeasures = BodyMeasures()
     hand: Literal["left", "right"] = "right"
     cursor_color: Rgb = (255, 255, 255)
     cursor_width_m: Annotated[float, Field(gt=0, le=1, description="length lit on a strip")] = 0.1
+    ray_model: Annotated[
+        Literal["eye_finger", "shoulder_arm", "forearm"],
+        Field(description="from the eyes through the fingertip, from the shoulder or from the elbow"),
+    ] = "eye_finger"
+    offset: Annotated[PointingOffset | None, Field(description="empty: not calibrated")] = None

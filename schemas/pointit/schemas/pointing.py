@@ -1,6 +1,6 @@
 """Where the person points: the ray, the pose it starts from, the cursor, the object under it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,8 +10,10 @@ from pointit.schemas.base import (
     Distance,
     Extent,
     Fraction,
+    Many,
     Message,
     Ns,
+    Part,
     Real,
     UnitVec3,
     Vec3,
@@ -26,12 +28,27 @@ SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
 class PointingRay(Message):
     """The pointing ray in {H}: from the eyes through the fingertip (paper, §II-A)."""
 
+    version: ClassVar[int] = 2
+
     origin_m: Vec3
-    direction: UnitVec3
+    direction: Annotated[UnitVec3, Field(description="filtered, the person's offset taken out")]
+    raw_direction: Annotated[
+        UnitVec3 | None, Field(description="of the model alone: neither filtered nor corrected")
+    ] = None
+    azimuth_correction_rad: Annotated[
+        Real, Field(description="the person's offset as it was added to the raw azimuth")
+    ] = 0.0
+    elevation_correction_rad: Annotated[Real, Field(description="the same of the elevation")] = 0.0
+    elevation_sigma_rad: Annotated[
+        Extent | None,
+        Field(description="1 sigma of the person's elevation error that is left; empty: not calibrated"),
+    ] = None
 
 
 class UserPose(Message):
     """{H} in {W}: where the person stands and how their IMU's yaw origin lies in the room."""
+
+    version: ClassVar[int] = 2
 
     position_m: Vec3
     yaw_rad: Annotated[Real, Field(description="azimuth of {H}'s x axis in {W}")]
@@ -40,13 +57,34 @@ class UserPose(Message):
         Field(description="of (x, y, yaw), row by row, m², m·rad, rad²"),
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     method: Literal["fixed", "static_targets", "moving_target", "external"] = "fixed"
-    elevation_bias_rad: Annotated[Real, Field(description="found with the pose; for diagnosis")] = 0.0
+    elevation_bias_rad: Annotated[
+        Real, Field(description="the person's rays lie higher by it: subtract it before casting")
+    ] = 0.0
     residual_rad: Annotated[Extent, Field(description="rms angle between rays and targets")] = 0.0
     samples: Annotated[int, Field(ge=0)] = 0
+    yaw_rate_radps: Annotated[
+        Real, Field(description="how fast `yaw_rad` changes because the IMU's yaw drifts")
+    ] = 0.0
+    yaw_rate_sigma_radps: Annotated[Extent | None, Field(description="its 1 sigma; empty: not estimated")] = (
+        None
+    )
+    anchored_ns: Annotated[
+        Ns, Field(description="when pointing at a known place last told the pose; 0: never")
+    ] = 0
+    z_sigma_m: Annotated[Extent, Field(description="1 sigma of the height; 0: the floor is known")] = 0.0
+
+
+class Candidate(Part):
+    """A thing that may be meant, and how probably."""
+
+    object_id: str
+    probability: Fraction
 
 
 class Localization(Message):
     """Progress of one localization, as the person and a dashboard should see it."""
+
+    version: ClassVar[int] = 2
 
     phase: Literal["idle", "sampling", "solved", "refused", "cancelled"]
     target_id: Annotated[str, Field(description="lamp or robot to point at now; empty when none")] = ""
@@ -57,6 +95,40 @@ class Localization(Message):
     progress: Fraction = 0.0
     residual_rad: Extent | None = None
     reason: Annotated[str, Field(description="why it was refused and what to do")] = ""
+    purpose: Annotated[
+        Literal["pose", "anchor"],
+        Field(description="to find the pose, or to set one right by pointing at one known place"),
+    ] = "pose"
+    position_sigma_m: Annotated[
+        Extent | None, Field(description="1 sigma along the worse direction, so far; empty: unknown")
+    ] = None
+    yaw_sigma_rad: Annotated[Extent | None, Field(description="1 sigma so far; empty: unknown")] = None
+    candidates: Annotated[
+        Many[Candidate], Field(description="of several robots, which may be meant; the likeliest first")
+    ] = ()
+
+
+class Anchor(Message):
+    """One pointing at a known place without a cursor: what tells a person's offset and an IMU's drift.
+
+    `stamp_ns`: the middle of the hold.
+    """
+
+    target_id: Annotated[str, Field(description="lamp or object; empty: a direction only")] = ""
+    target_m: Annotated[Vec3 | None, Field(description="{W}")] = None
+    origin_m: Annotated[Vec3, Field(description="of the ray, {H}")]
+    raw_direction: Annotated[UnitVec3, Field(description="mean of the raw rays, {H}")]
+    direction: Annotated[UnitVec3, Field(description="the same with the person's offset taken out")]
+    spread_rad: Annotated[Extent, Field(description="rms of the rays about their mean")] = 0.0
+    samples: Annotated[int, Field(ge=0)] = 0
+    position_m: Annotated[Vec3, Field(description="of {H} in {W} before this anchor")] = (0.0, 0.0, 0.0)
+    yaw_rad: Annotated[Real, Field(description="of {H} in {W} before this anchor")] = 0.0
+    azimuth_error_rad: Annotated[
+        Real, Field(description="target less ray, in the pose before this anchor; positive: to the left")
+    ] = 0.0
+    elevation_error_rad: Annotated[Real, Field(description="the same; positive: the target is higher")] = 0.0
+    accepted: Annotated[bool, Field(description="whether the pose was set right by it")] = True
+    reason: Annotated[str, Field(description="why it was not, and what to do")] = ""
 
 
 class Cursor(Message):

@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Query, Real, Reply, Vec3
+from pointit.schemas.base import Fraction, QuaternionXyzw, Query, Real, Reply, Vec3
+from pointit.schemas.person import PointingOffset
 
 
 class AddPackage(Query):
@@ -48,6 +49,42 @@ class SetPose(Query):
 
     position_m: Vec3
     yaw_rad: Real = 0.0
+
+
+class SetHeading(Query):
+    """The person points in a known direction right now: set the yaw of their pose by it."""
+
+    azimuth_rad: Annotated[Real, Field(description="of that direction in {W}, such as towards a wall")]
+
+
+class PointAnchor(Query):
+    """Have the person point at one lamp without a cursor, to set their pose right."""
+
+    lamp: Annotated[str, Field(description="its id; empty: the one that tells most")] = ""
+
+
+class SetOffset(Query):
+    """Keep a person's pointing offset."""
+
+    offset: Annotated[PointingOffset | None, Field(description="empty: forget it")] = None
+
+
+class SetMounting(Query):
+    """Say how the sensor sits on the arm."""
+
+    sensor_from_arm_xyzw: Annotated[
+        QuaternionXyzw | None, Field(description="rotates arm vectors into the sensor; empty: as configured")
+    ] = None
+    is_relative: Annotated[
+        bool,
+        Field(description="it counts from the mounting in use, so rotates into the arm frame of today"),
+    ] = False
+
+
+class SetMountingReply(Reply):
+    """What is in use now."""
+
+    sensor_from_arm_xyzw: QuaternionXyzw
 
 
 class ClearSelection(Query):

@@ -33,8 +33,18 @@ class Quantiles(Part):
     p99_s: float
 
 
+class Figure(Part):
+    """A number of a service's own, such as a drift."""
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    value: float
+    unit: Annotated[str, Field(max_length=16)] = ""
+
+
 class Health(Message):
     """One service's own account, once a second."""
+
+    version: ClassVar[int] = 2
 
     max_bytes: ClassVar[int] = 64 * 1024
 
@@ -50,6 +60,7 @@ class Health(Message):
     errors: Annotated[int, Field(ge=0, description="handlers that raised, since the start")] = 0
     status: Literal["ok", "degraded"] = "ok"
     warnings: Annotated[Many[str], Field(description="what is wrong and what to do")] = ()
+    figures: Annotated[Many[Figure], Field(description="what else it measures")] = ()
 
 
 class ExpectedService(Part):

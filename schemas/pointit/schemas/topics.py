@@ -11,6 +11,7 @@ from pointit.schemas.rows import ANY, NAME, STALE_PERIODS, Delivery, Presence, R
 
 __all__ = [
     "ADD_PACKAGE",
+    "ANCHOR",
     "ANY",
     "BUTTON",
     "CANCEL_LOCALIZATION",
@@ -28,6 +29,7 @@ __all__ = [
     "LOCALIZATION",
     "MAP",
     "OBJECTS",
+    "POINT_ANCHOR",
     "POSE",
     "PRESENCES",
     "PROFILE",
@@ -38,6 +40,9 @@ __all__ = [
     "SELECTION_EVENTS",
     "SERVICE_ALIVE",
     "SET_BRIGHTNESS",
+    "SET_HEADING",
+    "SET_MOUNTING",
+    "SET_OFFSET",
     "SET_POSE",
     "SET_SPEED",
     "SET_YAW_ORIGIN",
@@ -103,6 +108,14 @@ LOCALIZATION = Topic(
     rate_hz=None,
     writers=("localizer",),
     about="progress of localizing",
+)
+ANCHOR = Topic(
+    key="users/{user}/anchor",
+    message=pointing.Anchor,
+    delivery=_EVENT,
+    rate_hz=None,
+    writers=("localizer",),
+    about="one pointing at a known place, without a cursor",
 )
 CURSOR = Topic(
     key="users/{user}/cursor",
@@ -224,6 +237,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     RAY,
     POSE,
     LOCALIZATION,
+    ANCHOR,
     CURSOR,
     HOVER,
     INTERACTION,
@@ -282,6 +296,27 @@ SET_POSE = Request(
     server="localizer",
     about="say where the person stands",
 )
+SET_HEADING = Request(
+    key="localizer/{user}/set_heading",
+    query=requests.SetHeading,
+    reply=requests.Done,
+    server="localizer",
+    about="the person points in a known direction: set the yaw",
+)
+POINT_ANCHOR = Request(
+    key="localizer/{user}/point_anchor",
+    query=requests.PointAnchor,
+    reply=requests.Done,
+    server="localizer",
+    about="point at one lamp to set the pose right",
+)
+SET_OFFSET = Request(
+    key="profile/{user}/set_offset",
+    query=requests.SetOffset,
+    reply=requests.Done,
+    server="supervisor",
+    about="keep or forget the person's pointing offset",
+)
 CLEAR_SELECTION = Request(
     key="selector/{user}/clear",
     query=requests.ClearSelection,
@@ -303,6 +338,13 @@ SET_YAW_ORIGIN = Request(
     server="imu-bridge",
     about="set the IMU's yaw",
 )
+SET_MOUNTING = Request(
+    key="imu/{user}/set_mounting",
+    query=requests.SetMounting,
+    reply=requests.SetMountingReply,
+    server="imu-bridge",
+    about="how the sensor sits on the arm",
+)
 
 REQUESTS: tuple[Request[Any, Any], ...] = (
     ADD_PACKAGE,
@@ -311,9 +353,13 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     START_LOCALIZATION,
     CANCEL_LOCALIZATION,
     SET_POSE,
+    SET_HEADING,
+    POINT_ANCHOR,
+    SET_OFFSET,
     CLEAR_SELECTION,
     SET_BRIGHTNESS,
     SET_YAW_ORIGIN,
+    SET_MOUNTING,
 )
 
 SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service instance runs")

@@ -23,7 +23,7 @@ from pointit.runtime.bus import (
     Traffic,
 )
 from pointit.runtime.clock import Clock
-from pointit.schemas import NS_PER_S, Health, KeyHealth, Message, Quantiles, Query, Reply
+from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Quantiles, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -135,6 +135,7 @@ class ServiceBus:
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[Closable] = []
         self._warnings: dict[str, str] = {}
+        self._figures: dict[str, Figure] = {}
         self._errors = 0
         """Watchers and timers that raised."""
         self._timers: weakref.WeakSet[asyncio.TimerHandle] = weakref.WeakSet()
@@ -256,6 +257,13 @@ class ServiceBus:
         """Take the warning about `topic` back."""
         self._warnings.pop(topic, None)
 
+    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+        """Show a number of the service's own, as in `("drift", 0.4, "°/min")`; none takes it away."""
+        if value is None or not math.isfinite(value):
+            self._figures.pop(name, None)
+        else:
+            self._figures[name] = Figure(name=name, value=value, unit=unit)
+
     def report(self) -> Health:
         """Return the account of the time since the last report."""
         now_s = time.monotonic()
@@ -295,6 +303,7 @@ class ServiceBus:
             errors=errors,
             status="degraded" if warnings else "ok",
             warnings=warnings,
+            figures=tuple(self._figures.values()),
         )
 
     def health_publisher(self) -> Publisher[Health]:

@@ -1,0 +1,66 @@
+"""What an evaluation tells: one row per set of recordings, subject, condition and solver."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+ALL = "all"
+"""Subject of the row over all of a set."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """How errors are spread; all have one unit."""
+
+    median: float
+    p90: float
+    rms: float
+
+    @classmethod
+    def of(cls, values: Iterable[float]) -> "Spread | None":
+        """Return the spread of the sizes of `values`, or none of none."""
+        sizes = np.abs(np.array(list(values), dtype=np.float64))
+        if not len(sizes):
+            return None
+        return cls(
+            median=float(np.median(sizes)),
+            p90=float(np.quantile(sizes, 0.9)),
+            rms=math.sqrt(float(np.mean(sizes * sizes))),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One line of the table; what does not apply is none."""
+
+    set: str
+    subject: str
+    condition: str
+    """`2 s`, `3 targets`, `1 anchor`."""
+    solver: str
+    n: int
+    """Trials, refused ones among them."""
+    position_m: Spread | None = None
+    yaw_deg: Spread | None = None
+    pitch_deg: Spread | None = None
+    angle_deg: Spread | None = None
+    """Between ray and target."""
+    share_above_1m: float | None = None
+    within_2_sigma: float | None = None
+    """Share of true errors within the stated 2 sigma."""
+    refused: int | None = None
+    solve_ms: Spread | None = None
+    bound_m: float | None = None
+    """Median position error that the data themselves allow, where it is known."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as it stands in a JSON file."""
+        return asdict(self)
+
+
+def document(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return what `--json FILE` writes."""
+    return {"rows": [row.as_json() for row in rows]}

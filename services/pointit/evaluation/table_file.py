@@ -32,8 +32,7 @@ class Table:
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        columns: list[Sequence[object]] = [*self.numbers.values(), *self.texts.values()]
-        return len(columns[0])
+        return max(len(column) for column in (*self.numbers.values(), *self.texts.values()))
 
     def vectors(self, *names: str) -> Array:
         """Return the columns `names` side by side, n x k."""

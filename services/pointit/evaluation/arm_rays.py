@@ -1,0 +1,54 @@
+"""Rays from recorded arms, by the model of the service `pointing`."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+from pointit.schemas import BodyMeasures, ImuSample, UserProfile
+from pointit.services.pointing.eye_finger import EyeFinger
+
+Array = NDArray[np.float64]
+
+OPERATOR = BodyMeasures(
+    footprint_to_neck_m=1.47, neck_to_eyes_m=0.22, shoulder_to_wrist_m=0.52, wrist_to_finger_m=0.17
+)
+"""Shoulder 1.47 m, eyes 1.69 m, arm 0.69 m: the operator of `motion_relloc`, 1.83 m tall."""
+
+STATURE_M = 1.835
+"""Of whom the default measures are; others are scaled from theirs."""
+
+
+def scaled_body(stature_m: float) -> BodyMeasures:
+    """Return the measures of somebody `stature_m` tall: the default ones, scaled."""
+    factor = stature_m / STATURE_M
+    measures = BodyMeasures().model_dump()
+    return BodyMeasures.model_validate({name: value * factor for name, value in measures.items()})
+
+
+def eye_height_m(body: BodyMeasures) -> float:
+    """Return how high the eyes are."""
+    return body.footprint_to_neck_m + body.neck_to_eyes_m
+
+
+def eye_finger_rays(orientations: Iterable[Quaternion], body: BodyMeasures) -> tuple[Array, Array]:
+    """Return origins and directions (n x 3 each, {H}) of straight arms, whose x axes point to the finger."""
+    model = EyeFinger(UserProfile(stamp_ns=0, body=body))
+    rays = [model.ray(ImuSample(stamp_ns=0, orientation_xyzw=each), 0) for each in orientations]
+    known = [ray for ray in rays if ray is not None]
+    if len(known) != len(rays):
+        raise ValueError("a finger at the eyes points nowhere")
+    return (
+        np.array([ray.origin_m for ray in known], dtype=np.float64).reshape(-1, 3),
+        np.array([ray.direction for ray in known], dtype=np.float64).reshape(-1, 3),
+    )
+
+
+def along(direction: Sequence[float]) -> Quaternion:
+    """Return the orientation of an arm that points in `direction`, without roll."""
+    x, y, z = direction
+    arm: Vec3 = (float(x), float(y), float(z))
+    return rotation.from_azimuth_elevation(vector.azimuth(arm), vector.elevation(arm))

@@ -1,0 +1,54 @@
+"""`motion_relloc`: an operator with a Myo on the forearm follows a flying drone."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pointit.evaluation.arm_rays import OPERATOR, eye_finger_rays, eye_height_m
+from pointit.evaluation.data_folder import read_index, text_of, yaw_of
+from pointit.evaluation.trial import Following, Reading
+from pointit.geometry.rotation import Quaternion
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
+from pointit.services.localizer.estimator import Pointings
+from pointit.sim.recordings import read_imu_csv
+
+NAME = "motion_relloc"
+KIND = "pointing_at_moving_drone"
+MOUNTING = "minus_x"
+"""A Myo: the arm lies along the sensor's minus x axis."""
+
+
+def read(folder: Path, reading: Reading) -> None:
+    """Add the windows of all files of `folder` whose kind is `KIND`.
+
+    Raises:
+        ConfigError: the index or a file is damaged.
+    """
+    for entry in read_index(folder):
+        if entry.get("kind") == KIND:
+            path = folder / text_of(folder, entry, "file")
+            _add(path, text_of(folder, entry, "subject"), yaw_of(folder, entry), reading)
+
+
+def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> None:
+    if not path.exists():
+        reading.skip(path, "the index lists it, but it is not there")
+        return
+    recorded = read_imu_csv(path)
+    if recorded.robot_m is None or recorded.head_m is None:
+        reading.skip(path, "it does not say where robot and head were")
+        return
+    arm = ArmFrame(MOUNTINGS[MOUNTING])
+    # the radio came at 50 Hz with gaps and was resampled to 30 Hz: what is repeated is old
+    fresh = np.append(True, np.any(np.diff(recorded.orientation_xyzw, axis=0) != 0.0, axis=1))
+    sensors: list[Quaternion] = [tuple(row) for row in recorded.orientation_xyzw[fresh].tolist()]
+    origins_m, directions = eye_finger_rays((arm.orientation(each) for each in sensors), OPERATOR)
+    following = Following(
+        set=NAME,
+        subject=subject,
+        pointings=Pointings(recorded.t_s[fresh], origins_m, directions, recorded.robot_m[fresh]),
+        heads_m=recorded.head_m[fresh],
+        eye_height_m=eye_height_m(OPERATOR),
+        yaw_rad=yaw_rad,
+    )
+    reading.trials.extend(following.trials())

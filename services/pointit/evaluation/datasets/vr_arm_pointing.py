@@ -1,0 +1,134 @@
+"""`vr_arm_pointing`: people in virtual reality point at static targets, seeing a hand but no cursor."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.evaluation.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
+from pointit.evaluation.table_file import Table, read_table
+from pointit.evaluation.trial import Array, Reading, Trial
+from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.estimator import Pointings
+
+NAME = "vr_arm_pointing"
+FILE = "endpoints.csv"
+
+TARGETS = (2, 3, 4, 6)
+"""How many different targets a trial has."""
+
+SUBSETS = 100
+"""Trials of each subject and number of targets: random targets, of each a random one of its acts."""
+
+HOLD_S = 0.5
+HOLD_RAYS = 20
+"""An act, of which only its end was recorded, is given as a hold: equal rays over so long."""
+
+PAUSE_S = 2.0
+"""Between two holds."""
+
+STATURES_M = (0.5, 2.5)
+
+_ACTED = ("hmd_x", "hmd_y", "forearm_x", "forearm_y", "forearm_z", "hand_x", "hand_y", "hand_z")
+_TARGET = ("target_x", "target_y", "target_z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Acts:
+    """All of one subject's."""
+
+    subject: str
+    eye_height_m: float
+    origins_m: Array
+    directions: Array
+    targets_m: Array
+    heads_m: Array
+    """n x 2."""
+    kinds: NDArray[np.int64]
+    """n: number of the target."""
+
+
+def read(folder: Path, reading: Reading) -> None:
+    """Add random subsets of the targets of each subject; the same ones in each run.
+
+    Raises:
+        ConfigError: the file is damaged.
+    """
+    path = folder / FILE
+    if not path.exists():
+        reading.skip(path, "it is not there")
+        return
+    table = read_table(path, numbers=("stature", *_TARGET, *_ACTED), texts=("subject",))
+    names = np.array(table.texts["subject"])
+    for subject in dict.fromkeys(table.texts["subject"]):
+        acts = _acts(table, subject, names == subject)
+        for count in TARGETS:
+            _add(acts, count, reading)
+
+
+def _acts(table: Table, subject: str, rows: NDArray[np.bool_]) -> _Acts:
+    stature_m = float(np.median(table.numbers["stature"][rows]))
+    if not STATURES_M[0] <= stature_m <= STATURES_M[1]:
+        raise ConfigError(
+            f"{table.path}, subject {subject}, column 'stature': metres were expected, got {stature_m:g}"
+        )
+    body = scaled_body(stature_m)
+    forearms = table.vectors("hand_x", "hand_y", "hand_z") - table.vectors(
+        "forearm_x", "forearm_y", "forearm_z"
+    )
+    forearms = forearms[rows]
+    if np.any(np.linalg.norm(forearms, axis=1) < 1e-6):
+        raise ConfigError(f"{table.path}, subject {subject}: hand and forearm are at one place in a row")
+    origins_m, directions = eye_finger_rays((along(row) for row in forearms.tolist()), body)
+    targets_m = table.vectors(*_TARGET)[rows]
+    return _Acts(
+        subject=subject,
+        eye_height_m=eye_height_m(body),
+        origins_m=origins_m,
+        directions=directions,
+        targets_m=targets_m,
+        heads_m=table.vectors("hmd_x", "hmd_y")[rows],
+        kinds=np.unique(targets_m, axis=0, return_inverse=True)[1].reshape(-1),
+    )
+
+
+def _add(acts: _Acts, count: int, reading: Reading) -> None:
+    kinds = int(acts.kinds.max()) + 1
+    if kinds < count:
+        reading.notes.append(
+            f"{NAME}, subject {acts.subject}: has {kinds} targets, so there are no trials of {count}"
+        )
+        return
+    random = np.random.default_rng([zlib.crc32(acts.subject.encode()), count])
+    for _ in range(SUBSETS):
+        wanted = random.choice(kinds, size=count, replace=False)
+        chosen = [int(random.choice(np.flatnonzero(acts.kinds == kind))) for kind in wanted]
+        head = acts.heads_m[chosen].mean(axis=0)
+        reading.trials.append(
+            Trial(
+                set=NAME,
+                subject=acts.subject,
+                condition=f"{count} targets",
+                pointings=_holds(acts, chosen),
+                eye_height_m=acts.eye_height_m,
+                x_m=float(head[0]),
+                y_m=float(head[1]),
+                yaw_rad=0.0,  # the rays are in the room's own axes
+            )
+        )
+
+
+def _holds(acts: _Acts, chosen: Sequence[int]) -> Pointings:
+    """Return each act as a hold."""
+    within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
+    starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
+    which = np.repeat(chosen, HOLD_RAYS)
+    return Pointings(
+        (starts_s[:, None] + within_s).reshape(-1),
+        acts.origins_m[which],
+        acts.directions[which],
+        acts.targets_m[which],
+    )

@@ -1,0 +1,92 @@
+"""One localization to try: what a person pointed, at what, and where they really stood."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.services.localizer.estimator import Pointings
+
+Array = NDArray[np.float64]
+
+WINDOWS_S = (1, 2, 3, 5, 8, 10, 20)
+"""Durations of pointing at a moving robot that are tried."""
+
+STRIDE_S = 1.0
+"""A window starts so often."""
+
+SLACK_S = 0.05
+"""So much may be missing at the end of the last window: a sample and a rounded time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One localization to try, and the truth."""
+
+    set: str
+    subject: str
+    condition: str
+    """`2 s`, `3 targets`."""
+    pointings: Pointings
+    """In order of time; repeated samples are taken out."""
+    eye_height_m: float
+    x_m: float
+    """True place of {H} in {W}: of the head."""
+    y_m: float
+    yaw_rad: float | None
+    """True azimuth of {H}'s x axis in {W}; none where it is not known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Following:
+    """A recording of somebody who follows a moving robot with the finger."""
+
+    set: str
+    subject: str
+    pointings: Pointings
+    """n; the time starts near 0."""
+    heads_m: Array
+    """n x 3, {W}."""
+    eye_height_m: float
+    yaw_rad: float | None
+
+    def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[Trial]:
+        """Yield windows of each length, one every `STRIDE_S`; the truth is where the head was on average."""
+        stamps_s = self.pointings.stamps_s
+        for length_s in windows_s:
+            last_s = float(stamps_s[-1]) - length_s + SLACK_S
+            for start_s in np.arange(0.0, max(0.0, last_s + 1e-9), STRIDE_S):
+                part = slice(*np.searchsorted(stamps_s, (start_s, start_s + length_s)))
+                if part.stop - part.start < 2:  # a gap
+                    continue
+                head = self.heads_m[part].mean(axis=0)
+                yield Trial(
+                    set=self.set,
+                    subject=self.subject,
+                    condition=f"{length_s:g} s",
+                    pointings=Pointings(
+                        stamps_s[part],
+                        self.pointings.origins_m[part],
+                        self.pointings.directions[part],
+                        self.pointings.targets_m[part],
+                    ),
+                    eye_height_m=self.eye_height_m,
+                    x_m=float(head[0]),
+                    y_m=float(head[1]),
+                    yaw_rad=self.yaw_rad,
+                )
+
+
+@dataclass
+class Reading:
+    """What was found in the recordings."""
+
+    trials: list[Trial] = field(default_factory=list[Trial])
+    notes: list[str] = field(default_factory=list[str])
+    """What was passed over, and why: a sentence each."""
+
+    def skip(self, path: Path, why: str) -> None:
+        """Note that `path` was passed over."""
+        self.notes.append(f"{path} is skipped: {why}")

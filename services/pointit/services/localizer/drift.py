@@ -1,0 +1,392 @@
+"""Where {H} is in {W} while the IMU's yaw drifts: an extended Kalman filter on x, y, yaw and the yaw's rate.
+
+What the person does with a visible cursor tells nothing: they steer it onto the target, whatever the drift.
+What tells: pointing at a known place without one (`anchor`), pointing in a known direction (`heading`), an
+arm that rests (`still`) and a new localization (`reset`). Pointing.md §3, §4.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer import rejected
+from pointit.services.localizer.drift_model import (
+    AnchorResult,
+    Array,
+    DriftPose,
+    DriftSettings,
+    Fix,
+    positive,
+)
+from pointit.services.localizer.rejected import AGREED, Rejected, Sight
+
+__all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
+
+X, Y, YAW, RATE = range(4)
+"""The state: m, m, rad, rad/s."""
+
+
+class DriftFilter:
+    """Knows the pose between localizations, and how sure that is."""
+
+    def __init__(self, fix: Fix, settings: DriftSettings | None = None) -> None:
+        """Start at `fix` with an IMU of which nothing is known."""
+        self._settings = settings if settings is not None else DriftSettings()
+        self._mean = np.zeros(4)
+        self._covariance = np.zeros((4, 4))
+        self._stamp_ns = 0
+        self._anchored_ns = 0
+        self._fixed_ns = 0
+        self._floor_m = 0.0
+        self._rejected: list[Rejected] = []
+        self._restart(fix)
+
+    @property
+    def settings(self) -> DriftSettings:
+        """Return what it was made with."""
+        return self._settings
+
+    def reset(self, fix: Fix, *, imu_restarted: bool = False) -> None:
+        """Take a new localization.
+
+        The person may have walked anywhere, so the old position is forgotten. The yaw of {H} is the IMU's
+        yaw origin and does not change by walking: where the new yaw fits the predicted one within the gate,
+        both are fused, which tells the rate as well. Where it does not, the new one is taken as it is and the
+        rate counts as unknown again. Where the rays of both fixes overlap in time, the new one replaces the
+        old one and the rate is kept: the same rays never count twice.
+
+        Args:
+            fix: the new pose; its stamp may lie before the last prediction.
+            imu_restarted: the IMU was switched off, turned on the arm, or its yaw origin was set: nothing of
+                yaw and rate is left.
+        """
+        if imu_restarted:
+            self._restart(fix)
+            return
+        settings = self._settings
+        overlaps = (fix.since_ns if fix.since_ns is not None else fix.stamp_ns) < self._fixed_ns
+        self._advance(fix.stamp_ns)
+        late_s = max(0, self._stamp_ns - fix.stamp_ns) / NS_PER_S
+        rate, rate_variance = float(self._mean[RATE]), float(self._covariance[RATE, RATE])
+        yaw, variance = float(self._mean[YAW]), float(self._covariance[YAW, YAW])
+        seen = np.array([fix.x_m, fix.y_m, fix.yaw_rad + rate * late_s])
+        spread = positive(fix.covariance)
+        ahead = 0.0
+        """How the rate changes with the yaw, from what was known before."""
+        if not overlaps and not self._is_blank:
+            away = math.remainder(seen[YAW] - yaw, math.tau)
+            total = variance + float(spread[YAW, YAW])
+            if total > 0.0 and abs(away) <= settings.gate * math.sqrt(total):
+                gain = spread[:, YAW] / total
+                seen = seen - gain * away
+                spread = positive(spread - np.outer(gain, spread[YAW]))
+                if variance > 0.0:
+                    ahead = float(self._covariance[RATE, YAW]) / variance
+                    rate += ahead * math.remainder(seen[YAW] - yaw, math.tau)
+                    rate_variance = max(0.0, rate_variance - ahead**2 * variance)
+            else:
+                rate_variance = settings.rate_sigma_radps**2
+        joint = np.zeros((4, 4))
+        joint[:3, :3] = spread
+        joint[RATE, :3] = joint[:3, RATE] = ahead * spread[YAW]
+        joint[RATE, RATE] = rate_variance + ahead**2 * spread[YAW, YAW]
+        self._mean = np.array([*seen, rate])
+        self._covariance = joint
+        self._took(fix)
+
+    def predict(self, now_ns: int) -> DriftPose:
+        """Go on to `now_ns` and return the pose there; a clock that was set back is followed."""
+        if now_ns < self._stamp_ns - self._settings.max_late_s * NS_PER_S:
+            self._stamp_ns = now_ns
+            self._anchored_ns = min(self._anchored_ns, now_ns)
+            self._fixed_ns = min(self._fixed_ns, now_ns)
+            self._rejected.clear()
+        self._advance(now_ns)
+        return self.at(now_ns)
+
+    def at(self, now_ns: int) -> DriftPose:
+        """Return the pose at `now_ns`, or at the last prediction if that is later; changes nothing."""
+        mean, covariance = self._predicted(max(0, now_ns - self._stamp_ns) / NS_PER_S)
+        return DriftPose(
+            x_m=float(mean[X]),
+            y_m=float(mean[Y]),
+            yaw_rad=float(mean[YAW]),
+            covariance=covariance[:3, :3].copy(),
+            yaw_rate_radps=float(mean[RATE]),
+            yaw_rate_sigma_radps=math.sqrt(float(covariance[RATE, RATE])),
+            anchored_ns=self._anchored_ns,
+            stamp_ns=max(now_ns, self._stamp_ns),
+        )
+
+    def anchor(
+        self,
+        stamp_ns: int,
+        target_m: Vec3,
+        origin_m: Vec3,
+        direction_h: Vec3,
+        *,
+        elevation_bias_rad: float = 0.0,
+        spread_rad: float = 0.0,
+        samples: int = 1,
+    ) -> AnchorResult:
+        """Take one pointing at a known place without a cursor.
+
+        Rejected when it is beyond the gate. When `believe_after` in a row are rejected and agree, the IMU was
+        turned or the person moved: then they are believed. When `despair_after` in a row contradict each
+        other, the pose becomes uncertain and the reason asks for a new localization.
+
+        Args:
+            stamp_ns: the middle of the hold.
+            target_m: {W}.
+            origin_m: of the ray, {H}.
+            direction_h: mean of the unfiltered rays, the person's offset taken out, {H}; any length but 0.
+            elevation_bias_rad: of the pose: the rays lie higher than the targets by it.
+            spread_rad: rms of the rays about their mean.
+            samples: rays in the mean.
+        """
+        sight = Sight(
+            stamp_ns=stamp_ns,
+            target_m=(target_m[0], target_m[1], target_m[2] - self._floor_m),
+            origin_m=origin_m,
+            azimuth_rad=vector.azimuth(direction_h),
+            elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
+            spread_rad=spread_rad,
+        )
+        wrong = self._untimely(stamp_ns) or self._unusable(sight, direction_h, samples)
+        if wrong:
+            return AnchorResult(accepted=False, reason=wrong)
+        self._advance(stamp_ns)
+        innovation, slope, noise = self._sighted(sight)
+        azimuth, elevation = -float(innovation[0]), -float(innovation[1])
+        allowed = self._settings.gate * np.sqrt(np.diag(slope @ self._covariance @ slope.T) + noise)
+        if np.all(np.abs(innovation) <= allowed):
+            self._rejected.clear()
+            self._update(innovation, slope, np.diag(noise))
+            self._anchored_ns = max(self._anchored_ns, stamp_ns)
+            return AnchorResult(accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation)
+        return self._doubted(Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed)
+
+    def heading(
+        self, stamp_ns: int, azimuth_w_rad: float, direction_h: Vec3, sigma_rad: float = math.radians(3.0)
+    ) -> AnchorResult:
+        """Take that the person points in a known direction: "face the wall and press".
+
+        Somebody says so on purpose, so there is no gate: beyond it the yaw is set anew.
+
+        Args:
+            stamp_ns: when.
+            azimuth_w_rad: of that direction, {W}.
+            direction_h: of the ray, the person's offset taken out, {H}; any length but 0.
+            sigma_rad: how exactly people do that, > 0.
+        """
+        settings = self._settings
+        wrong = self._untimely(stamp_ns)
+        if not wrong and abs(vector.elevation(direction_h)) > settings.max_elevation_rad:
+            wrong = "the arm points too steeply to tell a direction; point level at the wall"
+        if not wrong and not (math.isfinite(azimuth_w_rad) and 0.0 < sigma_rad < math.inf):
+            wrong = "the direction is no finite angle; give the wall's azimuth in degrees"
+        if wrong:
+            return AnchorResult(accepted=False, reason=wrong)
+        self._advance(stamp_ns)
+        late_s = max(0, self._stamp_ns - stamp_ns) / NS_PER_S
+        slope = np.array([[0.0, 0.0, 1.0, -late_s]])
+        yaw = azimuth_w_rad - vector.azimuth(direction_h)
+        away = math.remainder(yaw - float(self._mean[YAW] - late_s * self._mean[RATE]), math.tau)
+        noise = sigma_rad**2
+        note = ""
+        if away**2 > settings.gate**2 * (float((slope @ self._covariance @ slope.T)[0, 0]) + noise):
+            note = f"the yaw was off by {math.degrees(away):+.0f}° and was set anew"
+            self._doubt(away**2, 0.0)
+        self._update(np.array([away]), slope, np.array([[noise]]))
+        self._rejected.clear()
+        self._anchored_ns = max(self._anchored_ns, stamp_ns)
+        return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
+
+    def still(self, stamp_ns: int, yaw_rate_radps: float, sigma_radps: float) -> AnchorResult:
+        """Take the yaw rate that was measured while the arm rested; see `stillness.StillRate`.
+
+        Args:
+            stamp_ns: the middle of the rest; up to a minute old, since rates change slowly.
+            yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
+            sigma_radps: its one sigma, > 0.
+        """
+        settings = self._settings
+        usable = math.isfinite(yaw_rate_radps) and 0.0 < sigma_radps < math.inf
+        if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + settings.gate * sigma_radps:
+            return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
+        if stamp_ns < self._stamp_ns - 60 * NS_PER_S:
+            return AnchorResult(accepted=False, reason="the rest is over since long; see the clocks")
+        self._advance(stamp_ns)
+        away = yaw_rate_radps - float(self._mean[RATE])
+        total = float(self._covariance[RATE, RATE]) + sigma_radps**2
+        if away**2 > settings.gate**2 * total:
+            return AnchorResult(
+                accepted=False,
+                reason=f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
+                "drift; rest it on something that does not move",
+            )
+        self._update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma_radps**2]]))
+        return AnchorResult(accepted=True)
+
+    def _restart(self, fix: Fix) -> None:
+        """Take `fix` and forget all else."""
+        self._mean = np.array([fix.x_m, fix.y_m, fix.yaw_rad, 0.0])
+        self._covariance = np.zeros((4, 4))
+        self._covariance[:3, :3] = positive(fix.covariance)
+        self._covariance[RATE, RATE] = self._settings.rate_sigma_radps**2
+        self._stamp_ns = fix.stamp_ns
+        self._anchored_ns = 0
+        self._fixed_ns = 0
+        self._took(fix)
+
+    @property
+    def _is_blank(self) -> bool:
+        """Return whether the yaw is so uncertain that it says nothing."""
+        return float(self._covariance[YAW, YAW]) >= (0.5 * self._settings.max_yaw_sigma_rad) ** 2
+
+    def _took(self, fix: Fix) -> None:
+        self._mean[YAW] = math.remainder(float(self._mean[YAW]), math.tau)
+        self._floor_m = fix.floor_m
+        self._fixed_ns = fix.stamp_ns
+        self._rejected.clear()
+        if fix.is_anchored:
+            self._anchored_ns = fix.stamp_ns
+        self._bound()
+
+    def _predicted(self, passed_s: float) -> tuple[Array, Array]:
+        settings = self._settings
+        mean, covariance = self._mean.copy(), self._covariance
+        if passed_s <= 0.0:
+            return mean, covariance.copy()
+        mean[YAW] = math.remainder(float(mean[YAW] + mean[RATE] * passed_s), math.tau)
+        step = np.eye(4)
+        step[YAW, RATE] = passed_s
+        covariance = step @ covariance @ step.T
+        walk = settings.rate_walk_radps**2 * passed_s
+        covariance[[X, Y], [X, Y]] += settings.position_walk_m**2 * passed_s
+        covariance[YAW, YAW] += settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
+        covariance[YAW, RATE] += walk * passed_s / 2.0
+        covariance[RATE, YAW] += walk * passed_s / 2.0
+        covariance[RATE, RATE] += walk
+        return mean, self._bounded(covariance)
+
+    def _advance(self, stamp_ns: int) -> None:
+        if stamp_ns > self._stamp_ns:
+            self._mean, self._covariance = self._predicted((stamp_ns - self._stamp_ns) / NS_PER_S)
+            self._stamp_ns = stamp_ns
+
+    def _untimely(self, stamp_ns: int) -> str:
+        late_s = (self._stamp_ns - stamp_ns) / NS_PER_S
+        if late_s <= self._settings.max_late_s:
+            return ""
+        return f"the pointing is {late_s:.0f} s old; see the IMU's radio and the clocks, and point again"
+
+    def _unusable(self, sight: Sight, direction_h: Vec3, samples: int) -> str:
+        values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
+        if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
+            return "no usable ray came while the person pointed; see the IMU"
+        if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
+            return "the target is too steeply above or below; choose one farther away"
+        if rejected.seen(self._mean, sight)[2] < 0.2:
+            return "the person would stand on the target; choose one farther away"
+        return ""
+
+    def _sighted(self, sight: Sight) -> tuple[Array, Array, Array]:
+        """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation."""
+        settings = self._settings
+        late_s = max(0, self._stamp_ns - sight.stamp_ns) / NS_PER_S
+        mean = self._mean.copy()
+        mean[YAW] -= late_s * mean[RATE]
+        expected, slope, _ = rejected.seen(mean, sight)
+        slope[:, RATE] = -late_s * slope[:, YAW]
+        innovation = np.array(
+            [
+                math.remainder(sight.azimuth_rad - float(expected[0]), math.tau),
+                sight.elevation_rad - float(expected[1]),
+            ]
+        )
+        level = math.cos(sight.elevation_rad)
+        noise = np.array(
+            [
+                (settings.anchor_sigma_rad**2 + sight.spread_rad**2) / level**2,
+                settings.elevation_sigma_rad**2 + sight.spread_rad**2,
+            ]
+        )
+        return innovation, slope, noise
+
+    def _doubted(self, doubt: Rejected, allowed: Array) -> AnchorResult:
+        """Return what becomes of an anchor beyond the gate."""
+        settings = self._settings
+        rate_sigma = math.sqrt(float(self._covariance[RATE, RATE]))
+        self._rejected.append(doubt)
+        verdict = rejected.verdict(
+            self._rejected,
+            settings.gate,
+            rate_sigma,
+            believe_after=settings.believe_after,
+            despair_after=settings.despair_after,
+        )
+        result = AnchorResult(
+            accepted=False,
+            azimuth_error_rad=doubt.azimuth_error_rad,
+            elevation_error_rad=doubt.elevation_error_rad,
+            reason=rejected.sentence(doubt, allowed, verdict),
+        )
+        if verdict == AGREED:
+            believed = self._rejected[-settings.believe_after :]
+            self._rejected.clear()
+            self._doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+            for one in believed:
+                innovation, slope, noise = self._sighted(one.sight)
+                self._update(innovation, slope, np.diag(noise))
+            self._anchored_ns = max(self._anchored_ns, doubt.sight.stamp_ns)
+            return replace(result, accepted=True, reason="", note=result.reason)
+        if verdict:
+            self._rejected.clear()
+            self._doubt(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
+        return result
+
+    def _doubt(self, yaw_variance: float, position_variance: float) -> None:
+        """Make the pose less certain, its parts for themselves, and forget what is known of the rate."""
+        covariance = self._covariance
+        covariance[YAW, :2] = covariance[:2, YAW] = 0.0
+        covariance[RATE, :3] = covariance[:3, RATE] = 0.0
+        covariance[YAW, YAW] += yaw_variance
+        covariance[[X, Y], [X, Y]] += position_variance
+        covariance[RATE, RATE] = self._settings.rate_sigma_radps**2
+        self._bound()
+
+    def _update(self, innovation: Array, slope: Array, noise: Array) -> None:
+        """Take a measurement (Joseph's form: stays symmetric and positive)."""
+        covariance = self._covariance
+        total = slope @ covariance @ slope.T + noise
+        gain = np.linalg.solve(total, slope @ covariance).T
+        keep = np.eye(4) - gain @ slope
+        self._mean = self._mean + gain @ innovation
+        self._covariance = keep @ covariance @ keep.T + gain @ noise @ gain.T
+        self._bound()
+
+    def _bound(self) -> None:
+        limit = self._settings.max_rate_radps
+        self._mean[YAW] = math.remainder(float(self._mean[YAW]), math.tau)
+        self._mean[RATE] = min(max(float(self._mean[RATE]), -limit), limit)
+        self._covariance = self._bounded(self._covariance)
+
+    def _bounded(self, covariance: Array) -> Array:
+        """Return it symmetric, no sigma above its bound; correlations stay."""
+        settings = self._settings
+        largest = np.array(
+            [
+                settings.max_position_sigma_m,
+                settings.max_position_sigma_m,
+                settings.max_yaw_sigma_rad,
+                settings.rate_sigma_radps,
+            ]
+        )
+        sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        shrink = np.minimum(1.0, largest / sigmas)
+        return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))

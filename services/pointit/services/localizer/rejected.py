@@ -1,0 +1,137 @@
+"""Pointings at known places: how the filter sees them, and what to make of those that do not fit."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+
+Array = NDArray[np.float64]
+
+AGREED: Literal["agreed"] = "agreed"
+"""They say the same: the pose is wrong, not they."""
+SCATTERED: Literal["scattered"] = "scattered"
+"""They fit neither the pose nor each other."""
+
+Verdict = Literal["agreed", "scattered", ""]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """One pointing at a known place."""
+
+    stamp_ns: int
+    target_m: Vec3
+    """{W}, height over the floor."""
+    origin_m: Vec3
+    """Of the ray, {H}."""
+    azimuth_rad: float
+    """Of the ray, {H}."""
+    elevation_rad: float
+    """Of the ray, the person's bias taken out."""
+    spread_rad: float
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A pointing beyond the gate."""
+
+    sight: Sight
+    azimuth_error_rad: float
+    """Target less ray."""
+    elevation_error_rad: float
+    azimuth_variance: float
+    elevation_variance: float
+
+
+def seen(mean: Array, sight: Sight) -> tuple[Array, Array, float]:
+    """Return how a person would see the target.
+
+    Args:
+        mean: 4: x, y (m), yaw (rad) of {H} in {W}; the rest is ignored.
+        sight: what is pointed at, and from where in {H}.
+
+    Returns:
+        azimuth and elevation in {H} (2), their derivatives by the state (2 x 4), horizontal distance (m).
+    """
+    cos_yaw, sin_yaw = math.cos(mean[2]), math.sin(mean[2])
+    eye_x = cos_yaw * sight.origin_m[0] - sin_yaw * sight.origin_m[1]
+    eye_y = sin_yaw * sight.origin_m[0] + cos_yaw * sight.origin_m[1]
+    east = sight.target_m[0] - float(mean[0]) - eye_x
+    north = sight.target_m[1] - float(mean[1]) - eye_y
+    up = sight.target_m[2] - sight.origin_m[2]
+    away = max(math.hypot(east, north), 1e-9)
+    square = away * away
+    azimuth = math.remainder(math.atan2(north, east) - float(mean[2]), math.tau)
+    lower = -up / (square + up * up)
+    slope = np.zeros((2, 4))
+    slope[0, :3] = north / square, -east / square, -1.0 - (east * eye_x + north * eye_y) / square
+    slope[1, :3] = (
+        -lower * east / away,
+        -lower * north / away,
+        lower * (east * eye_y - north * eye_x) / away,
+    )
+    return np.array([azimuth, math.atan2(up, away)]), slope, away
+
+
+def verdict(
+    doubts: Sequence[Rejected],
+    gate: float,
+    rate_sigma_radps: float,
+    *,
+    believe_after: int,
+    despair_after: int,
+) -> Verdict:
+    """Return what rejected pointings in a row mean together; nothing yet when they are too few.
+
+    Args:
+        doubts: in order of time, the newest last.
+        gate: sigmas within which two agree.
+        rate_sigma_radps: how uncertain the drift between them is.
+        believe_after: so many that agree are believed.
+        despair_after: so many are too many.
+    """
+    newest = doubts[-1]
+    if len(doubts) >= believe_after and all(
+        _agree(newest, other, gate, rate_sigma_radps) for other in doubts[-believe_after:-1]
+    ):
+        return AGREED
+    return SCATTERED if len(doubts) >= despair_after else ""
+
+
+def _agree(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> bool:
+    drifted = rate_sigma_radps * (a.sight.stamp_ns - b.sight.stamp_ns) / NS_PER_S
+    azimuth = math.remainder(a.azimuth_error_rad - b.azimuth_error_rad, math.tau)
+    elevation = a.elevation_error_rad - b.elevation_error_rad
+    return (
+        abs(azimuth) <= gate * math.sqrt(a.azimuth_variance + b.azimuth_variance + drifted**2)
+        and elevation**2 <= gate**2 * (a.elevation_variance + b.elevation_variance)
+    )  # fmt: skip
+
+
+def sentence(doubt: Rejected, allowed: Array, decided: Verdict) -> str:
+    """Return what a technician should know of a pointing beyond the gate, one sentence.
+
+    Args:
+        doubt: the newest.
+        allowed: how far off azimuth and elevation might have been (2), rad.
+        decided: what was made of it.
+    """
+    azimuth, elevation = math.degrees(doubt.azimuth_error_rad), math.degrees(doubt.elevation_error_rad)
+    if abs(doubt.azimuth_error_rad) > allowed[0]:
+        side = "left" if azimuth > 0 else "right"
+        off = f"the target was {abs(azimuth):.0f}° to the {side} of the ray"
+        limit = math.degrees(float(allowed[0]))
+    else:
+        off = f"the target was {abs(elevation):.0f}° {'above' if elevation > 0 else 'below'} the ray"
+        limit = math.degrees(float(allowed[1]))
+    if decided == AGREED:
+        return f"{off}, as it was before: the IMU was turned or the person moved, and the pose follows"
+    if decided == SCATTERED:
+        return f"{off} and those before fit neither the pose nor each other: localize again"
+    return f"{off} where at most {limit:.0f}° is believed; point at that target again, arm straight"

@@ -50,6 +50,31 @@ def test_a_short_arm_points_at_the_nearest_point_of_the_line() -> None:
     assert math.isfinite(azimuth_rad)
 
 
+@pytest.mark.parametrize("beside_deg", [(10.0, 0.0), (0.0, 10.0), (-5.0, -8.0)])
+def test_the_line_over_the_finger_passes_beside_by_what_was_asked(beside_deg: tuple[float, float]) -> None:
+    stance = Stance(BodyMeasures(neck_to_shoulder_m=0.15), "left", (1.0, 2.0, 0.0), 0.7)
+    target = (3.0, -1.0, 0.9)
+    beside = (math.radians(beside_deg[0]), math.radians(beside_deg[1]))
+    azimuth, elevation = stance.aim_at(target, beside)
+    finger = vector.add(stance.shoulder_m, vector.scale(vector.direction(azimuth, elevation), stance.arm_m))
+    seen, meant = stance.sight_of(finger), stance.sight_of(target)
+    assert (seen[0] - meant[0], seen[1] - meant[1]) == pytest.approx(beside)
+
+
+def test_who_aims_by_the_arm_turns_it_to_the_thing() -> None:
+    stance = Stance(BodyMeasures(), position_m=(1.0, 0.0, 0.0), by_arm=True)
+    azimuth, elevation = stance.aim_at((3.0, 0.0, 0.0), (0.0, 0.1))
+    assert azimuth == pytest.approx(0.0)
+    assert elevation == pytest.approx(math.atan2(-1.43, 2.0) + 0.1)
+
+
+def test_whoever_moves_takes_eyes_and_shoulder_along() -> None:
+    moved = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", yaw_rad=1.0)
+    moved.move((1.0, -2.0, 0.0))
+    there = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", (1.0, -2.0, 0.0), 1.0)
+    assert (moved.eyes_m, moved.shoulder_m) == (there.eyes_m, there.shoulder_m)
+
+
 def test_the_eyes_themselves_are_no_crash() -> None:
     stance = Stance(BodyMeasures())
-    assert stance.aim_at(stance.eyes_m) == (0.0, 0.0)
+    assert all(math.isfinite(angle) for angle in stance.aim_at(stance.eyes_m))

@@ -1,108 +1,29 @@
 """The whole person, by themselves and through the service: what they do when, and where they point."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from pointit.geometry import rotation, vector
-from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
-    BodyMeasures,
     ButtonEvent,
     Cursor,
-    Environment,
     ImuSample,
     Interaction,
-    Lamp,
     LampColor,
     Localization,
     SelectedObject,
     Selection,
-    Strip,
     TrackedObject,
-    TrackedObjects,
 )
 from pointit.schemas.topics import BUTTON, IMU, INTERACTION
-from pointit.services.pointing.eye_finger import EyeFinger
-from pointit.services.user_sim.aim import Stance
-from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig, WristbandConfig
+from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
 from pointit.services.user_sim.person import Person
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import ManualClock, memory_bench, until
-
-PERIOD_NS = NS_PER_S // 50
-ROOM = Environment(
-    stamp_ns=0,
-    name="test",
-    lamps=(
-        Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-        Lamp(id="led_2", position_m=(0.8, -1.0, 0.15)),
-    ),
-    strips=(Strip(id="0", line_m=((4.85, -1.425, 0.9), (4.85, 3.575, 0.9)), pixels=150, direction=-1),),
-)
-PRECISE = UserSimConfig(
-    arm=ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0),
-    aim=AimConfig(skill=1.0),
-    wristband=WristbandConfig(yaw_rate_bias_sd_degps=0.0, yaw_rate_walk_sd_degps=0.0, noise_sd_deg=0.0),
-    yaw_deg=0.0,
-)
-
-
-class Life:
-    """A person stepped in virtual time, with what they have sent."""
-
-    def __init__(self, config: UserSimConfig, seed: int = 1) -> None:
-        self.now_ns = 0
-        self.person = Person(config, "anna", np.random.default_rng(seed))
-        self.presses: list[int] = []
-        self.before_step: Callable[[], None] = lambda: None
-        self.eyes_m = Stance(BodyMeasures(), position_m=config.position_m).eyes_m
-        self._model = EyeFinger(stale_after_s=1.0)
-        self.person.see(0, ROOM)
-
-    def state(self, state: str) -> None:
-        self.person.see(self.now_ns, Interaction.model_validate({"stamp_ns": self.now_ns, "state": state}))
-
-    def objects(self, *things: TrackedObject) -> None:
-        self.person.see(self.now_ns, TrackedObjects(stamp_ns=self.now_ns, objects=things))
-
-    def run(self, duration_s: float) -> ImuSample:
-        """Live on; return the last sample."""
-        sample: ImuSample | None = None
-        for _ in range(round(duration_s * 50)):
-            self.now_ns += PERIOD_NS
-            self.before_step()
-            sample, press = self.person.step(self.now_ns)
-            if press is not None:
-                assert press.source == "simulated"
-                self.presses.append(self.now_ns)
-        assert sample is not None
-        return sample
-
-    def ray(self, sample: ImuSample) -> Vec3:
-        ray = self._model.ray(sample, sample.stamp_ns)
-        assert ray is not None
-        return ray.direction
-
-    def error_rad(self, sample: ImuSample, point: Vec3) -> float:
-        return vector.angle_between(self.ray(sample), vector.subtract(point, self.eyes_m))
-
-
-def thing(name: str, kind: str, along_m: float, speed_mps: float = 0.0) -> TrackedObject:
-    return TrackedObject(
-        id=name,
-        kind=kind,
-        position_m=(4.85, -1.425 + along_m, 0.9),
-        velocity_mps=(0.0, speed_mps, 0.0),
-        length_m=0.3,
-        surface="strip",
-        surface_id="0",
-        surface_position_m=along_m,
-        surface_speed_mps=speed_mps,
-    )
+from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
 
 
 def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:

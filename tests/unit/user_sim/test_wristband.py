@@ -42,6 +42,24 @@ def test_drift_turns_the_yaw_alone() -> None:
     assert np.std(finals) == pytest.approx(15.0, rel=0.15)
 
 
+@pytest.mark.parametrize("given_degpmin", [-30.0, 0.0, 24.0])
+def test_a_given_drift_is_this_bands_own(given_degpmin: float) -> None:
+    real = WristbandConfig(yaw_rate_bias_sd_degps=0.25, yaw_drift_degpmin=given_degpmin)
+    exact = real.model_copy(update={"yaw_rate_walk_sd_degps": 0.0})
+    for seed in range(3):
+        wrist = band(exact, seed=seed)
+        wrist.sample(0, rotation.IDENTITY)
+        wrist.sample(60 * NS_PER_S, rotation.IDENTITY)
+        assert math.degrees(wrist.drift_rad) == pytest.approx(given_degpmin)
+    walking = [band(real, seed=seed) for seed in range(20)]
+    for wrist in walking:
+        for second in range(61):
+            wrist.sample(second * NS_PER_S, rotation.IDENTITY)
+    drifts = np.degrees([wrist.drift_rad for wrist in walking])
+    assert drifts.std() > 0.1  # the rate still wanders
+    assert drifts.mean() == pytest.approx(given_degpmin, abs=1.0)
+
+
 def test_noise_has_the_given_size() -> None:
     noisy = IDEAL.model_copy(update={"noise_sd_deg": 0.03})
     wrist = band(noisy)

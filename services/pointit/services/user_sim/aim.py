@@ -17,15 +17,6 @@ class Aim:
     azimuth_rate_radps: float = 0.0
     elevation_rate_radps: float = 0.0
 
-    def turned(self, azimuth_rad: float, elevation_rad: float) -> "Aim":
-        """Return the aim beside this one."""
-        return Aim(
-            self.azimuth_rad + azimuth_rad,
-            self.elevation_rad + elevation_rad,
-            self.azimuth_rate_radps,
-            self.elevation_rate_radps,
-        )
-
 
 class Stance:
     """A body at its place: eyes, shoulder and arm's length in {W}."""
@@ -36,31 +27,48 @@ class Stance:
         hand: str = "right",
         position_m: Vec3 = (0.0, 0.0, 0.0),
         yaw_rad: float = 0.0,
+        *,
+        by_arm: bool = False,
     ) -> None:
-        """Stand at `position_m`, {H} turned by `yaw_rad`; the shoulder lies in {H} as the model has it."""
+        """Stand at `position_m`, {H} turned by `yaw_rad`; the shoulder lies in {H} as the model has it.
+
+        `by_arm`: aim with the straight arm instead of with the finger before the eyes.
+        """
         side = 1.0 if hand == "left" else -1.0
         shoulder = (0.0, side * body.neck_to_shoulder_m, body.footprint_to_neck_m)
-        self.eyes_m: Vec3 = vector.add(position_m, (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m))
-        self.shoulder_m: Vec3 = vector.add(position_m, vector.turn(shoulder, yaw_rad))
+        self._up_m: Vec3 = (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m)
+        self._to_shoulder_m = vector.turn(shoulder, yaw_rad)
+        self._by_arm = by_arm
         self.arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
+        self.move(position_m)
 
-    def aim_at(self, point_m: Vec3) -> tuple[float, float]:
-        """Return the arm's azimuth and elevation, rad, that put the finger between the eyes and `point_m`.
+    def move(self, position_m: Vec3) -> None:
+        """Stand at `position_m` from now on."""
+        self.eyes_m: Vec3 = vector.add(position_m, self._up_m)
+        self.shoulder_m: Vec3 = vector.add(position_m, self._to_shoulder_m)
+
+    def aim_at(self, point_m: Vec3, beside: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
+        """Return the arm's azimuth and elevation, rad, that point at `point_m`.
+
+        `beside`, azimuth and elevation, rad, is how far the line of sight over the finger passes beside it;
+        of who aims by the arm, the arm's own line.
+        """
+        start_m = self.shoulder_m if self._by_arm else self.eyes_m
+        sight = vector.subtract(point_m, start_m)
+        azimuth, elevation = vector.azimuth(sight) + beside[0], vector.elevation(sight) + beside[1]
+        return (azimuth, elevation) if self._by_arm else self._finger_on(vector.direction(azimuth, elevation))
+
+    def _finger_on(self, along: Vec3) -> tuple[float, float]:
+        """Return the arm's azimuth and elevation, rad, that put the finger on the line from the eyes `along`.
 
         The finger is where that line leaves the sphere about the shoulder; when the arm is too short to
         reach the line, it points at the line's nearest point.
         """
-        sight = vector.subtract(point_m, self.eyes_m)
-        distance_m = vector.norm(sight)
-        if distance_m < 1e-9:  # the eyes themselves: any direction will do
-            return (0.0, 0.0)
-        along = vector.scale(sight, 1.0 / distance_m)
         to_shoulder = vector.subtract(self.shoulder_m, self.eyes_m)
         half_m = vector.dot(along, to_shoulder)
         rest = half_m**2 - vector.dot(to_shoulder, to_shoulder) + self.arm_m**2
         finger_at_m = max(half_m + math.sqrt(max(rest, 0.0)), 0.0)
-        finger = vector.add(self.eyes_m, vector.scale(along, finger_at_m))
-        arm = vector.subtract(finger, self.shoulder_m)
+        arm = vector.subtract(vector.scale(along, finger_at_m), to_shoulder)
         return (vector.azimuth(arm), vector.elevation(arm))
 
     def sight_of(self, point_m: Vec3) -> tuple[float, float]:

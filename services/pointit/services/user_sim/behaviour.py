@@ -151,7 +151,22 @@ def wish_of(config: UserSimConfig, user: str) -> Wish:
             return Selecting(user, config)
 
 
-def localizing_goal(now_ns: int, sight: Sight) -> Goal:
+def is_asked(sight: Sight) -> bool:
+    """Return whether the localizer wants the person to point at something.
+
+    While they point at things of their own, only a lamp, or setting their pose right, is reason to turn away:
+    a robot may be followed all the time.
+    """
+    state = sight.interaction.state if sight.interaction is not None else "idle"
+    if state == "localizing":
+        return True
+    news = sight.localization
+    if news is None or news.phase != "sampling" or not news.target_id:
+        return False
+    return state == "idle" or news.purpose == "anchor" or news.target_id in sight.lamps_m
+
+
+def asked_goal(now_ns: int, sight: Sight) -> Goal:
     """Return what the localizer asks to point at: the lamp or moving target it names, else the lit lamp."""
     asked = sight.localization.target_id if sight.localization is not None else ""
     lamp = asked if asked in sight.lamps_m else sight.lit_lamp() if not asked else ""

@@ -21,10 +21,14 @@ class BodyConfig(Config):
     shoulder_to_wrist_m: float = Field(default=0.55, gt=0, lt=2, description="shoulder to wrist, m")
     wrist_to_finger_m: float = Field(default=0.18, ge=0, lt=1, description="wrist to fingertip, m")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
+    ray_model: Literal["eye_finger", "shoulder_arm"] = Field(
+        default="eye_finger",
+        description="how they aim: the finger before the eyes, or the straight arm at the thing itself",
+    )
 
     def measures(self) -> BodyMeasures:
         """Return them as the contract has them."""
-        return BodyMeasures(**self.model_dump(exclude={"hand"}))
+        return BodyMeasures(**self.model_dump(exclude={"hand", "ray_model"}))
 
 
 class ArmConfig(Config):
@@ -57,10 +61,16 @@ class AimConfig(Config):
         default=0.0, ge=0, le=1, description="0: errs without feedback as untrained people do; 1: never"
     )
     elevation_error_mean_deg: float = Field(
-        default=2.8, ge=-30, le=30, description="people point too high without feedback, mean, deg"
+        default=-2.8, ge=-30, le=30, description="people point too low without feedback, mean, deg"
     )
     elevation_error_person_sd_deg: float = Field(
         default=2.8, ge=0, le=30, description="the same between people, sd, deg"
+    )
+    elevation_bias_deg: float | None = Field(
+        default=None,
+        ge=-45,
+        le=45,
+        description="this person's own, whatever their skill, positive: too high, deg; empty: drawn",
     )
     elevation_error_reach_sd_deg: float = Field(
         default=1.0, ge=0, le=30, description="the same from reach to reach, sd, deg"
@@ -85,6 +95,12 @@ class WristbandConfig(Config):
 
     yaw_rate_bias_sd_degps: float = Field(
         default=0.05, ge=0, le=5, description="yaw drift, drawn once per run, sd, deg/s; real bands: 0.25"
+    )
+    yaw_drift_degpmin: float | None = Field(
+        default=None,
+        ge=-300,
+        le=300,
+        description="this band's own yaw drift, positive: reads ever more to the left, deg/min; empty: drawn",
     )
     yaw_rate_walk_sd_degps: float = Field(
         default=0.002, ge=0, le=1, description="random walk of the drift, sd after 1 s, deg/s"
@@ -115,10 +131,32 @@ class UserSimConfig(Config):
         le=360,
         description="azimuth of the IMU's yaw origin in the room, deg; empty: unknown, random",
     )
+    stance_shift_sd_m: float = Field(
+        default=0.0, ge=0, le=2, description="how far steps lead away from that place, each way, sd, m"
+    )
+    stance_shift_every_s: float = Field(
+        default=15.0, gt=0.1, le=3600, description="time between such steps, mean, s"
+    )
     rate_hz: float = Field(default=50.0, ge=5, le=200, description="IMU samples per second, Hz")
     think_s: float = Field(default=1.0, ge=0, le=60, description="idle time before pressing the button, s")
     press_pause_s: float = Field(
         default=5.0, gt=0, le=600, description="wait for a press to work before pressing again, s"
+    )
+    points_when_asked: bool = Field(
+        default=True,
+        description="point at the lamp or robot that the localizer asks for; else do not mind it",
+    )
+    anchor_every_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=3600,
+        description="press twice, to point at a lamp anew, this often, s; 0: never",
+    )
+    anchor_when_off_deg: float = Field(
+        default=0.0,
+        ge=0,
+        le=90,
+        description="press twice when the cursor stays this far from where they point, deg; 0: never",
     )
     strip_speed_mps: float = Field(
         default=0.5, gt=0, le=5, description="speed along the strips (behaviour strips), m/s"

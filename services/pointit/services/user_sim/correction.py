@@ -23,6 +23,9 @@ LOST_S = 0.7
 SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
 """Elevations tried one after the other."""
 
+LOST_SEARCHES = 2
+"""After so many in vain it is lost."""
+
 Pair = tuple[float, float]
 
 
@@ -44,13 +47,22 @@ class Correction:
         self._newest_cursor_ns = 0
         self._searches = 0
 
-    def settle(self) -> None:
-        """Leave a goal: a part of the correction stays, as adaptation."""
-        self._learned = (
-            self._learned[0] + ADAPTATION * (self.now_rad[0] - self._learned[0]),
-            self._learned[1] + ADAPTATION * (self.now_rad[1] - self._learned[1]),
-        )
-        self.now_rad = self._learned
+    @property
+    def off_rad(self) -> float:
+        """Return how far the cursor is from where the person feels to point; infinite when it is lost."""
+        return math.inf if self._searches >= LOST_SEARCHES else math.hypot(*self.now_rad)
+
+    def settle(self, left: Goal, goal: Goal) -> None:
+        """Turn from `left` to `goal`: of a correction by the cursor a part stays, as adaptation.
+
+        It serves the next goal with a cursor; without one the person aims along their finger, as they see it.
+        """
+        if left.closed_loop:
+            self._learned = (
+                self._learned[0] + ADAPTATION * (self.now_rad[0] - self._learned[0]),
+                self._learned[1] + ADAPTATION * (self.now_rad[1] - self._learned[1]),
+            )
+        self.now_rad = self._learned if goal.closed_loop else (0.0, 0.0)
 
     def begin(self, reached_ns: int) -> None:
         """Look at the cursor again once the hand has arrived."""

@@ -24,7 +24,9 @@ class Wristband:
         self._config = config
         self._rng = rng
         self._yaw_rad = yaw_rad
-        self._rate_radps = math.radians(config.yaw_rate_bias_sd_degps) * float(rng.standard_normal())
+        drawn_radps = math.radians(config.yaw_rate_bias_sd_degps) * float(rng.standard_normal())
+        given = config.yaw_drift_degpmin
+        self._rate_radps = drawn_radps if given is None else math.radians(given) / 60.0
         self._boot_s = float(rng.uniform(0.0, BOOT_SPAN_S))
         self._at_ns: int | None = None
         self._running_s = 0.0

@@ -10,20 +10,48 @@ STEEPEST_RAD = math.radians(80.0)
 
 _HALF = math.sqrt(0.5)
 
+_PLUS_X = rotation.IDENTITY
+_MINUS_X: Quaternion = (0.0, 0.0, 1.0, 0.0)
+_PLUS_Y: Quaternion = (0.0, 0.0, _HALF, _HALF)
+_MINUS_Y: Quaternion = (0.0, 0.0, -_HALF, _HALF)
+
 MOUNTINGS: dict[str, Quaternion] = {
-    "plus_x": rotation.IDENTITY,
-    "minus_x": (0.0, 0.0, 1.0, 0.0),
-    "metamotion": (0.0, 0.0, -_HALF, _HALF),
+    "plus_x": _PLUS_X,
+    "minus_x": _MINUS_X,
+    "plus_y": _PLUS_Y,
+    "minus_y": _MINUS_Y,
+    "metamotion": _MINUS_Y,
+    "myo": _MINUS_X,
+    "watch_left": _PLUS_X,
+    "watch_right": _MINUS_X,
+    "phone": _PLUS_Y,
 }
-"""sensor_from_arm: rotates the arm's x axis, which points to the finger, into the sensor's frame."""
+"""sensor_from_arm: rotates the arm's x axis, which points to the finger, into the sensor's frame.
+
+All keep z: what is up on the sensor is up on the arm, palm down. Devices with a screen have x to its right,
+y to its top and z out of it (Android's and Pebble's documentation). A watch is worn face out on the back of
+the wrist, so that the right of its screen is towards the fingers on the left arm only; a phone has its top
+towards the fingers.
+"""
+
+
+def from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """Return the rotation by roll about x, then pitch about y, then yaw about z, all axes fixed."""
+    roll = rotation.from_axis_angle((1.0, 0.0, 0.0), roll_rad)
+    pitch = rotation.from_axis_angle((0.0, 1.0, 0.0), pitch_rad)
+    return rotation.multiply(rotation.from_yaw(yaw_rad), rotation.multiply(pitch, roll))
 
 
 class ArmFrame:
-    """Turns world_from_sensor into world_from_arm; the yaw origin can be set anew."""
+    """Turns world_from_sensor into world_from_arm; the mounting and the yaw origin can be set anew."""
 
     def __init__(self, sensor_from_arm: Quaternion, yaw_origin_rad: float = 0.0) -> None:
-        self._sensor_from_arm = rotation.normalized(sensor_from_arm)
+        self.set_mounting(sensor_from_arm)
         self.set_yaw_origin(yaw_origin_rad)
+
+    def set_mounting(self, sensor_from_arm: Quaternion) -> None:
+        """Take the sensor to sit on the arm like this from now on."""
+        self._sensor_from_arm = rotation.normalized(sensor_from_arm)
 
     def orientation(self, world_from_sensor: Quaternion) -> Quaternion:
         """Return the arm's orientation in {H}, with norm 1."""

@@ -1,15 +1,19 @@
 """Parameters of imu-bridge."""
 
 import math
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
+from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config import Config
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 
 Order = Literal["wxyz", "xyzw"]
 Fifth = Literal["auto", "time", "accuracy"]
-MountingName = Literal["plus_x", "minus_x", "metamotion"]
+MountingName = Literal[
+    "plus_x", "minus_x", "plus_y", "minus_y", "metamotion", "myo", "watch_left", "watch_right", "phone"
+]
 
 
 class SerialConfig(Config):
@@ -56,6 +60,11 @@ class SimulatedConfig(Config):
         default=0.0, ge=0, le=45, description="white noise about each axis, standard deviation, °"
     )
     yaw_drift_degps: float = Field(default=0.0, ge=-90, le=90, description="drift of the yaw, °/s")
+    mounting_error_deg: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="how the sensor sits otherwise than configured, as a careless person wears it: roll, "
+        "pitch, yaw of the arm in the configured arm frame, °",
+    )
     seed: int = Field(default=0, ge=0, description="of the noise")
 
 
@@ -67,16 +76,38 @@ class ImuBridgeConfig(Config):
     )
     mounting: MountingName = Field(
         default="plus_x",
-        description="the sensor's axis along the arm to the finger: plus_x, minus_x (Myo), "
-        "metamotion (sensor turned by -90° about z)",
+        description="how the sensor sits on the arm, as long as nothing was measured: its axis towards the "
+        "finger (plus_x, minus_x, plus_y, minus_y; its z is up with the palm down), or a device: metamotion, "
+        "myo, watch_left or watch_right (face out, on that wrist), phone (screen up, its top towards the "
+        "finger); what `pointit calibrate mounting` measured with the same source and mounting is kept and "
+        "wins over it",
     )
     mounting_xyzw: tuple[float, float, float, float] | None = Field(
-        default=None, description="sensor_from_arm as a quaternion x, y, z, w; in place of `mounting`"
+        default=None,
+        description="sensor_from_arm as a quaternion x, y, z, w; wins over `mounting` and, at every start, "
+        "over what was measured and kept",
+    )
+    mounting_rpy_deg: tuple[float, float, float] | None = Field(
+        default=None,
+        description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °",
     )
     yaw_origin_deg: float = Field(default=0.0, description="the device's yaw that counts as 0, °")
     serial: SerialConfig = Field(default=SerialConfig(), description="of the source `serial`")
     replay: ReplayConfig = Field(default=ReplayConfig(), description="of the source `replay`")
     simulated: SimulatedConfig = Field(default=SimulatedConfig(), description="of the source `simulated`")
+
+    @property
+    def explicit_mounting(self) -> Quaternion | None:
+        """Return sensor_from_arm where it is given as a rotation; none where by name."""
+        if self.mounting_rpy_deg is not None:
+            roll, pitch, yaw = map(math.radians, self.mounting_rpy_deg)
+            return from_roll_pitch_yaw(roll, pitch, yaw)
+        return self.mounting_xyzw
+
+    @property
+    def configured_mounting(self) -> Quaternion:
+        """Return sensor_from_arm as configured, with nothing measured."""
+        return self.explicit_mounting or MOUNTINGS[self.mounting]
 
     @field_validator("mounting_xyzw")
     @classmethod
@@ -86,3 +117,9 @@ class ImuBridgeConfig(Config):
         if value is not None and abs(math.hypot(*value) - 1.0) > 0.01:
             raise ValueError(f"must have norm 1, has {math.hypot(*value):.4g}")
         return value
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> Self:
+        if self.mounting_xyzw is not None and self.mounting_rpy_deg is not None:
+            raise ValueError("mounting_xyzw and mounting_rpy_deg say the same: give one of them")
+        return self

@@ -1,15 +1,25 @@
 """Reads a device, a recording or a simulation, writes samples of the arm's orientation and button events."""
 
+import asyncio
 import math
 from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.service import Scope
-from pointit.schemas import ButtonEvent, Done, ImuSample, SetYawOrigin
-from pointit.schemas.topics import BUTTON, IMU, SET_YAW_ORIGIN
-from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
+from pointit.runtime.state import StateFile
+from pointit.schemas import (
+    ButtonEvent,
+    Done,
+    ImuSample,
+    SetMounting,
+    SetMountingReply,
+    SetYawOrigin,
+)
+from pointit.schemas.topics import BUTTON, IMU, SET_MOUNTING, SET_YAW_ORIGIN
+from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings, Wearing
 from pointit.services.imu_bridge.reading import Press, Reading, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
@@ -32,8 +42,11 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """
         super().__init__(config, context)
         _check_named(config)
-        sensor_from_arm = config.mounting_xyzw or MOUNTINGS[config.mounting]
-        self._frame = ArmFrame(sensor_from_arm, math.radians(config.yaw_origin_deg))
+        self._state = StateFile(KeptMountings, self.user, PURPOSE)
+        self._setting = asyncio.Lock()
+        self._wearing = Wearing(config, self._read_state())
+        self._tell("mounting", self._wearing.warning)
+        self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
         self._newest: Reading | None = None
         self._sample_count = 0
         self._button_count = 0
@@ -41,6 +54,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._samples = self.bus.publisher(IMU, self.user)
         self._buttons = self.bus.publisher(BUTTON, self.user)
         self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
+        self.bus.serve(SET_MOUNTING, self._set_mounting, self.user)
 
     @classmethod
     def check(cls, config: ImuBridgeConfig) -> None:
@@ -59,8 +73,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return SerialSource(config.serial, self.clock, self.bus)
         if config.source == "replay":
             return ReplaySource(config.replay, self.clock)
-        sensor_from_arm = config.mounting_xyzw or MOUNTINGS[config.mounting]
-        return SimulatedSource(config.simulated, sensor_from_arm, self.clock)
+        return SimulatedSource(config.simulated, config.configured_mounting, self.clock)
 
     def _deliver(self, item: Reading | Press) -> None:
         if isinstance(item, Press):
@@ -88,6 +101,41 @@ class ImuBridge(Service[ImuBridgeConfig]):
         except ValueError as error:
             raise RefusedError(str(error)) from error
         return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
+
+    async def _set_mounting(self, query: SetMounting, _user: str) -> SetMountingReply:
+        async with self._setting:  # what is kept is what was set last
+            kept = self._wearing.set(query, self.clock.now_ns())
+            self._frame.set_mounting(self._wearing.sensor_from_arm)
+            self._tell("mounting", self._wearing.warning)
+            trouble = "" if kept is None else await self._keep(kept)
+        message = self._wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")
+        return SetMountingReply(message=message, sensor_from_arm_xyzw=self._wearing.sensor_from_arm)
+
+    def _read_state(self) -> KeptMountings | None:
+        try:
+            return self._state.read()
+        except ConfigError as error:
+            self.bus.warn("state", f"the person's measured mounting is not used: {error}")
+            return None
+
+    async def _keep(self, kept: KeptMountings) -> str:
+        """Write or erase what outlives this process; return what went wrong."""
+        try:
+            if kept.by_source:
+                await asyncio.to_thread(self._state.write, kept)
+            else:
+                await asyncio.to_thread(self._state.erase)
+        except ConfigError as error:
+            self.bus.warn("state", f"the person's mounting is used, but will be lost at the end: {error}")
+            return str(error)
+        self.bus.clear("state")
+        return ""
+
+    def _tell(self, topic: str, warning: str) -> None:
+        if warning:
+            self.bus.warn(topic, warning)
+        else:
+            self.bus.clear(topic)
 
 
 def _check_named(config: ImuBridgeConfig) -> None:

@@ -8,6 +8,7 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, ticks
 from pointit.schemas import NS_PER_S
+from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import SimulatedConfig
 from pointit.services.imu_bridge.reading import Deliver, Reading
 
@@ -16,8 +17,11 @@ class SimulatedDevice:
     """What a sensor on a sweeping arm reads at a time; the same seed reads the same."""
 
     def __init__(self, config: SimulatedConfig, sensor_from_arm: Quaternion = rotation.IDENTITY) -> None:
+        """Wear the sensor as `sensor_from_arm` has it, but for the configured error."""
         self._config = config
-        self._arm_from_sensor = rotation.inverse(sensor_from_arm)
+        roll, pitch, yaw = map(math.radians, config.mounting_error_deg)
+        worn = rotation.multiply(sensor_from_arm, from_roll_pitch_yaw(roll, pitch, yaw))
+        self._arm_from_sensor = rotation.inverse(worn)
         self._noise_rad = math.radians(config.noise_deg)
         self._random = np.random.default_rng(config.seed)
 

@@ -1,0 +1,161 @@
+"""How the sensor sits on the arm, measured by two poses: the arm level ahead, and straight up.
+
+Orientations are world_from_arm as it is taken to be before the measurement; the result is arm_from_true,
+which rotates vectors of the true arm frame (x to the finger, z up in the first pose) into the one of before.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+
+Orientations = NDArray[np.float64]
+"""n x 4, x, y, z, w."""
+
+RESTLESS_RAD = math.radians(5.0)
+"""A sample farther from where the rest began is a movement; people's holds wander by 1° (pointing.md §7)."""
+STILL_RAD = math.radians(3.0)
+"""Spread (rms) of a pose above which it does not count."""
+APART_RAD = math.radians(45.0)
+"""Between the two poses the arm turns by 90°; by less than this it did not move."""
+SQUARE_RAD = math.radians(25.0)
+"""How far the two poses may be from a right angle to each other: then at least one was held wrongly."""
+
+_UP: Vec3 = (0.0, 0.0, 1.0)
+
+
+class MountingError(ValueError):
+    """The poses tell no mounting; the text is one sentence that says why, and what to do."""
+
+
+@dataclass(frozen=True)
+class Hold:
+    """An arm that rested in a pose."""
+
+    mean_xyzw: Quaternion
+    spread_rad: float
+    """rms of the angles between the samples and their mean."""
+    samples: int
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """A solved mounting; errors are elevations of the arm less what the pose asks for."""
+
+    arm_from_true: Quaternion
+    about_arm_rad: float
+    """How far the sensor sits turned about the arm; positive: clockwise, seen from elbow to finger."""
+    off_axis_rad: float
+    """Angle between the true arm and what was taken for it."""
+    forward_before_rad: float
+    up_before_rad: float
+    forward_after_rad: float
+    up_after_rad: float
+    heading_change_rad: float
+    """How far the azimuth of the arm, level ahead, turns when the mounting is used."""
+
+
+class Stillness:
+    """Collects samples while the arm rests; a movement begins anew."""
+
+    def __init__(self, duration_s: float) -> None:
+        self._duration_s = duration_s
+        self._samples: list[Quaternion] = []
+        self._began_s = 0.0
+        self.rested_s = 0.0
+        """For how long the arm has rested so far."""
+        self.moved_rad = 0.0
+        """How far the newest sample is from where the rest began."""
+
+    def add(self, orientation_xyzw: Quaternion, time_s: float) -> Hold | None:
+        """Take a sample; return the pose once the arm has rested for long enough."""
+        self.moved_rad = angle_between(self._samples[0], orientation_xyzw) if self._samples else 0.0
+        if not self._samples or self.moved_rad > RESTLESS_RAD or time_s < self._began_s:
+            self._samples.clear()
+            self._began_s = time_s
+        self._samples.append(orientation_xyzw)
+        self.rested_s = time_s - self._began_s
+        if self.rested_s < self._duration_s:
+            return None
+        return hold(np.array(self._samples))
+
+
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """Return by how much `b` is turned from `a`, 0 to pi."""
+    x, y, z, w = rotation.multiply(rotation.inverse(a), b)
+    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
+
+
+def hold(orientations: Orientations) -> Hold:
+    """Return the mean orientation (Markley 2007, as SciPy has it) and the spread about it."""
+    turns = Rotation.from_quat(orientations)
+    mean = turns.mean()
+    angles = (mean.inv() * turns).magnitude()
+    x, y, z, w = (float(value) for value in mean.as_quat())
+    return Hold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
+
+
+def solve_mounting(forward: Hold, up: Hold) -> Mounting:
+    """Return the mounting that explains the arm level ahead (palm down) and the arm straight up.
+
+    The arm's axis is what pointed up in the second pose, and level in the first; where both cannot be, the
+    difference is shared. The roll about it is such that the arm's z is up in the first pose.
+
+    Raises:
+        MountingError: the arm did not rest, did not move in between, or one of the poses was another.
+    """
+    for pose, name in ((forward, "ahead"), (up, "up")):
+        if pose.spread_rad > STILL_RAD:
+            raise MountingError(
+                f"the arm did not rest while it was {name}: it wandered by "
+                f"{math.degrees(pose.spread_rad):.1f}° rms, at most {math.degrees(STILL_RAD):.0f}° is "
+                "allowed; hold it still and do it again"
+            )
+    turned_rad = angle_between(forward.mean_xyzw, up.mean_xyzw)
+    if turned_rad < APART_RAD:
+        raise MountingError(
+            f"the two poses are the same: between them the arm turned by {math.degrees(turned_rad):.0f}° "
+            "only; hold it level ahead first, then straight up"
+        )
+    level = rotation.rotate(rotation.inverse(forward.mean_xyzw), _UP)  # up in the first pose, arm's frame
+    axis = rotation.rotate(rotation.inverse(up.mean_xyzw), _UP)
+    slope_rad = math.asin(max(-1.0, min(1.0, vector.dot(axis, level))))
+    if abs(slope_rad) > SQUARE_RAD:
+        raise MountingError(
+            f"what was up in the second pose is {abs(math.degrees(slope_rad)):.0f}° from level in the first, "
+            f"at most {math.degrees(SQUARE_RAD):.0f}° is allowed: point level ahead, then straight up, with "
+            "the arm stretched and the wrist straight, and without the band slipping"
+        )
+    levelled = vector.normalized(vector.subtract(axis, vector.scale(level, vector.dot(axis, level))))
+    x = vector.normalized(vector.add(axis, levelled))
+    z = vector.normalized(vector.subtract(level, vector.scale(x, vector.dot(level, x))))
+    matrix = np.array([x, vector.cross(z, x), z]).T
+    qx, qy, qz, qw = (float(value) for value in Rotation.from_matrix(matrix).as_quat(canonical=True))
+    return _account(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
+
+
+def _account(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> Mounting:
+    ahead: Vec3 = (1.0, 0.0, 0.0)
+    axis = rotation.rotate(arm_from_true, ahead)
+
+    def seen(pose: Quaternion, direction: Vec3) -> Vec3:
+        return rotation.rotate(pose, direction)
+
+    before, after = seen(forward, ahead), seen(forward, axis)
+    half_turn = math.pi / 2.0
+    return Mounting(
+        arm_from_true=arm_from_true,
+        about_arm_rad=vector.wrap(-2.0 * math.atan2(arm_from_true[0], arm_from_true[3])),
+        off_axis_rad=vector.angle_between(axis, ahead),
+        forward_before_rad=vector.elevation(before),
+        up_before_rad=vector.elevation(seen(up, ahead)) - half_turn,
+        forward_after_rad=vector.elevation(after),
+        up_after_rad=vector.elevation(seen(up, axis)) - half_turn,
+        heading_change_rad=vector.wrap(vector.azimuth(after) - vector.azimuth(before)),
+    )

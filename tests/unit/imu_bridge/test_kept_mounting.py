@@ -1,0 +1,157 @@
+"""A measured mounting: in use at once, kept for the next start, forgotten when asked, never a crash."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.runtime import WallClock
+from pointit.runtime.config import Layers
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Health, ImuSample, SetMounting, SetMountingReply
+from pointit.schemas.topics import HEALTH, IMU, SET_MOUNTING
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
+from pointit.services.imu_bridge.config import ImuBridgeConfig, SimulatedConfig
+from pointit.services.imu_bridge.kept_mounting import KeptMountings, Wearing
+from pointit.services.imu_bridge.service import ImuBridge
+from tests.support.bench import Bench, memory_bench, until
+
+ANNA = "anna"
+TURNED = from_roll_pitch_yaw(0.5, -0.2, 0.3)
+
+
+def ask(quaternion: Quaternion | None, *, relative: bool = False) -> SetMounting:
+    return SetMounting(sensor_from_arm_xyzw=quaternion, is_relative=relative)
+
+
+def kept(
+    config: ImuBridgeConfig, quaternion: Quaternion, before: KeptMountings | None = None
+) -> KeptMountings:
+    after = Wearing(config, before).set(ask(quaternion), 1)
+    assert after is not None
+    return after
+
+
+def test_a_relative_one_counts_from_the_one_in_use() -> None:
+    wearing = Wearing(ImuBridgeConfig(mounting="metamotion"))
+    wearing.set(ask(TURNED, relative=True), 1)
+    expected = rotation.multiply(MOUNTINGS["metamotion"], TURNED)
+    assert wearing.sensor_from_arm == pytest.approx(expected)
+    wearing.set(ask(TURNED, relative=True), 2)
+    assert wearing.sensor_from_arm == pytest.approx(rotation.multiply(expected, TURNED))
+    assert wearing.set(ask(rotation.IDENTITY, relative=True), 3) is None  # only asks
+    wearing.set(ask(TURNED), 4)
+    assert wearing.sensor_from_arm == pytest.approx(TURNED)
+    wearing.set(ask(None), 5)
+    assert wearing.sensor_from_arm == MOUNTINGS["metamotion"]
+    assert "as configured (metamotion)" in wearing.describe()
+
+
+def test_each_kind_of_source_has_its_own() -> None:
+    simulated, serial = ImuBridgeConfig(), ImuBridgeConfig(source="serial")
+    state = kept(serial, MOUNTINGS["minus_y"], kept(simulated, TURNED))
+    assert Wearing(simulated, state).sensor_from_arm == pytest.approx(TURNED)
+    assert Wearing(serial, state).sensor_from_arm == MOUNTINGS["minus_y"]
+    assert Wearing(ImuBridgeConfig(source="replay"), state).is_measured is False
+    left = Wearing(simulated, state).set(ask(None), 2)
+    assert left is not None
+    assert list(left.by_source) == ["serial"]
+
+
+def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
+    state = kept(ImuBridgeConfig(), TURNED)
+    wearing = Wearing(ImuBridgeConfig(mounting="metamotion"), state)
+    assert wearing.sensor_from_arm == MOUNTINGS["metamotion"]
+    assert "measured while plus_x was configured, now it is metamotion" in wearing.warning
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        ImuBridgeConfig(mounting_xyzw=(0.0, 0.0, 1.0, 0.0)),
+        ImuBridgeConfig(mounting_rpy_deg=(0.0, 0.0, 180.0)),
+    ],
+)
+def test_a_configured_rotation_wins_at_the_start_and_says_so(config: ImuBridgeConfig) -> None:
+    wearing = Wearing(config, kept(ImuBridgeConfig(), TURNED))
+    assert wearing.sensor_from_arm == pytest.approx((0.0, 0.0, 1.0, 0.0))
+    assert "is configured and wins" in wearing.warning
+    wearing.set(ask(TURNED), 2)
+    assert wearing.sensor_from_arm == pytest.approx(TURNED)
+    assert not wearing.warning
+    assert "until the next start" in wearing.describe()
+
+
+def test_two_rotations_are_one_too_many() -> None:
+    layers = Layers()
+    layers.add({"mounting_xyzw": [0, 0, 0, 1], "mounting_rpy_deg": [0, 0, 0]}, "file.yaml")
+    with pytest.raises(ConfigError, match="give one of them"):
+        layers.build(ImuBridgeConfig)
+
+
+def still(error_deg: tuple[float, float, float]) -> ImuBridgeConfig:
+    simulated = SimulatedConfig(
+        azimuth_amplitude_deg=0, elevation_amplitude_deg=0, elevation_deg=20, mounting_error_deg=error_deg
+    )
+    return ImuBridgeConfig(mounting="metamotion", simulated=simulated)
+
+
+async def finger_of(samples: list[ImuSample]) -> vector.Vec3:
+    seen = len(samples)
+    await until(lambda: len(samples) > seen + 1)
+    return rotation.rotate(samples[-1].orientation_xyzw, (1.0, 0.0, 0.0))
+
+
+async def set_mounting(bench: Bench, query: SetMounting) -> SetMountingReply:
+    reply: SetMountingReply = await bench.bus.call(SET_MOUNTING, query, ANNA)
+    return reply
+
+
+async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_state: Path) -> None:
+    error_deg = (30.0, -15.0, 60.0)
+    config = still(error_deg)
+    arm = vector.direction(0.0, math.radians(20))
+    async with memory_bench(WallClock()) as bench:
+        samples = bench.collect(IMU, ANNA)
+        bench.start(ImuBridge, config, user=ANNA)
+        assert vector.angle_between(await finger_of(samples), arm) > 0.5
+        roll, pitch, yaw = map(math.radians, error_deg)
+        error = from_roll_pitch_yaw(roll, pitch, yaw)
+        reply = await set_mounting(bench, ask(error, relative=True))
+        expected = rotation.multiply(MOUNTINGS["metamotion"], error)
+        assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
+        assert "as measured" in reply.message
+        assert vector.angle_between(await finger_of(samples), arm) < 1e-6
+    path = own_state / "users" / ANNA / "mounting.json"
+    assert path.is_file()
+    async with memory_bench(WallClock()) as bench:
+        samples = bench.collect(IMU, ANNA)
+        bench.start(ImuBridge, config, user=ANNA)
+        assert vector.angle_between(await finger_of(samples), arm) < 1e-6
+        reply = await set_mounting(bench, ask(rotation.IDENTITY, relative=True))
+        assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
+        assert (await set_mounting(bench, ask(None))).sensor_from_arm_xyzw == MOUNTINGS["metamotion"]
+        assert vector.angle_between(await finger_of(samples), arm) > 0.5
+    assert not path.exists()
+
+
+async def test_a_spoilt_file_is_a_warning_and_what_cannot_be_kept_is_used(own_state: Path) -> None:
+    path = own_state / "users" / ANNA / "mounting.json"
+    path.parent.mkdir(parents=True)
+    path.write_text('{"by_source": {"simulated": 7}}', encoding="utf-8")
+    async with memory_bench(WallClock()) as bench:
+        reports: list[Health] = bench.collect(HEALTH)
+        bench.start(ImuBridge, still((0, 0, 0)), user=ANNA)
+        await until(lambda: bool(reports and reports[-1].warnings))
+        assert "mounting.json: cannot be used" in reports[-1].warnings[0]
+        await set_mounting(bench, ask(TURNED))  # in its place
+        await until(lambda: not reports[-1].warnings)
+        path.unlink()
+        path.parent.rmdir()
+        path.parent.write_text("in the way", encoding="utf-8")
+        reply = await set_mounting(bench, ask(TURNED))
+        assert "used now, but not kept" in reply.message
+        assert reply.sensor_from_arm_xyzw == pytest.approx(TURNED)
+        await until(lambda: bool(reports[-1].warnings))

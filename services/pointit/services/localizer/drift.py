@@ -15,19 +15,25 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer import rejected
 from pointit.services.localizer.drift_model import (
+    RATE,
+    YAW,
     AnchorResult,
     Array,
     DriftPose,
     DriftSettings,
     Fix,
+    X,
+    Y,
+    bounded,
     positive,
+    predicted,
 )
 from pointit.services.localizer.rejected import AGREED, Rejected, Sight
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
-X, Y, YAW, RATE = range(4)
-"""The state: m, m, rad, rad/s."""
+LEAST_SIGMA = 1e-6
+"""Nothing is measured better (rad, rad/s)."""
 
 
 class DriftFilter:
@@ -117,7 +123,7 @@ class DriftFilter:
             yaw_rad=float(mean[YAW]),
             covariance=covariance[:3, :3].copy(),
             yaw_rate_radps=float(mean[RATE]),
-            yaw_rate_sigma_radps=math.sqrt(float(covariance[RATE, RATE])),
+            yaw_rate_sigma_radps=math.sqrt(max(0.0, float(covariance[RATE, RATE]))),
             anchored_ns=self._anchored_ns,
             stamp_ns=max(now_ns, self._stamp_ns),
         )
@@ -140,7 +146,7 @@ class DriftFilter:
         other, the pose becomes uncertain and the reason asks for a new localization.
 
         Args:
-            stamp_ns: the middle of the hold.
+            stamp_ns: the middle of the hold; the filter goes on to it where it is newer.
             target_m: {W}.
             origin_m: of the ray, {H}.
             direction_h: mean of the unfiltered rays, the person's offset taken out, {H}; any length but 0.
@@ -196,7 +202,7 @@ class DriftFilter:
         slope = np.array([[0.0, 0.0, 1.0, -late_s]])
         yaw = azimuth_w_rad - vector.azimuth(direction_h)
         away = math.remainder(yaw - float(self._mean[YAW] - late_s * self._mean[RATE]), math.tau)
-        noise = sigma_rad**2
+        noise = max(sigma_rad, LEAST_SIGMA) ** 2
         note = ""
         if away**2 > settings.gate**2 * (float((slope @ self._covariance @ slope.T)[0, 0]) + noise):
             note = f"the yaw was off by {math.degrees(away):+.0f}° and was set anew"
@@ -206,30 +212,41 @@ class DriftFilter:
         self._anchored_ns = max(self._anchored_ns, stamp_ns)
         return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
 
-    def still(self, stamp_ns: int, yaw_rate_radps: float, sigma_radps: float) -> AnchorResult:
+    def still(
+        self, stamp_ns: int, yaw_rate_radps: float, sigma_radps: float, creep_sigma_radps: float = 0.0
+    ) -> AnchorResult:
         """Take the yaw rate that was measured while the arm rested; see `stillness.StillRate`.
+
+        What creeps cannot be averaged out, so it is taken only while the rate is known less well than that.
 
         Args:
             stamp_ns: the middle of the rest; up to a minute old, since rates change slowly.
             yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
             sigma_radps: its one sigma, > 0.
+            creep_sigma_radps: one sigma of an error that all such rests of this person share.
         """
         settings = self._settings
-        usable = math.isfinite(yaw_rate_radps) and 0.0 < sigma_radps < math.inf
-        if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + settings.gate * sigma_radps:
+        sigma = max(math.hypot(sigma_radps, creep_sigma_radps), LEAST_SIGMA)
+        usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma)
+        if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + settings.gate * sigma:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
         if stamp_ns < self._stamp_ns - 60 * NS_PER_S:
             return AnchorResult(accepted=False, reason="the rest is over since long; see the clocks")
         self._advance(stamp_ns)
         away = yaw_rate_radps - float(self._mean[RATE])
-        total = float(self._covariance[RATE, RATE]) + sigma_radps**2
+        variance = float(self._covariance[RATE, RATE])
+        if variance <= creep_sigma_radps**2:
+            return AnchorResult(
+                accepted=False, reason="a held-up arm does not tell the drift better; let it hang"
+            )
+        total = variance + sigma**2
         if away**2 > settings.gate**2 * total:
             return AnchorResult(
                 accepted=False,
                 reason=f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
                 "drift; rest it on something that does not move",
             )
-        self._update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma_radps**2]]))
+        self._update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma**2]]))
         return AnchorResult(accepted=True)
 
     def _restart(self, fix: Fix) -> None:
@@ -258,21 +275,7 @@ class DriftFilter:
         self._bound()
 
     def _predicted(self, passed_s: float) -> tuple[Array, Array]:
-        settings = self._settings
-        mean, covariance = self._mean.copy(), self._covariance
-        if passed_s <= 0.0:
-            return mean, covariance.copy()
-        mean[YAW] = math.remainder(float(mean[YAW] + mean[RATE] * passed_s), math.tau)
-        step = np.eye(4)
-        step[YAW, RATE] = passed_s
-        covariance = step @ covariance @ step.T
-        walk = settings.rate_walk_radps**2 * passed_s
-        covariance[[X, Y], [X, Y]] += settings.position_walk_m**2 * passed_s
-        covariance[YAW, YAW] += settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
-        covariance[YAW, RATE] += walk * passed_s / 2.0
-        covariance[RATE, YAW] += walk * passed_s / 2.0
-        covariance[RATE, RATE] += walk
-        return mean, self._bounded(covariance)
+        return predicted(self._mean, self._covariance, passed_s, self._settings)
 
     def _advance(self, stamp_ns: int) -> None:
         if stamp_ns > self._stamp_ns:
@@ -327,6 +330,7 @@ class DriftFilter:
             self._rejected,
             settings.gate,
             rate_sigma,
+            since_ns=self._anchored_ns,
             believe_after=settings.believe_after,
             despair_after=settings.despair_after,
         )
@@ -374,19 +378,4 @@ class DriftFilter:
         limit = self._settings.max_rate_radps
         self._mean[YAW] = math.remainder(float(self._mean[YAW]), math.tau)
         self._mean[RATE] = min(max(float(self._mean[RATE]), -limit), limit)
-        self._covariance = self._bounded(self._covariance)
-
-    def _bounded(self, covariance: Array) -> Array:
-        """Return it symmetric, no sigma above its bound; correlations stay."""
-        settings = self._settings
-        largest = np.array(
-            [
-                settings.max_position_sigma_m,
-                settings.max_position_sigma_m,
-                settings.max_yaw_sigma_rad,
-                settings.rate_sigma_radps,
-            ]
-        )
-        sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        shrink = np.minimum(1.0, largest / sigmas)
-        return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))
+        self._covariance = bounded(self._covariance, self._settings)

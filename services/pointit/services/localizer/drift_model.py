@@ -1,4 +1,4 @@
-"""What the drift filter is told, believes and tells."""
+"""What the drift filter is told, believes and tells, and how its state goes on with time."""
 
 import math
 from dataclasses import dataclass
@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+X, Y, YAW, RATE = range(4)
+"""The state: m, m, rad, rad/s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +87,7 @@ class DriftPose:
     @property
     def yaw_sigma_rad(self) -> float:
         """Return one sigma of the yaw."""
-        return math.sqrt(float(self.covariance[2, 2]))
+        return math.sqrt(max(0.0, float(self.covariance[2, 2])))
 
     @property
     def position_sigma_m(self) -> float:
@@ -105,6 +108,35 @@ class AnchorResult:
     """Why it was rejected and what to do, one sentence; empty when it was accepted."""
     note: str = ""
     """What a technician should know of one that was accepted, one sentence; mostly empty."""
+
+
+def predicted(
+    mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
+) -> tuple[Array, Array]:
+    """Return mean (4) and covariance (4 x 4) after `passed_s`; copies."""
+    mean = mean.copy()
+    if passed_s <= 0.0:
+        return mean, covariance.copy()
+    mean[YAW] = math.remainder(float(mean[YAW] + mean[RATE] * passed_s), math.tau)
+    step = np.eye(4)
+    step[YAW, RATE] = passed_s
+    covariance = step @ covariance @ step.T
+    walk = settings.rate_walk_radps**2 * passed_s
+    covariance[[X, Y], [X, Y]] += settings.position_walk_m**2 * passed_s
+    covariance[YAW, YAW] += settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
+    covariance[YAW, RATE] += walk * passed_s / 2.0
+    covariance[RATE, YAW] += walk * passed_s / 2.0
+    covariance[RATE, RATE] += walk
+    return mean, bounded(covariance, settings)
+
+
+def bounded(covariance: Array, settings: DriftSettings) -> Array:
+    """Return it (4 x 4) symmetric, no sigma above its bound; correlations stay."""
+    away = settings.max_position_sigma_m
+    largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.rate_sigma_radps])
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    shrink = np.minimum(1.0, largest / sigmas)
+    return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))
 
 
 def positive(covariance: Array) -> Array:

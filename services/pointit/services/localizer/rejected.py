@@ -84,6 +84,7 @@ def verdict(
     gate: float,
     rate_sigma_radps: float,
     *,
+    since_ns: int,
     believe_after: int,
     despair_after: int,
 ) -> Verdict:
@@ -93,25 +94,34 @@ def verdict(
         doubts: in order of time, the newest last.
         gate: sigmas within which two agree.
         rate_sigma_radps: how uncertain the drift between them is.
+        since_ns: when the pose was last told to be right.
         believe_after: so many that agree are believed.
         despair_after: so many are too many.
     """
     newest = doubts[-1]
     if len(doubts) >= believe_after and all(
-        _agree(newest, other, gate, rate_sigma_radps) for other in doubts[-believe_after:-1]
+        _agree(newest, other, gate, rate_sigma_radps, since_ns) for other in doubts[-believe_after:-1]
     ):
         return AGREED
     return SCATTERED if len(doubts) >= despair_after else ""
 
 
-def _agree(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> bool:
+def _agree(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float, since_ns: int) -> bool:
+    """Return whether both tell the same step of the yaw, or the same drift since `since_ns`."""
+    if (a.elevation_error_rad - b.elevation_error_rad) ** 2 > gate**2 * (
+        a.elevation_variance + b.elevation_variance
+    ):
+        return False
     drifted = rate_sigma_radps * (a.sight.stamp_ns - b.sight.stamp_ns) / NS_PER_S
-    azimuth = math.remainder(a.azimuth_error_rad - b.azimuth_error_rad, math.tau)
-    elevation = a.elevation_error_rad - b.elevation_error_rad
-    return (
-        abs(azimuth) <= gate * math.sqrt(a.azimuth_variance + b.azimuth_variance + drifted**2)
-        and elevation**2 <= gate**2 * (a.elevation_variance + b.elevation_variance)
-    )  # fmt: skip
+    step = math.remainder(a.azimuth_error_rad - b.azimuth_error_rad, math.tau)
+    if step**2 <= gate**2 * (a.azimuth_variance + b.azimuth_variance + drifted**2):
+        return True
+    earlier_ns = b.sight.stamp_ns - since_ns
+    if earlier_ns <= 0:
+        return False
+    grown = (a.sight.stamp_ns - since_ns) / earlier_ns
+    ramp = math.remainder(a.azimuth_error_rad - grown * b.azimuth_error_rad, math.tau)
+    return ramp**2 <= gate**2 * (a.azimuth_variance + grown**2 * b.azimuth_variance)
 
 
 def sentence(doubt: Rejected, allowed: Array, decided: Verdict) -> str:
@@ -131,7 +141,10 @@ def sentence(doubt: Rejected, allowed: Array, decided: Verdict) -> str:
         off = f"the target was {abs(elevation):.0f}° {'above' if elevation > 0 else 'below'} the ray"
         limit = math.degrees(float(allowed[1]))
     if decided == AGREED:
-        return f"{off}, as it was before: the IMU was turned or the person moved, and the pose follows"
+        return (
+            f"{off}, as those before tell: the IMU was turned, drifts fast or the person moved; the pose "
+            "follows"
+        )
     if decided == SCATTERED:
         return f"{off} and those before fit neither the pose nor each other: localize again"
     return f"{off} where at most {limit:.0f}° is believed; point at that target again, arm straight"

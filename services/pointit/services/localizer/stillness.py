@@ -30,7 +30,7 @@ class StillnessSettings:
     """Samples are averaged over so much."""
     gap_s: float = 0.5
     """A longer silence ends the rest."""
-    max_step_rad: float = math.radians(1.0)
+    max_step_rad: float = math.radians(1.5)
     """Turning by more within `settle_s` is movement."""
     max_rate_radps: float = math.radians(1.0)
     """Turning faster, all the time, is following something: no IMU drifts so fast."""
@@ -42,8 +42,13 @@ class StillnessSettings:
     """How it wanders up and down, rms."""
     correlation_s: float = 0.3
     """For how long that wander is alike."""
-    rate_sigma_radps: float = math.radians(0.03)
+    turn_sigma_radps: float = math.radians(0.03)
     """What a resting body itself turns by; no rest is measured better."""
+    creep_sigma_radps: float = math.radians(0.2)
+    """What an arm that is held up creeps by, always the same way for one person: holds told the drift to
+    5.3° in 45 s (pointing.md §3)."""
+    hanging_rad: float = math.radians(-50.0)
+    """Elevation of the arm below which it hangs and does not creep."""
     gate: float = 3.0
     """Tilting at a rate of more than so many sigmas is movement."""
 
@@ -57,6 +62,9 @@ class StillRate:
     yaw_rate_radps: float
     """Of {H} in {W}: minus the rate at which the resting arm turned in {H}."""
     sigma_radps: float
+    """Of this rest by itself."""
+    creep_sigma_radps: float
+    """Of what all rests of a held-up arm have in common; 0 when it hung."""
     span_s: float
 
 
@@ -84,10 +92,12 @@ class Stillness:
         self._kept: list[_Turn] = []
         self._to_settle = self._delay
 
-    def reset(self) -> None:
-        """Forget the present rest: the samples to come have nothing to do with it."""
+    def end(self) -> StillRate | None:
+        """Return the rate if the rest until now tells one, and begin anew: as when a cursor appears."""
+        told = self._finish()
         self._last_ns = -1
         self._begin()
+        return told
 
     def add(self, orientation_xyzw: Quaternion, stamp_ns: int) -> StillRate | None:
         """Take a sample; return a rate when it ends a rest, or when the rest has lasted long enough.
@@ -185,10 +195,13 @@ class Stillness:
         ):
             return None
         sigma = share * max(settings.hold_sigma_rad, spreads[2])
+        x, y, z, w = self._last
+        hangs = 2.0 * (x * z - w * y) < math.sin(settings.hanging_rad)  # height of the arm's x axis
         return StillRate(
             stamp_ns=start_ns + round(span_s / 2 * NS_PER_S),
             yaw_rate_radps=-rates[2],
-            sigma_radps=math.hypot(sigma, settings.rate_sigma_radps),
+            sigma_radps=math.hypot(sigma, settings.turn_sigma_radps),
+            creep_sigma_radps=0.0 if hangs else settings.creep_sigma_radps,
             span_s=span_s,
         )
 

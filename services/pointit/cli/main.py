@@ -17,6 +17,11 @@ COMMANDS = (
     ("call", "ask a service for something; alone, list what can be asked", "pointit.cli.call:command"),
     ("hz", "measure rates against the nominal ones", "pointit.cli.hz:command"),
     ("doctor", "say what runs, what is stale, what is wrong and what to do", "pointit.cli.doctor:command"),
+    (
+        "evaluate",
+        "measure on recordings of people how good the estimates are",
+        "pointit.cli.evaluate:command",
+    ),
     ("schema", "write or check the catalogue of messages", "pointit.cli.schema:command"),
     ("router", "run a router that joins several machines", "pointit.cli.router:command"),
 )

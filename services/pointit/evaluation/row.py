@@ -49,8 +49,11 @@ class Row:
     angle_deg: Spread | None = None
     """Between ray and target."""
     share_above_1m: float | None = None
+    misled: float | None = None
+    """Share of trials that were off by more than 1 m with a stated sigma below 0.5 m."""
     within_2_sigma: float | None = None
-    """Share of true errors within the stated 2 sigma."""
+    """Share of true errors of the position within the stated 2 sigma."""
+    yaw_within_2_sigma: float | None = None
     refused: int | None = None
     solve_ms: Spread | None = None
     bound_m: float | None = None

@@ -32,7 +32,8 @@ class Table:
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        return max(len(column) for column in (*self.numbers.values(), *self.texts.values()))
+        numbers, texts = map(len, self.numbers.values()), map(len, self.texts.values())
+        return max((*numbers, *texts), default=0)
 
     def vectors(self, *names: str) -> Array:
         """Return the columns `names` side by side, n x k."""

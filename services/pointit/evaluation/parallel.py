@@ -1,0 +1,89 @@
+"""Work spread over processes, which all end when it is done, given up or the one who asked is gone."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
+from typing import TypeVar
+
+from pointit.runtime.errors import PointItError
+
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
+
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""The cores are used by the processes; threads inside them would only disturb the times."""
+
+
+def spread(
+    work: Callable[[Piece], Result], pieces: Iterable[Piece], jobs: int
+) -> Generator[tuple[int, Result]]:
+    """Yield the number of each piece and what `work` made of it, as they come.
+
+    Closing the generator, or an exception in whoever reads it, ends all processes at once.
+
+    Args:
+        work: of a module, not of `__main__`: it is imported by each process.
+        pieces: what can be pickled.
+        jobs: processes.
+
+    Raises:
+        PointItError: a process came to an end by itself.
+    """
+    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    finished = False
+    try:
+        with _for_children():
+            futures: dict[Future[Result], int] = {}
+            for number, piece in enumerate(pieces):
+                futures[pool.submit(work, piece)] = number
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+        finished = True
+    except BrokenProcessPool as error:
+        raise PointItError(
+            "a process of the evaluation came to an end by itself; is there too little memory for --jobs?"
+        ) from error
+    finally:
+        pool.shutdown(wait=finished, cancel_futures=True)
+        if not finished:
+            for process in multiprocessing.active_children():
+                process.terminate()
+
+
+def _begin() -> None:
+    """Leave Ctrl-C to the process that asked, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+@contextlib.contextmanager
+def _for_children() -> Generator[None]:
+    """Have processes that start inside ignore Ctrl-C from their first moment, and use one thread each."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    # only the main thread may set handlers; elsewhere Ctrl-C is nobody's business
+    is_main = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
+    try:
+        yield
+    finally:
+        if is_main:
+            signal.signal(signal.SIGINT, handler)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.schemas import BodyMeasures, ImuSample, UserProfile
-from pointit.services.pointing.eye_finger import EyeFinger
+from pointit.schemas import BodyMeasures
+from pointit.services.pointing.arm_ray import ArmRay
 
 Array = NDArray[np.float64]
 
@@ -36,15 +36,10 @@ def eye_height_m(body: BodyMeasures) -> float:
 
 def eye_finger_rays(orientations: Iterable[Quaternion], body: BodyMeasures) -> tuple[Array, Array]:
     """Return origins and directions (n x 3 each, {H}) of straight arms, whose x axes point to the finger."""
-    model = EyeFinger(UserProfile(stamp_ns=0, body=body))
-    rays = [model.ray(ImuSample(stamp_ns=0, orientation_xyzw=each), 0) for each in orientations]
-    known = [ray for ray in rays if ray is not None]
-    if len(known) != len(rays):
+    origins, directions = ArmRay(body).rays(np.array(list(orientations), dtype=np.float64).reshape(-1, 4))
+    if np.isnan(directions).any():
         raise ValueError("a finger at the eyes points nowhere")
-    return (
-        np.array([ray.origin_m for ray in known], dtype=np.float64).reshape(-1, 3),
-        np.array([ray.direction for ray in known], dtype=np.float64).reshape(-1, 3),
-    )
+    return origins, directions
 
 
 def along(direction: Sequence[float]) -> Quaternion:

@@ -1,12 +1,18 @@
 """Parameters of pointing."""
 
+from typing import Literal
+
 from pydantic import Field
 
+from pointit.geometry.one_euro import OneEuro
 from pointit.runtime.config import Config
+
+MIN_CUTOFF_HZ = {"normal": 0.7, "steady": 0.3}
+"""Of the two settings of the filter; pointing.md §2."""
 
 
 class PointingConfig(Config):
-    """When an orientation still makes a ray."""
+    """When an orientation still makes a ray, and how the ray is smoothed."""
 
     stale_after_s: float = Field(
         default=0.2,
@@ -20,3 +26,33 @@ class PointingConfig(Config):
         le=60,
         description="wait for the person's measures so long at the start, then go on with common ones, s",
     )
+    filter: Literal["off", "normal", "steady"] = Field(
+        default="normal", description="smoothing of the ray (1 € filter); steady: for hands that tremble"
+    )
+    min_cutoff_hz: float | None = Field(
+        default=None,
+        ge=0.01,
+        le=100,
+        description="the filter's cut-off at rest, Hz; lower is steadier and slower; "
+        "empty: as the filter has it, 0.7 normal, 0.3 steady",
+    )
+    beta_hz_per_degps: float = Field(
+        default=0.05, ge=0, le=10, description="how much that cut-off rises with the speed, Hz per deg/s"
+    )
+    derivative_cutoff_hz: float = Field(
+        default=1.0, ge=0.01, le=100, description="cut-off of the speed itself, Hz"
+    )
+    filter_gap_s: float = Field(
+        default=0.5, ge=0.05, le=10, description="after so long without a ray the filter begins anew, s"
+    )
+
+    def smoothing(self) -> OneEuro | None:
+        """Return a new filter as configured, or none where it is off."""
+        if self.filter == "off":
+            return None
+        return OneEuro(
+            min_cutoff_hz=self.min_cutoff_hz or MIN_CUTOFF_HZ[self.filter],
+            beta_hz_per_degps=self.beta_hz_per_degps,
+            derivative_cutoff_hz=self.derivative_cutoff_hz,
+            gap_s=self.filter_gap_s,
+        )

@@ -1,13 +1,19 @@
-"""Reads a person's IMU and profile, writes their ray."""
+"""Reads a person's IMU, profile and pose, writes their ray."""
 
+import logging
 from typing import ClassVar
 
 from pointit.runtime import Context, Service
 from pointit.runtime.service import Scope
-from pointit.schemas import NS_PER_S, ImuSample, UserProfile
-from pointit.schemas.topics import IMU, PROFILE, RAY
+from pointit.schemas import NS_PER_S, ImuSample, UserPose, UserProfile
+from pointit.schemas.topics import IMU, POSE, PROFILE, RAY
 from pointit.services.pointing.config import PointingConfig
-from pointit.services.pointing.eye_finger import EyeFinger
+from pointit.services.pointing.pointer import Pointer
+
+log = logging.getLogger(__name__)
+
+FIGURES_NS = NS_PER_S
+"""Figures are reckoned over so long, as health is."""
 
 
 class Pointing(Service[PointingConfig]):
@@ -19,17 +25,26 @@ class Pointing(Service[PointingConfig]):
 
     def __init__(self, config: PointingConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._model = EyeFinger(stale_after_s=config.stale_after_s)
+        self._pointer = Pointer(stale_after_s=config.stale_after_s, smoothing=config.smoothing())
         self._waits = True
+        self._fresh_ns: int | None = None
+        """When a sample last was news; none before the first sample."""
+        self._figures_ns = 0
+        self._judged = self._repeated = self._restarts = 0
+        """As counted when the figures were last reckoned, or said."""
         self._rays = self.bus.publisher(RAY, self.user)
         self.bus.subscribe(PROFILE, self._on_profile, self.user)
+        self.bus.subscribe(POSE, self._on_pose, self.user)
         self.bus.subscribe(IMU, self._on_imu, self.user)
         self.bus.call_later(config.profile_wait_s, self._go_on)
 
     def _on_profile(self, profile: UserProfile, _user: str) -> None:
-        self._model.set_profile(profile)
+        self._pointer.set_profile(profile)
         self._waits = False
         self.bus.clear("profile")
+
+    def _on_pose(self, pose: UserPose, _user: str) -> None:
+        self._pointer.set_yaw(pose.yaw_rad)
 
     def _go_on(self) -> None:
         """Do without the profile, as where there is no supervisor."""
@@ -45,22 +60,51 @@ class Pointing(Service[PointingConfig]):
         if self._waits:
             return
         now_ns = self.clock.now_ns()
-        ray = self._model.ray(sample, now_ns)
-        if ray is None:
-            self.bus.warn("stale", self._complaint((now_ns - sample.stamp_ns) / NS_PER_S))
-            return
-        self.bus.clear("stale")
-        self._rays.put(ray)
+        ray = self._pointer.ray(sample, now_ns)
+        if ray is not None:
+            self._rays.put(ray)
+        self._mind(sample, now_ns)
 
-    def _complaint(self, age_s: float) -> str:
-        limit_s = self.config.stale_after_s
+    def _mind(self, sample: ImuSample, now_ns: int) -> None:
+        """Show what is wrong with the samples, if anything is."""
+        freshness, verdict = self._pointer.freshness, self._pointer.verdict
+        if self._fresh_ns is None or verdict in ("fresh", "no direction"):
+            self._fresh_ns = now_ns
+        if verdict == "fresh":
+            self.bus.clear("samples")
+        elif verdict != "repeated" or now_ns - self._fresh_ns > self.config.stale_after_s * NS_PER_S:
+            self.bus.warn("samples", self._complaint(now_ns - sample.stamp_ns))
+        if freshness.restarts > self._restarts:
+            if not self._restarts:
+                log.warning(
+                    "%s: the clock of the wrist went back: it was restarted, or two wrists send as one user",
+                    self.user,
+                )
+            self._restarts = freshness.restarts
+            self.bus.figure("restarts of the wrist", self._restarts)
+        if not 0 <= now_ns - self._figures_ns < FIGURES_NS:
+            judged, repeated = freshness.judged - self._judged, freshness.repeated - self._repeated
+            self.bus.figure("repeated samples", 100.0 * repeated / judged, "%")
+            self._figures_ns = now_ns
+            self._judged, self._repeated = freshness.judged, freshness.repeated
+
+    def _complaint(self, age_ns: int) -> str:
+        freshness, verdict = self._pointer.freshness, self._pointer.verdict
+        age_s, limit_s = age_ns / NS_PER_S, self.config.stale_after_s
+        if verdict == "no direction":
+            return "the finger would be at the eyes: correct the body measures of the person's profile"
+        if verdict == "repeated":
+            return (
+                f"{freshness.repeated} IMU samples repeat the one before and made no ray, no other comes: "
+                "the wrist's device is stuck or its link is down; switch it off and on"
+            )
         if age_s < -limit_s:
             what = f"is {-age_s:.1f} s ahead of this machine's clock: synchronize the two clocks"
         elif age_s > limit_s:
             what = f"is {age_s:.1f} s old: look for a slow link, or synchronize the clocks"
         else:
             what = "is out of order: do two sources write it?"
-        return f"{self._model.stale} IMU samples made no ray, the last {what}"
+        return f"{freshness.stale} IMU samples made no ray, the last {what}"
 
 
 SERVICE = Pointing

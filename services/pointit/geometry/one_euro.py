@@ -1,0 +1,107 @@
+"""The 1 € filter for directions: still while the hand is still, quick when it moves (pointing.md §2).
+
+After Casiez, Roussel, Vogel: 1 € Filter, CHI 2012, carried over to the sphere: positions are unit vectors,
+a difference is the arc between two of them, the speed is the norm of one angular velocity for both axes. So
+the filter knows no azimuth that could wrap and no pole, and turning everything turns the output.
+"""
+
+import math
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+
+_STILL: Vec3 = (0.0, 0.0, 0.0)
+
+
+class OneEuro:
+    """Smooths one stream of unit vectors; keeps the last one that came, the last one it gave, their speed."""
+
+    def __init__(
+        self,
+        *,
+        min_cutoff_hz: float = 0.7,
+        beta_hz_per_degps: float = 0.05,
+        derivative_cutoff_hz: float = 1.0,
+        gap_s: float = 0.5,
+    ) -> None:
+        """Take the parameters.
+
+        Args:
+            min_cutoff_hz: cut-off at rest; lower is steadier and slower.
+            beta_hz_per_degps: how much the cut-off rises with the speed.
+            derivative_cutoff_hz: cut-off of the speed itself.
+            gap_s: after a longer silence it begins anew, as it does when time goes backwards.
+
+        Raises:
+            ValueError: a parameter has no meaning.
+        """
+        if min(min_cutoff_hz, derivative_cutoff_hz, gap_s) <= 0.0 or beta_hz_per_degps < 0.0:
+            raise ValueError("cut-offs and gap must be above 0, beta must not be below")
+        self._least = math.tau * min_cutoff_hz
+        self._rise = math.tau * math.degrees(beta_hz_per_degps)
+        self._derivative = math.tau * derivative_cutoff_hz
+        self._gap_s = gap_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next direction comes out as it goes in."""
+        self._at_s: float | None = None
+        self._came: Vec3 = _STILL
+        self._gave: Vec3 = _STILL
+        self._rate: Vec3 = _STILL
+        """Angular velocity, rad/s, low-passed; a vector, so that noise to and fro cancels."""
+
+    def smooth(self, direction: Vec3, at_s: float) -> Vec3:
+        """Return the filtered direction at `at_s`; it lies on the arc from the last one to `direction`.
+
+        Args:
+            direction: norm 1.
+            at_s: when it was captured, s; any clock that does not jump.
+        """
+        passed_s = None if self._at_s is None else at_s - self._at_s
+        if passed_s is None or not 0.0 <= passed_s <= self._gap_s:
+            self._at_s, self._came, self._gave, self._rate = at_s, direction, direction, _STILL
+            return direction
+        if passed_s == 0.0:  # two at one time: the later one counts as where the movement has come to
+            self._came = direction
+            return self._gave
+        self._at_s = at_s
+        rate, came = self._rate, self._came
+        weight = _weight(self._derivative, passed_s)
+        axis = vector.cross(came, direction)
+        sine = vector.norm(axis)
+        angle = math.atan2(sine, vector.dot(came, direction))
+        gain = weight * (angle / sine if sine > 0.0 else 0.0) / passed_s
+        keep = 1.0 - weight
+        rate = (
+            keep * rate[0] + gain * axis[0],
+            keep * rate[1] + gain * axis[1],
+            keep * rate[2] + gain * axis[2],
+        )
+        self._rate, self._came = rate, direction
+        cutoff = self._least + self._rise * vector.norm(rate)
+        self._gave = _between(self._gave, direction, _weight(cutoff, passed_s))
+        return self._gave
+
+
+def _weight(cutoff_radps: float, passed_s: float) -> float:
+    """Return the new value's weight, 1/(1 + 1/(2π f Δt))."""
+    turn = cutoff_radps * passed_s
+    return turn / (1.0 + turn)
+
+
+def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
+    """Return the unit vector `share` of the way along the arc; `end` where the two are opposite."""
+    sine = vector.norm(vector.cross(start, end))
+    cosine = vector.dot(start, end)
+    if sine < 1e-9:  # no arc to speak of, or no single one
+        return start if cosine > 0.0 else end
+    angle = math.atan2(sine, cosine)
+    first, second = math.sin((1.0 - share) * angle) / sine, math.sin(share * angle) / sine
+    return vector.normalized(
+        (
+            first * start[0] + second * end[0],
+            first * start[1] + second * end[1],
+            first * start[2] + second * end[2],
+        )
+    )

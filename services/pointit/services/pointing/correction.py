@@ -1,0 +1,46 @@
+"""A person's systematic error: what is added to the raw ray (pointing.md §3)."""
+
+import math
+
+from pointit.geometry import vector
+from pointit.schemas import PointingOffset
+
+LARGEST_RAD = math.radians(30.0)
+"""No correction is larger."""
+REACH_RAD = math.radians(45.0)
+"""A polynomial is held beyond this far from its reference azimuth, and from the horizon."""
+FADE_RAD = math.radians(10.0)
+"""So near to straight up or down a correction fades: there azimuth and elevation are no coordinates."""
+
+_LEVEL_AT_FADE = math.sin(FADE_RAD)
+
+
+def apply(
+    offset: PointingOffset, azimuth_world_rad: float | None, elevation_rad: float
+) -> tuple[float, float]:
+    """Return what to add to the ray's azimuth and elevation, rad.
+
+    Args:
+        offset: the person's.
+        azimuth_world_rad: of the raw ray in {W}; none while the pose is unknown: then only the elevation is
+            corrected, as it is in the midst of the anchors.
+        elevation_rad: of the raw ray.
+    """
+    if offset.rung == "pitch":
+        azimuth, elevation = 0.0, offset.elevation[0]
+    else:
+        a = 0.0 if azimuth_world_rad is None else vector.wrap(azimuth_world_rad - offset.reference_rad)
+        a = min(max(a, -REACH_RAD), REACH_RAD)
+        e = min(max(elevation_rad, -REACH_RAD), REACH_RAD)
+        elevation = _value(offset.elevation, a, e)
+        azimuth = 0.0 if azimuth_world_rad is None else _value(offset.azimuth, a, e)
+    fade = min(1.0, math.cos(elevation_rad) / _LEVEL_AT_FADE)
+    azimuth = fade * min(max(azimuth, -LARGEST_RAD), LARGEST_RAD)
+    elevation = fade * min(max(elevation, -LARGEST_RAD), LARGEST_RAD)
+    lowest, highest = -math.pi / 2.0 - elevation_rad, math.pi / 2.0 - elevation_rad
+    return azimuth, min(max(elevation, lowest), highest)
+
+
+def _value(terms: tuple[float, float, float, float, float, float], a: float, e: float) -> float:
+    c, by_a, by_e, by_aa, by_ae, by_ee = terms
+    return c + a * (by_a + a * by_aa + e * by_ae) + e * (by_e + e * by_ee)

@@ -1,0 +1,74 @@
+"""From a sample of the wrist to the pointing ray: model, the person's offset, filter."""
+
+from typing import Literal
+
+from pointit.geometry import vector
+from pointit.geometry.one_euro import OneEuro
+from pointit.schemas import NS_PER_S, ImuSample, PointingRay, UserProfile
+from pointit.services.pointing.arm_ray import ArmRay
+from pointit.services.pointing.correction import apply
+from pointit.services.pointing.freshness import Freshness, Verdict
+
+
+class Pointer:
+    """One person's pointing; keeps their measures and offset, the yaw of their pose, the filter."""
+
+    def __init__(
+        self,
+        profile: UserProfile | None = None,
+        *,
+        stale_after_s: float = 0.2,
+        smoothing: OneEuro | None = None,
+    ) -> None:
+        """Take the person's profile (common measures without one) and the filter, if any."""
+        self.freshness = Freshness(stale_after_s)
+        self.verdict: Verdict | Literal["no direction"] = "fresh"
+        """On the last sample; no direction: the finger was at the eyes."""
+        self._smoothing = smoothing
+        self._yaw_rad: float | None = None
+        self._seq = 0
+        self.set_profile(profile if profile is not None else UserProfile(stamp_ns=0))
+
+    def set_profile(self, profile: UserProfile) -> None:
+        """Take the person's measures and offset; the filter begins anew."""
+        self._arm = ArmRay.of(profile)
+        self._offset = profile.offset
+        if self._smoothing is not None:
+            self._smoothing.reset()
+
+    def set_yaw(self, yaw_rad: float) -> None:
+        """Take the azimuth in {W} of {H}'s x axis, by which the offset may differ."""
+        self._yaw_rad = yaw_rad
+
+    def ray(self, sample: ImuSample, now_ns: int) -> PointingRay | None:
+        """Return the ray of `sample`, or none where `verdict` says why not."""
+        self.verdict = self.freshness.judge(sample, now_ns)
+        if self.verdict != "fresh":
+            return None
+        raw = self._arm.direction(sample.orientation_xyzw)
+        if raw is None:
+            self.verdict = "no direction"
+            return None
+        direction = raw
+        by_azimuth = by_elevation = 0.0
+        sigma = None
+        offset = self._offset
+        if offset is not None:
+            azimuth, elevation = vector.azimuth(raw), vector.elevation(raw)
+            yaw = self._yaw_rad
+            by_azimuth, by_elevation = apply(offset, None if yaw is None else azimuth + yaw, elevation)
+            direction = vector.direction(azimuth + by_azimuth, elevation + by_elevation)
+            sigma = offset.sigma_rad
+        if self._smoothing is not None:
+            direction = self._smoothing.smooth(direction, sample.stamp_ns / NS_PER_S)
+        self._seq += 1
+        return PointingRay(
+            stamp_ns=sample.stamp_ns,
+            seq=self._seq,
+            origin_m=self._arm.origin_m,
+            direction=direction,
+            raw_direction=raw,
+            azimuth_correction_rad=by_azimuth,
+            elevation_correction_rad=by_elevation,
+            elevation_sigma_rad=sigma,
+        )

@@ -2,6 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 
+from pointit.cli.certainty import (
+    ANCHOR_AGE,
+    OLD_ANCHOR_S,
+    POSITION_SIGMA,
+    SURE_DEG,
+    UNSURE_DEG,
+    UNSURE_M,
+    YAW_SIGMA,
+    figure,
+)
 from pointit.cli.observation import Finding, Observation, Report
 from pointit.cli.staleness import stale_inputs
 from pointit.schemas import Health
@@ -74,6 +84,7 @@ def _reports(seen: Observation) -> Iterator[Finding]:
         health = reports[-1].health
         yield from _twice(seen, instance, reports)
         yield from _counters(instance, reports[0].health, health)
+        yield from _certainty(instance, health)
         for sentence in health.warnings:
             yield Finding(
                 severity="warning",
@@ -153,6 +164,39 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
     yield from _counter(
         instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
     )
+
+
+def _certainty(instance: str, health: Health) -> Iterator[Finding]:
+    """Find a pose that cannot be trusted any more, and what sets it right."""
+    where_m, yaw_deg = figure(health, POSITION_SIGMA), figure(health, YAW_SIGMA)
+    age_s = figure(health, ANCHOR_AGE)
+    press = f"`pointit press {health.user or 'NAME'} --gesture"
+    if where_m is not None and where_m > UNSURE_M:
+        yield Finding(
+            severity="warning",
+            code="unsure",
+            service=instance,
+            sentence=f"the person's place is uncertain by {where_m:.2f} m (1 sigma; {UNSURE_M:g} m is much)",
+            remedy=f"have them localize anew: hold the button, or {press} hold`; point at more lamps with "
+            "--targets",
+        )
+    elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
+        yield Finding(
+            severity="warning",
+            code="unsure",
+            service=instance,
+            sentence=f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma; {UNSURE_DEG:g}° is much)"
+            + ("" if age_s is None else f", the last anchor is {age_s:.0f} s old"),
+            remedy=f"have them point at one lamp: press the button twice, or {press} double`",
+        )
+    elif age_s is not None and age_s > OLD_ANCHOR_S and (yaw_deg is None or yaw_deg > SURE_DEG):
+        yield Finding(
+            severity="warning",
+            code="old-anchor",
+            service=instance,
+            sentence=f"the last anchor is {age_s / 60:.0f} min old, and the IMU's yaw drifts",
+            remedy=f"have them point at one lamp: press the button twice, or {press} double`",
+        )
 
 
 def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> Iterator[Finding]:

@@ -148,6 +148,14 @@ def _show(seen: Observation, findings: list[Finding], site: str, *, as_json: boo
     if instances:
         rows = tuple(_row(seen, instance, findings) for instance in instances)
         print_table(screen, Section(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS))
+    figures = tuple(
+        {"service": service, "user": user, "figures": _figures(health)}
+        for instance in instances
+        if (health := seen.newest(instance)) is not None and health.figures
+        for service, user in [split(instance)]
+    )
+    if figures:
+        print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
     for finding in findings:
         who = f"{finding.service}: " if finding.service else ""
         screen.print(
@@ -205,6 +213,14 @@ def _rates(health: Health | None, direction: str) -> str:
         key for key in (health.keys if health else ()) if key.direction == direction and key.rate_hz > 0
     ]
     return ", ".join(f"{key.key.rpartition('/')[2]} {key.rate_hz:.0f}" for key in keys)
+
+
+def _figures(health: Health) -> str:
+    """Return a service's own numbers, `drift 3.1 °/min, anchor age 12 s`."""
+    return ", ".join(
+        f"{shown.name} {shown.value:.3g}" + ("" if shown.unit in ("", "°") else " ") + shown.unit
+        for shown in health.figures
+    )
 
 
 def _quantiles(times: Quantiles | None) -> str:

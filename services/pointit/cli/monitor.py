@@ -1,5 +1,6 @@
 """What a run looks like from outside: newest messages of every kind, kept for the view and the summary."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -8,25 +9,33 @@ from dataclasses import dataclass, field
 from pointit.cli.score import Latency, Score
 from pointit.runtime import Bus, Clock
 from pointit.schemas import (
+    Anchor,
     Cursor,
     Environment,
+    Feedback,
     Health,
     Hover,
     Interaction,
     LampColor,
+    Localization,
     SelectionEvent,
     StripsFrame,
+    UserPose,
     UserProfile,
 )
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import (
+    ANCHOR,
     CURSOR,
+    FEEDBACK,
     HEALTH,
     HOVER,
     INTERACTION,
     LAMP_COLOR,
+    LOCALIZATION,
     MAP,
     OBJECTS,
+    POSE,
     PROFILE,
     SELECTION,
     SELECTION_EVENTS,
@@ -53,6 +62,14 @@ class Monitor:
     cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
     hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
     interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
+    poses: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
+    found: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
+    """Where people were found by pointing, also those who have left."""
+    localizations: dict[str, Localization] = field(default_factory=dict[str, Localization])
+    refusals: dict[str, str] = field(default_factory=dict[str, str])
+    """Why the localizer last refused a person, until they try again."""
+    cues: dict[str, str] = field(default_factory=dict[str, str])
+    """What the cue of a refusal last told a person, until they try again; the selector refuses as well."""
     colors: dict[str, Rgb] = field(default_factory=dict[str, Rgb])
     """Each person's colour."""
     lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
@@ -74,6 +91,10 @@ class Monitor:
         bus.subscribe(SELECTION_EVENTS, self._on_event)
         bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state))
         bus.subscribe(INTERACTION, self._on_interaction)
+        bus.subscribe(POSE, self._on_pose)
+        bus.subscribe(LOCALIZATION, self._on_localization)
+        bus.subscribe(ANCHOR, self._on_anchor)
+        bus.subscribe(FEEDBACK, self._on_feedback)
         bus.subscribe(PROFILE, self._on_profile)
         bus.subscribe(HOVER, self._on_hover)
         bus.subscribe(LAMP_COLOR, self._on_lamp)
@@ -87,6 +108,13 @@ class Monitor:
         known = {*self.interactions, *self.cursors}
         return sorted(known & {self.person} if self.person else known)
 
+    def refusal(self, user: str) -> str:
+        """Return why a person could not begin, or not set their pose right, until they try again."""
+        interaction = self.interactions.get(user)
+        told = self.cues.get(user, "")
+        by_supervisor = told if interaction is not None and told == interaction.reason else ""
+        return self.refusals.get(user, "") or by_supervisor
+
     def _news(self, line: str) -> None:
         self.events.append(line)
         if self.tell is not None:
@@ -94,7 +122,16 @@ class Monitor:
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:  # nothing of theirs runs any more: what they did last is no news
-            for newest in (self.cursors, self.hovers, self.interactions, self.colors):
+            for newest in (
+                self.cursors,
+                self.hovers,
+                self.interactions,
+                self.poses,
+                self.localizations,
+                self.refusals,
+                self.cues,
+                self.colors,
+            ):
                 newest.pop(user, None)
             for instance in [name for name, health in self.health.items() if health.user == user]:
                 del self.health[instance], self.heard_s[instance]
@@ -119,6 +156,36 @@ class Monitor:
         begins = before is None and interaction.state == "idle" and not interaction.reason
         if not begins and (before is None or before.state != interaction.state):
             self._news(f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip())
+
+    def _on_pose(self, pose: UserPose, user: str) -> None:
+        self.poses[user] = pose
+        if pose.method != "fixed" and (not self.person or user == self.person):
+            self.found[user] = pose
+
+    def _on_localization(self, news: Localization, user: str) -> None:
+        self.localizations[user] = news
+        if news.phase in {"sampling", "solved"}:
+            self.refusals.pop(user, None)
+            self.cues.pop(user, None)
+        elif news.phase == "refused" and news.reason:
+            self.refusals[user] = news.reason
+
+    def _on_anchor(self, anchor: Anchor, user: str) -> None:
+        if self.person and user != self.person:
+            return
+        at = f" at {anchor.target_id}" if anchor.target_id else ""
+        if anchor.accepted:
+            off_deg = math.degrees(anchor.azimuth_error_rad)
+            self._news(f"{user}: anchor{at}, the yaw was off by {off_deg:+.1f}°")
+        else:
+            self._news(f"{user}: anchor{at} not taken: {anchor.reason}".rstrip(": "))
+
+    def _on_feedback(self, feedback: Feedback, user: str) -> None:
+        if feedback.cue == "refused":
+            self.cues[user] = feedback.text
+        elif feedback.cue in {"started", "localized"}:
+            self.refusals.pop(user, None)
+            self.cues.pop(user, None)
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         self.colors[user] = profile.cursor_color

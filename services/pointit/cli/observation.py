@@ -25,6 +25,8 @@ Code = Literal[
     "warning",
     "degraded",
     "slow",
+    "unsure",
+    "old-anchor",
 ]
 
 

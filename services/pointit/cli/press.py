@@ -29,7 +29,7 @@ CUE_FIRST_S = 0.2
     type=click.Choice(["press", "double", "hold"]),
     default="press",
     show_default=True,
-    help="press: begin or end; double: only end; hold: localize anew",
+    help="press: begin or end; double: point at one lamp to set the pose right; hold: localize anew",
 )
 @json_option
 def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple[str, ...]) -> int:

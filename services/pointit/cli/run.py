@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from pointit.cli.execution import execute
+from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.cli.plan import Plan
 from pointit.cli.scenario import (
     Choices,
@@ -41,6 +42,7 @@ def _options(function: Any) -> Any:
     for option in reversed(
         [
             click.option("--localize", is_flag=True, help="find out where people stand by pointing at lamps"),
+            *PERSON_OPTIONS,
             click.option(
                 "--seed",
                 default=0,
@@ -76,6 +78,17 @@ def _options(function: Any) -> Any:
     ):
         function = option(function)
     return function
+
+
+def _check_people(choices: Choices, people: int) -> None:
+    """Make sure that nothing is said of people that there are not.
+
+    Raises:
+        ConfigError: something is.
+    """
+    for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
+        if len(given) > people:
+            raise ConfigError(f"{option} is given for {len(given)} people, but there are {people} (--users)")
 
 
 @click.command("run")
@@ -145,8 +158,7 @@ def run(
     chosen = read_scenario(scenario)
     choices = _choices(options, leds)
     people = 0 if site_only else users
-    if len(choices.imu) > people:
-        raise ConfigError(f"--imu is given for {len(choices.imu)} people, but there are {people} (--users)")
+    _check_people(choices, people)
     launches = site_launches(chosen, choices)
     for index in range(people):
         launches += user_launches(chosen, choices, f"user{index + 1}", index)
@@ -184,17 +196,10 @@ def user(name: str, scenario: str, place: int, **options: Any) -> int:
     """
     chosen: Scenario = read_scenario(scenario)
     choices = _choices(options, "")
-    if len(choices.imu) > 1:
-        raise ConfigError(f"--imu is given {len(choices.imu)} times for one person")
-    if choices.imu:
-        choices = Choices(
-            seed=choices.seed,
-            localize=choices.localize,
-            imu=["sim"] * (place - 1) + list(choices.imu),
-            files=choices.files,
-            settings=choices.settings,
-        )
-    launches = user_launches(chosen, choices, name, place - 1)
+    for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
+        if len(given) > 1:
+            raise ConfigError(f"{option} is given {len(given)} times for one person")
+    launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
     check_settings(launches, choices)
     plan = Plan(
         name=name,
@@ -222,6 +227,10 @@ def _choices(options: dict[str, Any], leds: str) -> Choices:
     return Choices(
         seed=options["seed"],
         localize=options["localize"],
+        targets=options["targets"],
+        poses=options["poses"],
+        hand=options["hand"] or "",
+        stature_m=options["stature_m"],
         imu=options["imu"],
         leds=leds,
         files=options["files"],

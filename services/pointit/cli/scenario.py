@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self, cast
 
 from pydantic import Field, PrivateAttr
 
+from pointit.cli.person_options import REALISTIC, Pose, body_of
 from pointit.runtime import Config, ConfigError, Launch
 from pointit.runtime.config import Layers, read_yaml
 from pointit.runtime.environment import environment_prefix
@@ -75,6 +76,13 @@ class Choices:
 
     seed: int = 0
     localize: bool = False
+    targets: int | None = None
+    """How many lamps to point at; none: as the localizer has it."""
+    poses: Sequence[Pose | None] = ()
+    """Where people stand, for each in turn; who has none takes the scenario's place."""
+    hand: str = ""
+    """`left` or `right`; empty: as configured."""
+    stature_m: float | None = None
     imu: Sequence[str] = ()
     """For each person in turn: `sim`, `simulated`, `serial:PORT` or `replay:FILE`."""
     leds: str = ""
@@ -83,6 +91,14 @@ class Choices:
     """YAML files that map services to parameters."""
     settings: Sequence[str] = ()
     """`service.parameter=value`."""
+
+    def of_one(self, index: int) -> "Choices":
+        """Return these choices, made for one person, for the person `index`."""
+        return replace(
+            self,
+            imu=["sim"] * index + list(self.imu) if self.imu else (),
+            poses=[None] * index + list(self.poses) if self.poses else (),
+        )
 
 
 def scenario_names() -> list[str]:
@@ -140,25 +156,15 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         ConfigError: a service or parameter is wrong.
     """
     check_name(user, "user")
-    place = scenario.places[index % len(scenario.places)]
     device = choices.imu[index] if index < len(choices.imu) else "sim"
     usual: dict[str, dict[str, Any]] = {
         "supervisor": {"profile": {"cursor_color": CURSOR_COLORS[index % len(CURSOR_COLORS)]}},
         "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
         "imu-bridge": {"simulated": SWEEP},
     }
-    extra: dict[str, dict[str, Any]] = {
-        "localizer": {"position_m": list(place.position_m), "yaw_deg": place.yaw_deg},
-        "supervisor": {"localize": choices.localize},
-        "user-sim": {
-            "position_m": list(place.position_m),
-            "yaw_deg": place.yaw_deg,
-            "seed": choices.seed + index,
-        },
-    }
     if choices.localize:
-        extra["localizer"] = {"method": "static_targets"}
-        extra["user-sim"]["yaw_deg"] = None
+        usual["user-sim"] |= REALISTIC
+    extra = _person(scenario, choices, index, is_simulated=device == "sim")
     services = dict(scenario.user)
     if device != "sim":
         services.pop("user-sim", None)
@@ -169,6 +175,45 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()
     ]
+
+
+def _person(
+    scenario: Scenario, choices: Choices, index: int, *, is_simulated: bool
+) -> dict[str, dict[str, Any]]:
+    """Return what the command line says of one person: how they are, where they stand, who knows it."""
+    place = scenario.places[index % len(scenario.places)]
+    position_m, yaw_deg = list(place.position_m), None if choices.localize else place.yaw_deg
+    pose = choices.poses[index] if index < len(choices.poses) else None
+    if pose is not None:
+        if choices.localize and not is_simulated:
+            raise ConfigError(
+                f"--pose {pose.x_m:g},{pose.y_m:g}: --localize finds out where the wearer of a device stands; "
+                "leave one of the two out"
+            )
+        position_m = [pose.x_m, pose.y_m, 0.0]
+        yaw_deg = pose.yaw_deg if choices.localize else pose.yaw_deg or 0.0
+    localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
+    if choices.localize:  # who localizes is told nothing
+        localizer = {"method": "static_targets"}
+        if choices.targets is not None:
+            localizer["targets"] = choices.targets
+    elif choices.targets is not None:
+        raise ConfigError(f"--targets {choices.targets}: add --localize, which points at them")
+    profile: dict[str, Any] = {"hand": choices.hand} if choices.hand else {}
+    body = dict(profile)
+    if choices.stature_m is not None:
+        profile["stature_m"] = choices.stature_m
+        body |= body_of(choices.stature_m)
+    return {
+        "localizer": localizer,
+        "supervisor": {"localize": choices.localize, "profile": profile},
+        "user-sim": {
+            "position_m": position_m,
+            "yaw_deg": yaw_deg,
+            "seed": choices.seed + index,
+            "body": body,
+        },
+    }
 
 
 def check_settings(launches: Sequence[Launch], choices: Choices) -> None:

@@ -165,5 +165,13 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             f"missed {summary['missed']}, still to do {summary['pending']}, "
             f"wrong {summary['wrong']} (taken back {summary['corrected']})."
         )
+    for user, found in summary.get("people", {}).items():
+        x_m, y_m = found["position_m"]
+        off_m = found["position_error_m"]
+        truly = "" if off_m is None else f", truly {off_m:.2f} m beside"
+        lines.append(
+            f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
+            f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."
+        )
     lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
     return lines

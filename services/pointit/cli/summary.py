@@ -1,12 +1,14 @@
 """What a run came to, printed and written to a file."""
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
 
 import click
 
+from pointit.cli.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.cli.monitor import Monitor
 from pointit.cli.plan import Plan
 from pointit.cli.score import summary_lines
@@ -27,6 +29,29 @@ def check_writable(summary: Path) -> None:
         raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
 
 
+def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
+    """Return where people were found, how sure that is and, of simulated ones, how far off it was."""
+    truly = {
+        launch.user: launch.config.model_dump()["position_m"]
+        for launch in plan.launches
+        if launch.service.NAME == "user-sim"
+    }
+    people: dict[str, dict[str, Any]] = {}
+    for user, pose in sorted(monitor.found.items()):
+        x_m, y_m, _ = pose.position_m
+        people[user] = {
+            "method": pose.method,
+            "position_m": [round(x_m, 3), round(y_m, 3)],
+            "position_sigma_m": round(position_sigma_m(pose), 3),
+            "yaw_sigma_deg": round(yaw_sigma_deg(pose), 2),
+            "drift_degpmin": round(math.degrees(pose.yaw_rate_radps) * 60.0, 2),
+            "position_error_m": None
+            if user not in truly
+            else round(math.dist((x_m, y_m), truly[user][:2]), 3),
+        }
+    return people
+
+
 def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
     """Print the summary, and write it where it is wanted; `duration_s` may hold the time that ending took."""
     if not (plan.scored or plan.summary is not None or plan.as_json):
@@ -43,6 +68,7 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
         "first_cursor_unix_s": monitor.first_cursor_unix_s,
+        "people": _people(plan, monitor),
         "services": [launch.instance for launch in plan.launches],
     }
     if plan.as_json:

@@ -7,11 +7,11 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.panel import Panel
-from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.monitor import Monitor
 from pointit.cli.observation import SILENT_S
+from pointit.cli.people_view import ROOMY_WIDTH, color_of, people
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
@@ -19,11 +19,8 @@ from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 REFRESH_HZ = 8
 """The view is drawn in a thread of its own, this often."""
 NAME_WIDTH = 8
-WHITE = (255, 255, 255)
 BORDER_WIDTH = 4
 """Columns that the frame and its padding take."""
-ROOMY_WIDTH = 72
-"""With fewer columns, people's rows are shortened."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown, the chain from wrist to light."""
 
@@ -57,7 +54,7 @@ class _View:
                 parts.extend(_strip(monitor, strip, width))
             if monitor.lamps:
                 parts.append(_lamps(monitor))
-        parts += [*_people(monitor, options.max_width), figures(monitor)]
+        parts += [*people(monitor, options.max_width), figures(monitor)]
         parts.extend(
             Text(line, style="dim", no_wrap=True, overflow="ellipsis") for line in list(monitor.events)
         )
@@ -85,16 +82,10 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
     for user, cursor in cursors:
         if cursor.surface == "strip" and cursor.surface_id == strip.id:
             cell = min(cells - 1, int(cursor.position_m / length * cells))
-            mark = Text("▲" if len(cursors) == 1 else user[-1], style=_color(monitor, user))
+            mark = Text("▲" if len(cursors) == 1 else user[-1], style=color_of(monitor, user))
             at = NAME_WIDTH + cell
             marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
     return [line, marks]
-
-
-def _color(monitor: Monitor, user: str) -> str:
-    """Return the style of a person's own colour; white is whatever the terminal writes with."""
-    color = monitor.colors.get(user, WHITE)
-    return "bold" if color == WHITE else f"bold rgb({color[0]},{color[1]},{color[2]})"
 
 
 def pixels_along(frame: StripsFrame | None, strip: Strip) -> list[tuple[int, int, int]]:
@@ -115,39 +106,6 @@ def _lamps(monitor: Monitor) -> Text:
         colour = f"rgb({lamp.color[0]},{lamp.color[1]},{lamp.color[2]})" if on else "dim"
         text.append(f"{'●' if on else '○'} {name}  ", style=colour)
     return text
-
-
-def _people(monitor: Monitor, width: int) -> list[RenderableType]:
-    """Return what each person does, in columns that do not move, and below it what they should do next."""
-    narrow = width < ROOMY_WIDTH
-    bar = 4 if narrow else 10
-    table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="dim")
-    for column, least in (("person", 6), ("state", 10), ("cursor", 6 if narrow else 18), ("object", 6)):
-        table.add_column(column, no_wrap=True, min_width=least)
-    table.add_column("held", no_wrap=True, min_width=bar)
-    steps: list[RenderableType] = []
-    for user in monitor.people():
-        interaction = monitor.interactions.get(user)
-        cursor = monitor.cursors.get(user)
-        hover = monitor.hovers.get(user)
-        where = "-"
-        if cursor is not None and cursor.surface != "none":
-            place = "" if narrow else f"{cursor.surface} {cursor.surface_id} at "
-            where = f"{place}{cursor.position_m:.2f} m"
-        kind, filled = "-", 0
-        if hover is not None and hover.object_id:
-            kind = monitor.score.kinds.get(hover.object_id) or "?"
-            filled = round(bar * hover.progress)
-        state = interaction.state if interaction is not None else "-"
-        table.add_row(
-            Text(user, style=_color(monitor, user)), state, where, kind, "█" * filled + "░" * (bar - filled)
-        )
-        if interaction is not None:
-            reason = f"{interaction.reason} " if interaction.state == "idle" and interaction.reason else ""
-            steps.append(
-                Text.assemble((f"{user}: ", _color(monitor, user)), f"{reason}{interaction.next_step}")
-            )
-    return [table, *steps]
 
 
 def figures(monitor: Monitor) -> Text:

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from pointit.cli.certainty import POSITION_SIGMA, YAW_SIGMA
 from pointit.cli.diagnosis import diagnose, is_healthy
 from pointit.cli.observation import Finding, Observation, Report
 from pointit.cli.writers import split
@@ -237,6 +238,50 @@ def test_slow() -> None:
     finding = only(observation(health("pui", latency=Quantiles(p50_s=0.05, p99_s=0.151))))
     assert (finding.code, finding.severity) == ("slow", "warning")
     assert "151 ms" in finding.sentence
+
+
+def certainty(**figures: float) -> Health:
+    names = {"age": ("anchor age", "s"), "place": (POSITION_SIGMA, "m"), "yaw": (YAW_SIGMA, "°")}
+    return health(
+        "localizer.anna",
+        figures=tuple(
+            {"name": names[short][0], "value": value, "unit": names[short][1]}
+            for short, value in figures.items()
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("figures", "code", "sentence", "remedy"),
+    [
+        ({"place": 0.51, "yaw": 2.0}, "unsure", "place is uncertain by 0.51 m", "press anna --gesture hold"),
+        ({"place": 0.9, "yaw": 60.0}, "unsure", "place is uncertain by 0.90 m", "localize anew"),
+        ({"place": 0.2, "yaw": 6.1}, "unsure", "yaw is uncertain by 6.1°", "press anna --gesture double"),
+        (
+            {"yaw": 20.0, "age": 400.0},
+            "unsure",
+            "the last anchor is 400 s old",
+            "point at one lamp: press the button twice",
+        ),
+        ({"yaw": 4.0, "age": 400.0}, "old-anchor", "anchor is 7 min old", "press anna --gesture double"),
+        ({"age": 181.0}, "old-anchor", "anchor is 3 min old", "point at one lamp"),
+    ],
+)
+def test_a_pose_that_cannot_be_trusted_any_more(
+    figures: dict[str, float], code: str, sentence: str, remedy: str
+) -> None:
+    finding = only(observation(certainty(**figures)))
+    assert (finding.code, finding.severity, finding.service) == (code, "warning", "localizer.anna")
+    assert sentence in finding.sentence
+    assert remedy in finding.remedy
+
+
+@pytest.mark.parametrize(
+    "figures",
+    [{}, {"place": 0.5, "yaw": 6.0, "age": 10.0}, {"yaw": 2.9, "age": 4000.0}, {"age": 179.0}],
+)
+def test_a_pose_that_can(figures: dict[str, float]) -> None:
+    assert not diagnose(observation(certainty(**figures)))
 
 
 def test_the_worst_comes_first() -> None:

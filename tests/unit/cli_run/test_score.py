@@ -231,3 +231,12 @@ def test_a_summary_reads_well() -> None:
         "scenario_3 ran 60 s at 2.5 times the speed with 2 services.",
         "Wrist to light: not measured; 7 cursors, 9 frames.",
     ]
+
+
+def test_a_summary_says_where_people_were_found_and_how_far_off_that_is() -> None:
+    found = {"position_m": [2.031, -0.48], "position_sigma_m": 0.123, "yaw_sigma_deg": 2.06}
+    people = {"anna": {**found, "position_error_m": 0.087}, "ben": {**found, "position_error_m": None}}
+    assert summary_lines({**SUMMARY, "people": people})[2:4] == [
+        "anna was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°, truly 0.09 m beside.",
+        "ben was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°.",
+    ]

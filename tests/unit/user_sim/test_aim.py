@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, ImuSample, UserProfile
-from pointit.services.pointing.eye_finger import EyeFinger
+from pointit.services.pointing.pointer import Pointer
 from pointit.services.user_sim.aim import Stance
 
 coordinates = st.floats(-6.0, 6.0)
@@ -36,7 +36,7 @@ def test_the_ray_of_the_aimed_arm_meets_the_target(
     sample = ImuSample(
         stamp_ns=0, orientation_xyzw=rotation.from_azimuth_elevation(azimuth_rad - yaw_rad, elevation_rad)
     )
-    ray = EyeFinger(UserProfile(stamp_ns=0, body=body, hand=hand)).ray(sample, 0)
+    ray = Pointer(UserProfile(stamp_ns=0, body=body, hand=hand)).ray(sample, 0)
     assert ray is not None
     sight = vector.turn(vector.subtract(target, stance.eyes_m), -yaw_rad)
     assert vector.angle_between(ray.direction, sight) < 1e-6
@@ -62,10 +62,12 @@ def test_the_line_over_the_finger_passes_beside_by_what_was_asked(beside_deg: tu
 
 
 def test_who_aims_by_the_arm_turns_it_to_the_thing() -> None:
-    stance = Stance(BodyMeasures(), position_m=(1.0, 0.0, 0.0), by_arm=True)
+    stance = Stance(BodyMeasures(), position_m=(1.0, 0.0, 0.0), ray_model="shoulder_arm")
     azimuth, elevation = stance.aim_at((3.0, 0.0, 0.0), (0.0, 0.1))
     assert azimuth == pytest.approx(0.0)
     assert elevation == pytest.approx(math.atan2(-1.43, 2.0) + 0.1)
+    bent = Stance(BodyMeasures(), position_m=(1.0, 0.0, 0.0), ray_model="forearm")
+    assert bent.aim_at((3.0, 0.0, 0.0))[1] == pytest.approx(math.atan2(-1.43 + 0.56 * 0.55, 2.0))
 
 
 def test_whoever_moves_takes_eyes_and_shoulder_along() -> None:

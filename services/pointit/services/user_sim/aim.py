@@ -2,10 +2,16 @@
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
+
+RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
+
+UPPER_ARM_SHARE = 0.56
+"""Of the length from shoulder to wrist (Drillis and Contini 1966)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,33 +34,37 @@ class Stance:
         position_m: Vec3 = (0.0, 0.0, 0.0),
         yaw_rad: float = 0.0,
         *,
-        by_arm: bool = False,
+        ray_model: RayModel = "eye_finger",
     ) -> None:
         """Stand at `position_m`, {H} turned by `yaw_rad`; the shoulder lies in {H} as the model has it.
 
-        `by_arm`: aim with the straight arm instead of with the finger before the eyes.
+        `ray_model`: aim with the finger before the eyes, with the straight arm, or with the forearm alone.
         """
         side = 1.0 if hand == "left" else -1.0
         shoulder = (0.0, side * body.neck_to_shoulder_m, body.footprint_to_neck_m)
         self._up_m: Vec3 = (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m)
         self._to_shoulder_m = vector.turn(shoulder, yaw_rad)
-        self._by_arm = by_arm
+        hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m if ray_model == "forearm" else 0.0
+        self._to_start_m = self._up_m
+        if ray_model != "eye_finger":
+            self._to_start_m = vector.subtract(self._to_shoulder_m, (0.0, 0.0, hang_m))
+        self._by_arm = ray_model != "eye_finger"
         self.arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
         self.move(position_m)
 
     def move(self, position_m: Vec3) -> None:
         """Stand at `position_m` from now on."""
+        self.start_m: Vec3 = vector.add(position_m, self._to_start_m)
+        """Where the line begins that the person brings onto things: eyes, shoulder or elbow."""
         self.eyes_m: Vec3 = vector.add(position_m, self._up_m)
         self.shoulder_m: Vec3 = vector.add(position_m, self._to_shoulder_m)
 
     def aim_at(self, point_m: Vec3, beside: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
         """Return the arm's azimuth and elevation, rad, that point at `point_m`.
 
-        `beside`, azimuth and elevation, rad, is how far the line of sight over the finger passes beside it;
-        of who aims by the arm, the arm's own line.
+        `beside`, azimuth and elevation, rad, is how far the line that they bring onto it passes beside it.
         """
-        start_m = self.shoulder_m if self._by_arm else self.eyes_m
-        sight = vector.subtract(point_m, start_m)
+        sight = vector.subtract(point_m, self.start_m)
         azimuth, elevation = vector.azimuth(sight) + beside[0], vector.elevation(sight) + beside[1]
         return (azimuth, elevation) if self._by_arm else self._finger_on(vector.direction(azimuth, elevation))
 

@@ -21,9 +21,10 @@ class BodyConfig(Config):
     shoulder_to_wrist_m: float = Field(default=0.55, gt=0, lt=2, description="shoulder to wrist, m")
     wrist_to_finger_m: float = Field(default=0.18, ge=0, lt=1, description="wrist to fingertip, m")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
-    ray_model: Literal["eye_finger", "shoulder_arm"] = Field(
+    ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
         default="eye_finger",
-        description="how they aim: the finger before the eyes, or the straight arm at the thing itself",
+        description="how they aim: the finger before the eyes, the straight arm at the thing itself, or the "
+        "forearm with the upper arm hanging; the profile should say the same, or errs",
     )
 
     def measures(self) -> BodyMeasures:

@@ -38,7 +38,7 @@ class Person:
             config.body.hand,
             config.position_m,
             yaw_rad,
-            by_arm=config.body.ray_model == "shoulder_arm",
+            ray_model=config.body.ray_model,
         )
         self._rest_rad = math.radians(config.rest_elevation_deg)
         self._arm = Arm(Aim(yaw_rad, self._rest_rad), config.arm, hand_rng)

@@ -1,0 +1,35 @@
+"""How sure a person's pose is, from the bus and from the localizer's health, and when that is too little."""
+
+import math
+
+import numpy as np
+
+from pointit.schemas import Health, UserPose
+
+UNSURE_M = 0.5
+UNSURE_DEG = 6.0
+"""1 sigma; a pose less certain than one of these is one that the localizer would refuse."""
+
+OLD_ANCHOR_S = 180.0
+"""By then the yaw of a common IMU may be 45 deg off; no fault while the pose is still certain."""
+
+SURE_DEG = 3.0
+
+ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own
+"""Names of the localizer's figures."""
+
+
+def position_sigma_m(pose: UserPose) -> float:
+    """Return 1 sigma of the place along the worse direction; 0: it is taken as exact."""
+    covariance = np.array(pose.covariance).reshape(3, 3)[:2, :2]
+    return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+
+
+def yaw_sigma_deg(pose: UserPose) -> float:
+    """Return 1 sigma of the yaw; 0: it is taken as exact."""
+    return math.degrees(math.sqrt(max(pose.covariance[8], 0.0)))
+
+
+def figure(health: Health, name: str) -> float | None:
+    """Return one of a service's own figures."""
+    return next((figure.value for figure in health.figures if figure.name == name), None)

@@ -1,0 +1,90 @@
+"""What the command line says about the people themselves: where they stand, their hand, how tall they are."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from pointit.services.supervisor.body import measures
+
+FARTHEST_M = 1000.0
+"""No room is larger."""
+
+REALISTIC: dict[str, Any] = {
+    "wristband": {"yaw_rate_bias_sd_degps": 0.25, "dropout_share": 0.01},
+    "anchor_when_off_deg": 10.0,
+}
+"""Of a simulated person whose place is found out by pointing: a band as bands are (pointing.md §7), and the
+sense to point at a lamp anew when the cursor has drifted away."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """A place on the floor of {W}, and the azimuth there of the IMU's yaw 0."""
+
+    x_m: float
+    y_m: float
+    yaw_deg: float | None = None
+    """None: not said."""
+
+
+def pose(text: str) -> Pose:
+    """Return the pose in `X,Y` or `X,Y,YAW`: metres and degrees.
+
+    Raises:
+        click.BadParameter: it is none.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in {2, 3} or not all(math.isfinite(number) for number in numbers):
+        raise click.BadParameter(f"{text!r}: give X,Y or X,Y,YAW in metres and degrees, such as 2.0,0.5,20")
+    x_m, y_m, *rest = numbers
+    yaw_deg = rest[0] if rest else None
+    if max(abs(x_m), abs(y_m)) > FARTHEST_M or abs(yaw_deg or 0.0) > 360.0:
+        raise click.BadParameter(f"{text!r}: X and Y are metres to {FARTHEST_M:g}, YAW degrees to 360")
+    return Pose(x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
+
+
+def _poses(_context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[Pose, ...]:
+    return tuple(pose(text) for text in texts)
+
+
+def body_of(stature_m: float) -> dict[str, float]:
+    """Return the measures of somebody `stature_m` tall, as parameters."""
+    return {name: round(value, 4) for name, value in measures(stature_m, {}).model_dump().items()}
+
+
+PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
+    click.option(
+        "--targets",
+        type=click.IntRange(2, 64),
+        metavar="N",
+        help="with --localize: how many lamps to point at",
+    ),
+    click.option(
+        "--pose",
+        "poses",
+        multiple=True,
+        callback=_poses,
+        metavar="X,Y[,YAW]",
+        help="where a person stands, m, and the azimuth of their IMU's yaw 0, deg; "
+        "once for each person  [default: the scenario's places]",
+    ),
+    click.option(
+        "--hand",
+        type=click.Choice(["left", "right"]),
+        help="with which people point, in their profile and as simulated",
+    ),
+    click.option(
+        "--stature",
+        "stature_m",
+        type=click.FloatRange(0.5, 2.5),
+        metavar="M",
+        help="how tall people are, m: scales the body measures of profile and simulation",
+    ),
+)
+"""Options of `run` and `user` that say how people are."""

@@ -1,0 +1,245 @@
+"""What the view shows of people's places: where, how sure, since when, and why they were refused."""
+
+import math
+from typing import Any
+
+import pytest
+from rich.console import Console
+from rich.segment import Segment
+
+from pointit.cli.monitor import Monitor
+from pointit.cli.view import draw
+from pointit.runtime import Exchange, MemoryBus
+from pointit.schemas import (
+    NS_PER_S,
+    Anchor,
+    Candidate,
+    Cursor,
+    Feedback,
+    Interaction,
+    Localization,
+    UserPose,
+)
+from pointit.schemas.topics import ANCHOR, FEEDBACK, INTERACTION, LOCALIZATION, POSE, USER_ALIVE
+from tests.support.bench import until
+from tests.unit.cli_run.drawn import FRAME, cursor, monitor_of, shown, strip
+
+REASON = "led_1 and led_2 are seen in nearly the same direction; point at a lamp elsewhere and start again"
+
+
+def pose(sigma_m: float = 0.12, sigma_deg: float = 2.1, **fields: Any) -> UserPose:
+    variance, yaw = sigma_m**2, math.radians(sigma_deg) ** 2
+    values: dict[str, Any] = {
+        "stamp_ns": 1,
+        "position_m": (2.03, -0.48, 0.0),
+        "yaw_rad": math.radians(-123.4),
+        # wide to one side, narrow across, turned by 45 degrees: 1 sigma is that along the wide side
+        "covariance": (variance / 2, variance / 2, 0.0, variance / 2, variance / 2, 0.0, 0.0, 0.0, yaw),
+        "method": "static_targets",
+        "yaw_rate_radps": math.radians(12.3) / 60,
+        "yaw_rate_sigma_radps": 0.001,
+        "anchored_ns": 1,
+    }
+    return UserPose.model_validate({**values, **fields})
+
+
+def news(phase: str, **fields: Any) -> Localization:
+    return Localization.model_validate({"stamp_ns": 1, "phase": phase, **fields})
+
+
+def localized() -> Monitor:
+    monitor = monitor_of(strip())
+    monitor.cursors["anna"] = cursor(1.5)
+    monitor.interactions["anna"] = Interaction(stamp_ns=1, state="pointing", next_step="Point.")
+    ago_ns = monitor.clock.now_ns() - 12 * NS_PER_S
+    monitor.poses["anna"] = pose(anchored_ns=ago_ns)
+    return monitor
+
+
+def row(monitor: Monitor, name: str, width: int = 80) -> str:
+    """Return the second line that begins with `name`: the one about their place."""
+    return [line for line in shown(monitor, width) if line[FRAME:].startswith(f"{name} ")][1]
+
+
+def styled(monitor: Monitor, text: str, width: int = 100) -> list[Segment]:
+    console = Console(width=width, color_system="truecolor", force_terminal=True)
+    lines = console.render_lines(draw(monitor, "", lambda: 0.0), console.options)
+    return [segment for line in lines for segment in line if text in segment.text]
+
+
+def test_a_place_is_shown_with_how_sure_it_is_from_what_and_how_it_drifts() -> None:
+    shown_row = row(localized(), "anna")
+    for what in ("2.03, -0.48 ±0.12 m", "-123.4° ±2.1°", "lamps", "+12.3°/min", "12 s"):
+        assert what in shown_row
+
+
+def test_what_is_not_known_is_not_claimed() -> None:
+    monitor = localized()
+    monitor.poses["anna"] = UserPose(stamp_ns=1, position_m=(2.0, 0.5, 0.0), yaw_rad=0.0)
+    told = row(monitor, "anna")
+    assert "±" not in told
+    assert "2.00, 0.50 m" in told
+    assert told.split()[-4:-1] == ["told", "-", "-"]
+    monitor.interactions["ben"] = Interaction(stamp_ns=1, state="idle", next_step="Press.")
+    assert row(monitor, "ben").split()[1:] == ["-"] * 6 or "-" in row(monitor, "ben")
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "sigma_deg", "yellow"),
+    [(0.12, 2.1, []), (0.6, 2.1, ["±0.60"]), (0.1, 7.0, ["±7.0°"]), (0.6, 7.0, ["±0.60", "±7.0°"])],
+)
+def test_an_uncertain_pose_is_yellow(sigma_m: float, sigma_deg: float, yellow: list[str]) -> None:
+    monitor = localized()
+    monitor.poses["anna"] = pose(sigma_m, sigma_deg)
+    warned = [
+        segment.text.strip()
+        for segment in styled(monitor, "±")
+        if segment.style is not None
+        and segment.style.color is not None
+        and segment.style.color.name == "yellow"
+    ]
+    assert warned == yellow
+
+
+def everything_at_once() -> Monitor:
+    monitor = localized()
+    monitor.interactions["ben"] = Interaction(stamp_ns=1, state="localizing", next_step="Point at led_2.")
+    monitor.localizations["ben"] = news(
+        "sampling",
+        target_id="led_2",
+        target_index=1,
+        target_count=3,
+        samples=85,
+        position_sigma_m=0.31,
+        yaw_sigma_rad=math.radians(4.2),
+        candidates=(
+            Candidate(object_id="robot_1", probability=0.72),
+            Candidate(object_id="robot_2", probability=0.28),
+        ),
+    )
+    monitor.interactions["eve"] = Interaction(stamp_ns=1, state="idle", next_step="Press.", reason=REASON)
+    monitor.refusals["eve"] = REASON
+    return monitor
+
+
+def test_a_localization_in_progress_is_shown() -> None:
+    text = "\n".join(shown(everything_at_once(), 100))
+    assert "ben: ● led_2 2 of 3 · 85 samples · ±0.31 m · ±4.2° · meant: robot_1 72%, robot_2 28%" in text
+    monitor = localized()
+    monitor.localizations["anna"] = news("sampling", target_id="led_0", samples=3, purpose="anchor")
+    text = "\n".join(shown(monitor, 100))
+    assert "anna: setting the pose right, ● led_0 3 samples" in text
+    monitor.localizations["anna"] = news("solved", target_id="led_0", samples=3, purpose="anchor")
+    assert "3 samples" not in "\n".join(shown(monitor, 100))
+
+
+def test_a_refusal_is_red_and_said_once() -> None:
+    monitor = everything_at_once()
+    text = " ".join("\n".join(shown(monitor, 200)).split())
+    assert text.count(REASON) == 1
+    assert f"eve: refused: {REASON}" in text
+    (segment,) = styled(monitor, "refused: ", 200)
+    assert segment.style is not None
+    assert segment.style.color is not None
+    assert segment.style.color.name == "red"
+
+
+@pytest.mark.parametrize("width", [40, 55, 56, 71, 72, 80, 120])
+def test_people_fit_every_terminal_and_nothing_that_matters_is_cut(width: int) -> None:
+    monitor = everything_at_once()
+    lines = shown(monitor, width)  # checks the width of each
+    words = " ".join(" ".join(line[FRAME:-FRAME] for line in lines).split())
+    for what in (f"eve: refused: {REASON}", "2.03, -0.48 ±0.12 m", "robot_2 28%"):
+        assert what in words
+    assert ("-123.4° ±2.1°" in words) == (width >= 56)
+    assert ("12 s" in words) == (width >= 72)
+
+
+def test_the_widest_numbers_fit_80_columns() -> None:
+    monitor = localized()
+    ago_ns = monitor.clock.now_ns() - 99 * NS_PER_S
+    monitor.poses["anna"] = pose(
+        1.234,
+        12.3,
+        position_m=(-12.345, -12.345, 0.0),
+        yaw_rad=math.radians(-179.9),
+        yaw_rate_radps=math.radians(-123.4) / 60,
+        anchored_ns=ago_ns,
+        method="external",
+    )
+    told = row(monitor, "anna")
+    for what in ("-12.35, -12.35 ±1.23 m", "-179.9° ±12.3°", "tracker", "-123.4°/min", "99 s"):
+        assert what in told
+    assert "…" not in told
+
+
+async def followed() -> tuple[MemoryBus, Monitor]:
+    bus = MemoryBus(Exchange())
+    monitor = monitor_of()
+    monitor.attach(bus)
+    return bus, monitor
+
+
+async def test_refusals_stay_until_the_next_attempt() -> None:
+    bus, monitor = await followed()
+    token = bus.announce(USER_ALIVE, "anna")
+    localizations, cues = bus.publisher(LOCALIZATION, "anna"), bus.publisher(FEEDBACK, "anna")
+    interactions = bus.publisher(INTERACTION, "anna")
+    bus.publisher(POSE, "anna").put(pose())
+    localizations.put(news("refused", reason=REASON))
+    await until(lambda: monitor.refusal("anna") == REASON and "anna" in monitor.poses)
+    localizations.put(news("idle"))
+    await until(lambda: monitor.localizations["anna"].phase == "idle")
+    assert monitor.refusal("anna") == REASON
+    localizations.put(news("sampling", target_id="led_1"))
+    await until(lambda: not monitor.refusal("anna"))
+    # what the supervisor refuses comes as a cue with the interaction
+    interactions.put(Interaction(stamp_ns=1, state="idle", reason="There is no map."))
+    cues.put(Feedback(stamp_ns=1, cue="refused", text="There is no map."))
+    await until(lambda: monitor.refusal("anna") == "There is no map.")
+    cues.put(Feedback(stamp_ns=2, cue="started", text="Wait."))
+    await until(lambda: not monitor.refusal("anna"))
+    # what the selector refuses is news, not a person's state
+    cues.put(Feedback(stamp_ns=3, cue="refused", text="it is ben's"))
+    await until(lambda: "anna" in monitor.cues)
+    assert not monitor.refusal("anna")
+    localizations.put(news("refused", reason=REASON))
+    await until(lambda: monitor.refusal("anna") == REASON)
+    token.close()
+    await until(lambda: "anna" not in monitor.poses)
+    assert not monitor.refusal("anna")
+    assert "anna" in monitor.found  # for the summary
+    await bus.close()
+
+
+async def test_anchors_are_news() -> None:
+    bus, monitor = await followed()
+    anchors = bus.publisher(ANCHOR, "anna")
+    anchor = Anchor(
+        stamp_ns=1,
+        target_id="led_1",
+        origin_m=(0.0, 0.0, 1.6),
+        raw_direction=(1.0, 0.0, 0.0),
+        direction=(1.0, 0.0, 0.0),
+        azimuth_error_rad=math.radians(7.21),
+    )
+    anchors.put(anchor)
+    anchors.put(anchor.model_copy(update={"accepted": False, "reason": "the arm wandered"}))
+    await until(lambda: len(monitor.events) == 2)
+    assert list(monitor.events) == [
+        "anna: anchor at led_1, the yaw was off by +7.2°",
+        "anna: anchor at led_1 not taken: the arm wandered",
+    ]
+    monitor.person = "ben"
+    anchors.put(anchor)
+    bus.publisher(POSE, "anna").put(pose())
+    await until(lambda: "anna" in monitor.poses)
+    assert len(monitor.events) == 2
+    assert "anna" not in monitor.found
+    await bus.close()
+
+
+def test_a_person_without_a_pose_needs_no_table() -> None:
+    monitor = monitor_of(strip())
+    monitor.cursors["anna"] = Cursor(stamp_ns=1)
+    assert "stands at" not in "\n".join(shown(monitor))

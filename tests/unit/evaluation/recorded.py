@@ -1,0 +1,171 @@
+"""Invented people, written to files as the published recordings are; errors of pointing as told."""
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+HZ = 30.0
+ORIGINAL_STATURE_M = 1.835
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stand:
+    """Where somebody stands, and how they point."""
+
+    x: float = -1.5
+    y: float = -1.0
+    yaw_deg: float = 35.0
+    """Azimuth of {H}'s x axis in {W}."""
+    bias_deg: float = 0.0
+    noise_deg: float = 0.0
+    eyes_m: float = 1.69
+
+    def rays(self, targets: Array) -> Array:
+        """Return the azimuths and elevations (n x 2, rad) in {H} of rays at `targets` (n x 3, {W})."""
+        away = targets - (self.x, self.y, self.eyes_m)
+        azimuths = np.arctan2(away[:, 1], away[:, 0]) - math.radians(self.yaw_deg)
+        elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1])) + math.radians(self.bias_deg)
+        noise = np.random.default_rng(3).normal(0.0, math.radians(self.noise_deg), (2, len(targets)))
+        return np.column_stack([azimuths + noise[0], elevations + noise[1]])
+
+
+def unit(angles: Array) -> Array:
+    azimuths, elevations = angles.T
+    level = np.cos(elevations)
+    return np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
+
+
+def robot(duration_s: float) -> tuple[Array, Array]:
+    """Return times and places of a robot that circles."""
+    times = np.arange(round(duration_s * HZ) + 1) / HZ
+    turn = times * 0.6
+    return times, np.column_stack([0.9 * np.cos(turn), 0.9 * np.sin(turn), 0.8 + 0.2 * np.sin(2.0 * turn)])
+
+
+def arm_towards(rays: Array, eyes_m: float, shoulder_m: float, arm_m: float) -> Array:
+    """Return the directions of arms from the shoulder whose fingers lie on `rays` (n x 3) from the eyes."""
+    up = eyes_m - shoulder_m
+    # |(0, 0, up) + s ray| = arm
+    half = rays[:, 2] * up
+    reach = -half + np.sqrt(half**2 - up**2 + arm_m**2)
+    return (reach[:, None] * rays + (0.0, 0.0, up)) / arm_m
+
+
+def write_csv(path: Path, header: str, rows: Iterable[Sequence[Any]]) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header.split(","))
+        writer.writerows(rows)
+    return path
+
+
+def write_motion(
+    recordings: Path, stand: Stand, *, duration_s: float = 12.0, repeat: int = 4, subject: str = "M9"
+) -> Path:
+    """Write a session; the quaternion of each `repeat`-th row is that of the row before."""
+    times, places = robot(duration_s)
+    arms = arm_towards(unit(stand.rays(places)), 1.69, 1.47, 0.69)
+    # the sensor's x axis looks away from the finger
+    half_az = 0.5 * (np.arctan2(arms[:, 1], arms[:, 0]) + math.pi)
+    half_el = 0.5 * np.arcsin(-arms[:, 2])
+    ca, sa, ce, se = np.cos(half_az), np.sin(half_az), np.cos(half_el), np.sin(half_el)
+    sensors = np.column_stack([ca * ce, sa * se, -ca * se, sa * ce])  # w, x, y, z: Rz(az) Ry(-el)
+    rows: list[list[float]] = []
+    for i, t in enumerate(times):
+        q = sensors[i - 1] if i % repeat == repeat - 1 else sensors[i]
+        rows.append([t, *q, *places[i], stand.x, stand.y, 1.82])
+    folder = recordings / "motion_relloc"
+    header = "t,qw,qx,qy,qz,robot_x,robot_y,robot_z,head_x,head_y,head_z"
+    path = write_csv(folder / "circle.csv", header, rows)
+    entries = [
+        {
+            "file": "circle.csv",
+            "subject": subject,
+            "kind": "pointing_at_moving_drone",
+            "ref_yaw_deg_human_minus_world": -stand.yaw_deg,
+        },
+        {"file": "idle_0.csv", "subject": subject, "kind": "not_pointing_or_unlabelled"},
+        {"file": "lost.csv", "subject": subject, "kind": "pointing_at_moving_drone"},
+    ]
+    (folder / "index.json").write_text(json.dumps(entries), encoding="utf-8")
+    return path
+
+
+def write_track(
+    recordings: Path, stand: Stand, *, duration_s: float = 12.0, subject: str | int = "user9"
+) -> Path:
+    """Write a track; rays that miss the floor have no point."""
+    times, places = robot(duration_s)
+    rays = unit(stand.rays(places))
+    rows: list[list[Any]] = []
+    for t, place, ray in zip(times, places, rays, strict=True):
+        hits = ray[2] < -1e-3
+        point = [*(ray[:2] * (stand.eyes_m / -ray[2]))] if hits else ["", ""]
+        rows.append([t, *point, *place, stand.x, stand.y, stand.eyes_m + 0.115])
+    folder = recordings / "proximity_waypoints"
+    path = write_csv(folder / "track_9.csv", "t,px,py,robot_x,robot_y,robot_z,head_x,head_y,head_z", rows)
+    entry = {
+        "file": "track_9.csv",
+        "subject": subject,
+        "eye_height_guess_m": stand.eyes_m,
+        "ref_yaw_deg_human_minus_world": -stand.yaw_deg,
+    }
+    flown = {"file": "session_9.csv", "subject": subject, "interface": "POINTING"}
+    (folder / "index.json").write_text(
+        json.dumps({"targets_xy": {}, "files": [flown, entry]}), encoding="utf-8"
+    )
+    return path
+
+
+def write_acts(recordings: Path, people: dict[str, tuple[float, Stand]], *, times: int = 2) -> Path:
+    """Write acts at nine targets, `times` each; `people`: stature and stand by subject, yaw 0."""
+    targets = np.array([(x, y, z) for x in (1.5, 2.5) for y in (-1.0, 1.0) for z in (0.5, 1.0)])
+    rows: list[list[Any]] = []
+    for subject, (stature_m, stand) in people.items():
+        factor = stature_m / ORIGINAL_STATURE_M
+        seen = Stand(x=stand.x, y=stand.y, yaw_deg=0.0, bias_deg=stand.bias_deg, eyes_m=1.64 * factor)
+        arms = arm_towards(unit(seen.rays(targets)), 1.64 * factor, 1.43 * factor, 0.73 * factor)
+        for _ in range(times):
+            for target, arm in zip(targets, arms, strict=True):
+                forearm = np.array([stand.x + 0.2, stand.y - 0.1, 1.3])
+                rows.append(
+                    [subject, stature_m, *target, stand.x, stand.y, 1.6, *forearm, *(forearm + 0.25 * arm)]
+                )
+    points = [f"{part}_{axis}" for part in ("target", "hmd", "forearm", "hand") for axis in "xyz"]
+    header = ",".join(["subject", "stature", *points])
+    return write_csv(recordings / "vr_arm_pointing" / "endpoints.csv", header, rows)
+
+
+LAMPS = np.array([[1.7, -2.6, 0.85], [0.8, -0.2, 0.1]])
+
+
+def write_simulated(recordings: Path, stands: Sequence[Stand], **other: Any) -> Path:
+    """Write a trial of two lamps for each stand; the scenarios are `a` and `b` in turn."""
+    lamps = np.repeat([0, 1], 50)
+    angles = np.stack([stand.rays(LAMPS[lamps]) for stand in stands])
+    arrays: dict[str, Any] = {
+        "ray_az_rad": angles[:, :, 0],
+        "ray_el_rad": angles[:, :, 1],
+        "led_xyz": LAMPS,
+        "led_of_sample": lamps.astype(np.int8),
+        "t_s": np.arange(100) / 50.0,
+        "eye_height_m": np.float64(stands[0].eyes_m),
+        "truth_user_xy": np.array([(stand.x, stand.y) for stand in stands]),
+        "truth_yaw_rad": np.array([-math.radians(stand.yaw_deg) for stand in stands]),
+        "scenario": np.array([i % 2 for i in range(len(stands))], dtype=np.int8),
+        "scenario_names": np.array(["a", "b"]),
+    }
+    folder = recordings / "synth_two_led"
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez(folder / "trials.npz", **{**arrays, **other})
+    return folder / "trials.npz"

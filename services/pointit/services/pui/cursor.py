@@ -1,8 +1,19 @@
 """One person's cursor: their pose, whether they point, where their ray meets the room (paper, §II-D)."""
 
+import math
+
 from pointit.geometry import vector
-from pointit.schemas import Cursor, Interaction, PointingRay, UserPose
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Cursor, Interaction, PointingRay, UserPose
 from pointit.services.pui.surfaces import Surfaces
+
+STEEPEST_RAD = math.pi / 2.0
+
+MOST_BIAS_RAD = math.radians(45.0)
+"""Nobody points higher or lower than that all the time: a pose that says so is believed so far."""
+
+RIVAL_NS = 2 * NS_PER_S
+"""Of two who tell a pose, the one with the older stamp is left out while the other was heard so lately."""
 
 
 class PersonCursor:
@@ -16,6 +27,7 @@ class PersonCursor:
         self._surfaces = surfaces
         self._interaction: Interaction | None = None
         self._pose: UserPose | None = None
+        self._pose_came_ns = 0
         self._newest_ns = 0
         self._shown = False
         self._seq = 0
@@ -29,8 +41,21 @@ class PersonCursor:
     def _pointing(self) -> bool:
         return self._interaction is None or self._interaction.state == "pointing"
 
-    def set_pose(self, pose: UserPose) -> None:
-        """Take where the person stands now."""
+    def set_pose(self, pose: UserPose, now_ns: int | None = None) -> None:
+        """Take where the person stands now.
+
+        A localizer and a tracker may both tell it for a moment: then the newer one counts.
+
+        Args:
+            pose: from either.
+            now_ns: the time; none: there is only one who tells it.
+        """
+        known = self._pose
+        if now_ns is not None:
+            is_rival = 0 <= now_ns - self._pose_came_ns <= RIVAL_NS
+            if known is not None and is_rival and pose.stamp_ns < known.stamp_ns:
+                return
+            self._pose_came_ns = now_ns
         self._pose = pose
 
     def set_interaction(self, interaction: Interaction) -> Cursor | None:
@@ -54,7 +79,7 @@ class PersonCursor:
         self._shown = True
         met = self._surfaces.meet(
             vector.add(pose.position_m, vector.turn(ray.origin_m, pose.yaw_rad)),
-            vector.turn(ray.direction, pose.yaw_rad),
+            vector.turn(_lowered(ray.direction, pose.elevation_bias_rad), pose.yaw_rad),
         )
         if met is None:
             return self._cursor(ray.stamp_ns)
@@ -75,3 +100,12 @@ class PersonCursor:
     def _cursor(self, stamp_ns: int) -> Cursor:
         self._seq += 1
         return Cursor(stamp_ns=stamp_ns, seq=self._seq)
+
+
+def _lowered(direction: Vec3, bias_rad: float) -> Vec3:
+    """Return `direction` with its elevation less by `bias_rad`, at most straight up or down."""
+    if bias_rad == 0.0:
+        return direction
+    bias_rad = max(-MOST_BIAS_RAD, min(MOST_BIAS_RAD, bias_rad))
+    elevation_rad = vector.elevation(direction) - bias_rad
+    return vector.direction(vector.azimuth(direction), max(-STEEPEST_RAD, min(STEEPEST_RAD, elevation_rad)))

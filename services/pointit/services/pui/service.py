@@ -55,7 +55,7 @@ class Pui(Service[PuiConfig]):
         return person
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
-        self._person(user).set_pose(pose)
+        self._person(user).set_pose(pose, self.clock.now_ns())
         self._judge(user)
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:

@@ -45,7 +45,7 @@ LAMPS = (
     Lamp(id="led_3", position_m=(3.239, -0.606, 0.15)),
 )
 ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
-STATIC = LocalizerConfig(method="static_targets", reaction_s=0.5, hold_s=1.0)
+STATIC = LocalizerConfig(method="static_targets", order="given", reaction_s=0.5, hold_s=1.0)
 SPEED = 10.0
 USER = "anna"
 
@@ -137,7 +137,7 @@ async def test_the_whole_procedure_with_lamps() -> None:
             await room.until_phase("solved")
         assert room.order == [lamp.id for lamp in LAMPS]
         assert room.dark
-        (pose,) = room.poses
+        pose = room.poses[0]  # then it is followed
         assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
         assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < math.radians(2.0)
         sequence = [message.seq for message in room.progress]
@@ -149,7 +149,7 @@ async def test_configured_lamps_only_in_their_order() -> None:
     async with memory_bench(clock) as bench:
         room = Room(bench, clock, Person(1.5, 1.2))
         bench.put(MAP, ROOM)
-        config = LocalizerConfig(method="static_targets", lamps=("led_3", "led_1", "led_0"), reaction_s=0.5)
+        config = STATIC.model_copy(update={"lamps": ("led_3", "led_1", "led_0")})
         bench.start(Localizer, config, USER)
         await bench.settle()
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
@@ -196,7 +196,7 @@ async def test_start_again_begins_at_the_first_lamp() -> None:
         assert room.progress[-1].samples == 0
         async with room.pointing():
             await room.until_phase("solved")
-        assert len(room.poses) == 1
+        assert room.poses[0].samples < 250
 
 
 async def test_set_pose_wins_over_what_goes_on() -> None:

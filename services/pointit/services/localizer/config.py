@@ -1,15 +1,19 @@
 """Parameters of the localizer."""
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from pointit.runtime.config import Config
+from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
+from pointit.services.localizer.anchoring import Steadiness
+from pointit.services.localizer.drift import DriftSettings
 from pointit.services.localizer.estimator import Trust
+from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.moving_target import Following
-from pointit.services.localizer.static_targets import Timing
+from pointit.services.localizer.static_targets import Choice
 
 
 class TrustConfig(Config):
@@ -50,6 +54,40 @@ class TrustConfig(Config):
         )
 
 
+class EnoughConfig(Config):
+    """When an informative choice of lamps may end."""
+
+    position_m: float = Field(default=0.3, gt=0, le=10, description="1 sigma of the position, m")
+    yaw_deg: float = Field(default=3.0, gt=0, le=90, description="1 sigma of the yaw, degrees")
+
+
+class DriftConfig(Config):
+    """How poses are followed while the IMU's yaw drifts."""
+
+    rate_sigma_degps: float = Field(
+        default=0.25, gt=0, le=10, description="1 sigma of an IMU's yaw drift before it is known, degrees/s"
+    )
+    anchor_sigma_deg: float = Field(
+        default=2.0, gt=0, le=30, description="1 sigma of one pointing at a lamp, sideways, degrees"
+    )
+    max_yaw_sigma_deg: float = Field(
+        default=8.0, gt=0, le=180, description="health warns when the yaw is less certain than this, degrees"
+    )
+
+    def settings(self) -> DriftSettings:
+        """Return it in radians, for the filter."""
+        return DriftSettings(
+            rate_sigma_radps=math.radians(self.rate_sigma_degps),
+            anchor_sigma_rad=math.radians(self.anchor_sigma_deg),
+        )
+
+
+def _enough_lamps(count: int) -> int:
+    if count == 1:
+        raise ValueError("one lamp tells no pose; give 2 or more, or 0 for as many as are needed")
+    return count
+
+
 class LocalizerConfig(Config):
     """How it is found out where the person stands."""
 
@@ -65,8 +103,19 @@ class LocalizerConfig(Config):
     )
     lamps: tuple[str, ...] = Field(
         default=(),
-        description="static_targets: ids in the order in which they are lit; empty: all of the map",
+        description="static_targets: ids of lamps, in the given order; empty: all of the map",
     )
+    order: Literal["given", "informative"] = Field(
+        default="informative",
+        description="static_targets: lamps as they are given, or each time the one that tells most",
+    )
+    targets: Annotated[int, AfterValidator(_enough_lamps)] = Field(
+        default=0,
+        ge=0,
+        le=64,
+        description="static_targets: how many lamps, 2 or more; 0: all given, or as many as are needed",
+    )
+    enough: EnoughConfig = EnoughConfig()
     reaction_s: float = Field(
         default=1.5,
         ge=0,
@@ -78,6 +127,15 @@ class LocalizerConfig(Config):
     )
     patience_s: float = Field(
         default=5.0, ge=0, le=600, description="static_targets: how much longer to wait for missing rays, s"
+    )
+    steady_degps: float = Field(
+        default=8.0,
+        ge=0,
+        le=360,
+        description="static_targets: rays count once they turn no faster, degrees/s; 0: at once",
+    )
+    max_spread_deg: float = Field(
+        default=3.0, gt=0, le=90, description="rms by which an arm may wander at an anchor, degrees"
     )
     robot_id: str = Field(
         default="", description="moving_target: object to follow; empty: the robot that the rays fit best"
@@ -93,10 +151,37 @@ class LocalizerConfig(Config):
     )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
     trust: TrustConfig = TrustConfig()
+    track_drift: bool | None = Field(
+        default=None,
+        description="follow the pose while the IMU drifts; empty: unless it is fixed",
+    )
+    drift: DriftConfig = DriftConfig()
+
+    def fixed(self, stamp_ns: int) -> UserPose:
+        """Return the pose that is given here."""
+        return UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=math.radians(self.yaw_deg))
 
     def timing(self) -> Timing:
         """Return how long each lamp takes."""
-        return Timing(reaction_s=self.reaction_s, hold_s=self.hold_s, patience_s=self.patience_s)
+        return Timing(
+            reaction_s=self.reaction_s,
+            hold_s=self.hold_s,
+            patience_s=self.patience_s,
+            steady_radps=math.radians(self.steady_degps) if self.steady_degps else math.inf,
+        )
+
+    def choice(self) -> Choice:
+        """Return which lamps are lit, and when it is enough."""
+        return Choice(
+            order=self.order,
+            targets=self.targets,
+            position_sigma_m=self.enough.position_m,
+            yaw_sigma_rad=math.radians(self.enough.yaw_deg),
+        )
+
+    def steadiness(self) -> Steadiness:
+        """Return what makes a hold an anchor."""
+        return Steadiness(max_spread_rad=math.radians(self.max_spread_deg))
 
     def following(self) -> Following:
         """Return what is followed, and for how long."""

@@ -5,13 +5,11 @@ Pure: rays, tracked objects and the time go in; progress and poses come out.
 
 from dataclasses import dataclass
 
-from pointit.schemas import NS_PER_S, Localization, PointingRay, TrackedObjects
-from pointit.services.localizer.estimator import AMBIGUOUS_COST, Refusal, Solution, Trust, solve
-from pointit.services.localizer.outputs import Output, Phase, pose_message
+from pointit.schemas import NS_PER_S, Candidate, Localization, PointingRay, TrackedObjects
+from pointit.services.localizer.estimator import Refusal, Solution, Trust, solve
+from pointit.services.localizer.meant import Fit, Meant, probable
+from pointit.services.localizer.outputs import Output, Phase, extent, pose_message
 from pointit.services.localizer.pairing import RayWindow, Track
-
-ALIKE = 1.2
-"""The residual of the robot that fits next best must be larger by this, or nobody knows which is meant."""
 
 ROBOT = "robot"
 """Kind of the objects that are followed when no id is given."""
@@ -42,7 +40,11 @@ class MovingTarget:
     _rays: RayWindow
     _tracks: dict[tuple[str, str], Track]
     """By tracker and id."""
-    _target_id: str
+    _meant: Meant
+    _fits: list[Fit]
+    """Of the last try, the best first."""
+    _solution: Solution | None
+    """The last one that was accepted."""
     _tried_ns: int
     """Stamp of the newest ray at the last try."""
     _span_s: float
@@ -62,6 +64,11 @@ class MovingTarget:
     def running(self) -> bool:
         """Return whether rays and objects are wanted."""
         return self._running
+
+    @property
+    def times_ns(self) -> tuple[int, int]:
+        """Return when the first ray of the last try was captured, and when the middle one was; -1: none."""
+        return self._rays.times_ns
 
     def start(self, now_ns: int) -> list[Output]:
         """Forget everything and begin to gather."""
@@ -93,6 +100,7 @@ class MovingTarget:
         if isinstance(result, Refusal):
             return self._missed(now_ns, result)
         self._accepted = True
+        self._solution = result
         done = self._span_s >= 0.9 * self._following.window_s and not self._following.continuous
         self._running = not done
         return [
@@ -102,18 +110,20 @@ class MovingTarget:
             ),
         ]
 
-    def cancel(self, now_ns: int) -> list[Output]:
+    def cancel(self, now_ns: int, reason: str = "") -> list[Output]:
         """Stop; the last pose stays."""
         if not self._running:
             return []
         self._running = False
-        return [self._localization(now_ns, "cancelled")]
+        return [self._localization(now_ns, "cancelled", reason=reason)]
 
     def _clear(self, now_ns: int) -> None:
         self._started_ns = self._due_ns = now_ns
         self._rays = RayWindow(self._following.window_s)
         self._tracks = {}
-        self._target_id = self._following.target_id
+        self._meant = Meant(self._following.target_id)
+        self._fits = []
+        self._solution = None
         self._tried_ns = -1
         self._span_s = 0.0
         self._accepted = False
@@ -130,37 +140,20 @@ class MovingTarget:
             if track.newest_ns < self._rays.newest_ns - self._following.window_s * NS_PER_S:
                 del self._tracks[name]
         self._span_s = 0.0
-        results = [(self._solve(track), track_id) for (_, track_id), track in self._tracks.items()]
+        trust = self._rays.believed(self._trust)
+        results = [(track_id, self._solve(track, trust)) for (_, track_id), track in self._tracks.items()]
         if not results:
             return Refusal("the robot is not tracked any more; see what tracks it")
-        results.sort(key=_worth)
-        result, self._target_id = results[0]
-        rival = next((other for other in results[1:] if self._is_rival(result, *other)), None)
-        if rival is None:
-            return result
-        return Refusal(
-            f"two robots move alike, {self._target_id} and {rival[1]}: have one of them move otherwise, "
-            "or set robot_id",
-            result.residual_rad,
-        )
+        independent = 1.0 + trust.independent_hz * self._span_s
+        self._fits = probable(results, independent, trust.ray_sigma_rad)
+        return self._meant.choose(self._fits, independent, trust)
 
-    def _is_rival(self, best: Solution | Refusal, other: Solution | Refusal, other_id: str) -> bool:
-        """Return whether the rays fit another robot as well, from another place."""
-        if isinstance(best, Refusal) or isinstance(other, Refusal) or other_id == self._target_id:
-            return False
-        if best.is_near(other):
-            return False
-        square = other.residual_rad**2 - best.residual_rad**2
-        independent = 1.0 + self._trust.independent_hz * self._span_s
-        unlikelier = 0.5 * independent * square / self._trust.ray_sigma_rad**2
-        return unlikelier < AMBIGUOUS_COST or other.residual_rad < ALIKE * best.residual_rad
-
-    def _solve(self, track: Track) -> Solution | Refusal:
+    def _solve(self, track: Track, trust: Trust) -> Solution | Refusal:
         pointings = self._rays.pointings(track)
         self._span_s = max(self._span_s, pointings.span_s)
         if pointings.span_s < self._following.min_span_s:
             return Refusal("keep following the robot with the arm straight")
-        return solve(pointings, self._trust, floor_m=self._floor_m)
+        return solve(pointings, trust, floor_m=self._floor_m)
 
     def _missed(self, now_ns: int, refusal: Refusal) -> list[Output]:
         late = now_ns - self._started_ns >= self._following.give_up_s * NS_PER_S
@@ -180,21 +173,22 @@ class MovingTarget:
         reason: str = "",
     ) -> Localization:
         share = min(1.0, self._span_s / self._following.window_s)
+        solution = self._solution
+        several = [fit for fit in self._fits if fit.probability > 0.0] if len(self._fits) > 1 else []
         return Localization(
             stamp_ns=now_ns,
             phase=phase,
-            target_id=self._target_id,
+            target_id=self._meant.object_id,
             target_count=len(self._tracks),
             samples=len(self._rays),
             since_ns=self._started_ns,
             progress=share if progress is None else progress,
             residual_rad=residual_rad,
             reason=reason,
+            position_sigma_m=None if solution is None else extent(solution.position_sigma_m),
+            yaw_sigma_rad=None if solution is None else extent(solution.yaw_sigma_rad),
+            candidates=tuple(
+                Candidate(object_id=fit.object_id, probability=fit.probability)
+                for fit in sorted(several, key=lambda fit: -fit.probability)
+            ),
         )
-
-
-def _worth(candidate: tuple[Solution | Refusal, str]) -> tuple[bool, float]:
-    """Order solutions before refusals, small residuals first."""
-    result, _ = candidate
-    residual_rad = result.residual_rad
-    return isinstance(result, Refusal), float("inf") if residual_rad is None else residual_rad

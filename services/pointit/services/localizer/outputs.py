@@ -1,10 +1,15 @@
-"""What a localization gives out while it goes on: lamps to switch, progress, and the pose."""
+"""What a localization gives out while it goes on: lamps to switch, progress, the pose, an anchor."""
 
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.schemas import Localization, UserPose
+import numpy as np
+
+from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
+from pointit.services.localizer.drift import AnchorResult
 from pointit.services.localizer.estimator import Solution
+from pointit.services.localizer.rays import Mean
+from pointit.services.localizer.sphere import Array
 
 
 @dataclass(frozen=True)
@@ -15,10 +20,15 @@ class LampSwitch:
     on: bool
 
 
+@dataclass(frozen=True)
+class StandBack:
+    """Somebody else gives the pose now: ours is to be taken back."""
+
+
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 """As in `Localization`."""
 
-Output = LampSwitch | Localization | UserPose
+Output = LampSwitch | Localization | UserPose | Anchor | StandBack
 
 
 def pose_message(
@@ -35,4 +45,41 @@ def pose_message(
         elevation_bias_rad=solution.bias_rad,
         residual_rad=solution.residual_rad,
         samples=solution.samples,
+    )
+
+
+def extent(value: float) -> float | None:
+    """Return `value` as it may travel; none when it is beyond everything."""
+    return value if value <= FARTHEST else None
+
+
+def covariance_of(pose: UserPose) -> Array:
+    """Return the covariance of (x, y, yaw) as a 3 x 3 matrix."""
+    return np.array(pose.covariance, dtype=np.float64).reshape(3, 3)
+
+
+def anchor_message(lamp: Lamp, mean: Mean, before: UserPose, result: AnchorResult) -> Anchor:
+    """Return a pointing at `lamp` as it travels.
+
+    Args:
+        lamp: what was pointed at.
+        mean: of the rays.
+        before: the pose at that time, without this anchor.
+        result: what became of it.
+    """
+    return Anchor(
+        stamp_ns=mean.stamp_ns,
+        target_id=lamp.id,
+        target_m=lamp.position_m,
+        origin_m=mean.origin_m,
+        raw_direction=mean.raw_direction,
+        direction=mean.direction,
+        spread_rad=mean.spread_rad,
+        samples=mean.samples,
+        position_m=before.position_m,
+        yaw_rad=before.yaw_rad,
+        azimuth_error_rad=result.azimuth_error_rad,
+        elevation_error_rad=result.elevation_error_rad,
+        accepted=result.accepted,
+        reason=result.note if result.accepted else result.reason,
     )

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.schemas.base import Vec3
-from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer import rays as ray_math
+from pointit.services.localizer.estimator import Pointings, Trust
 from pointit.services.localizer.sphere import Array
 
 Stamps = NDArray[np.int64]
@@ -26,6 +27,7 @@ class RayWindow:
     def __init__(self, window_s: float) -> None:
         self._window_ns = round(window_s * NS_PER_S)
         self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
+        self._made: tuple[tuple[int, int], tuple[Stamps, Array, Array]] | None = None
 
     def __len__(self) -> int:
         """Return the number of rays."""
@@ -49,18 +51,36 @@ class RayWindow:
         while self._rays[0].stamp_ns < ray.stamp_ns - self._window_ns:
             self._rays.popleft()
 
+    @property
+    def times_ns(self) -> tuple[int, int]:
+        """Return when the oldest ray was captured, and when the middle one was; -1 when there is none."""
+        rays = self._rays
+        return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
+
+    def believed(self, trust: Trust) -> Trust:
+        """Return `trust` with what a calibration of the person says; see `rays.believed`."""
+        return ray_math.believed(trust, self._rays)
+
     def pointings(self, track: "Track") -> Pointings:
         """Return the rays with the place of `track` at the time of each; those without one are left out."""
-        stamps = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
+        stamps, origins, directions = self._arrays()
         targets, known = track.at(stamps)
-        rays = [ray for ray, use in zip(self._rays, known, strict=True) if use]
         stamps = stamps[known]
         return Pointings(
             (stamps - stamps[:1]).astype(np.float64) / NS_PER_S,
-            np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3),
-            np.array([ray.direction for ray in rays], dtype=np.float64).reshape(-1, 3),
+            origins[known],
+            directions[known],
             targets[known],
         )
+
+    def _arrays(self) -> tuple[Stamps, Array, Array]:
+        """Return stamps (n), origins and directions (n x 3); made once for all tracks."""
+        key = (self.newest_ns, len(self._rays))
+        if self._made is None or self._made[0] != key:
+            stamps = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
+            arrays = (stamps, ray_math.origins(self._rays), ray_math.directions(self._rays))
+            self._made = (key, arrays)
+        return self._made[1]
 
 
 class Track:

@@ -1,42 +1,50 @@
-"""Reads rays, the map and tracked objects; writes the person's pose, the progress and the lamps."""
+"""Reads rays, the map, tracked objects and more; writes the person's pose, the progress and the lamps."""
 
 import asyncio
-import math
 from collections import Counter
-from typing import ClassVar, Literal
+from collections.abc import Iterable
+from typing import ClassVar
 
 from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     NS_PER_S,
+    Anchor,
     CancelLocalization,
     Done,
     Environment,
-    Lamp,
+    ImuSample,
+    Interaction,
     LampColor,
     Localization,
+    PointAnchor,
     PointingRay,
+    SetHeading,
     SetPose,
     StartLocalization,
     TrackedObjects,
     UserPose,
 )
 from pointit.schemas.topics import (
+    ANCHOR,
     CANCEL_LOCALIZATION,
+    IMU,
+    INTERACTION,
     LAMP_COLOR,
     LOCALIZATION,
     MAP,
     OBJECTS,
+    POINT_ANCHOR,
     POSE,
     RAY,
+    SET_HEADING,
     SET_POSE,
     START_LOCALIZATION,
 )
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.moving_target import MovingTarget
-from pointit.services.localizer.outputs import LampSwitch, Output
-from pointit.services.localizer.static_targets import StaticTargets
-from pointit.services.localizer.turns import Turns, busy
+from pointit.services.localizer.estimator import Refusal
+from pointit.services.localizer.locating import Answer, Locating
+from pointit.services.localizer.outputs import LampSwitch, Output, StandBack
 
 STEP_HZ = 20.0
 """How often a procedure is stepped while it runs."""
@@ -44,15 +52,12 @@ STEP_HZ = 20.0
 AHEAD_NS = NS_PER_S
 """Rays and objects stamped further in the future are wrong, and would make all that follow look late."""
 
-SAY_NS = NS_PER_S
-"""How often who is localized says so at least, and lights their lamp again."""
-
 ON = (255, 255, 255)
 OFF = (0, 0, 0)
 
 
 class Localizer(Service[LocalizerConfig]):
-    """Finds out where one person stands: from a fixed pose, from pointing at lamps or at a moving robot."""
+    """Finds out where one person stands, and follows it while the IMU drifts."""
 
     NAME: ClassVar[str] = "localizer"
     SCOPE: ClassVar[Scope] = "user"
@@ -60,83 +65,85 @@ class Localizer(Service[LocalizerConfig]):
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._map: Environment | None = None
-        self._turns = Turns()
-        self._said_ns = 0
-        self._procedure: StaticTargets | MovingTarget | None = None
-        self._sampling = asyncio.Event()
+        self._locating = Locating(self.user, config)
+        self._busy = asyncio.Event()
+        self._followed = asyncio.Event()
         self._lamps: dict[str, Publisher[LampColor]] = {}
         self._sent: Counter[str] = Counter()
         """Messages by topic and name."""
-        self._poses = self.bus.publisher(POSE, self.user)
+        self._poses: Publisher[UserPose] | None = self.bus.publisher(POSE, self.user)
         self._progress = self.bus.publisher(LOCALIZATION, self.user)
-        self._emit([Localization(stamp_ns=self.clock.now_ns(), phase="idle")])
-        if config.method == "fixed":
-            self._emit([self._fixed_pose()])
-        elif config.method == "moving_target" and config.autostart:
-            self._begin(MovingTarget(config.following(), config.trust.trust(), floor_m=config.floor_m))
+        self._anchors = self.bus.publisher(ANCHOR, self.user)
+        self._emit(self._locating.begin(self.clock.now_ns()))
         self.bus.subscribe(LOCALIZATION, self._on_localization)  # first: the map may switch lamps off
         self.bus.subscribe(MAP, self._on_map)
+        self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
+        self.bus.subscribe(POSE, self._on_pose, self.user)
         self.bus.subscribe(OBJECTS, self._on_objects)
+        self.bus.subscribe(IMU, self._on_imu, self.user)
         self.bus.subscribe(RAY, self._on_ray, self.user)
         self.bus.serve(START_LOCALIZATION, self._start, self.user)
         self.bus.serve(CANCEL_LOCALIZATION, self._cancel, self.user)
         self.bus.serve(SET_POSE, self._set_pose, self.user)
+        self.bus.serve(SET_HEADING, self._set_heading, self.user)
+        self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
 
     async def run(self) -> None:
-        """Step the procedure while there is one; leave no lamp lit at the end."""
+        """Step the procedure while there is one, follow the pose; leave no lamp lit at the end."""
         try:
-            while True:
-                await self._sampling.wait()
-                await sleep(self.clock, 1.0 / STEP_HZ)
-                now_ns = self.clock.now_ns()
-                if self._procedure is not None:
-                    self._emit(self._procedure.step(now_ns))
-                    self._rest()
-                if isinstance(self._procedure, StaticTargets) and abs(now_ns - self._said_ns) >= SAY_NS:
-                    self._say_again(self._procedure)
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._step(), name=f"localizer.{self.user} procedure")
+                group.create_task(self._follow(), name=f"localizer.{self.user} drift")
         finally:
-            self._stop()
+            self._emit(self._locating.stop(self.clock.now_ns()))
+
+    async def _step(self) -> None:
+        while True:
+            await self._busy.wait()
+            await sleep(self.clock, 1.0 / STEP_HZ)
+            self._emit(self._locating.step(self.clock.now_ns()))
+
+    async def _follow(self) -> None:
+        while True:
+            await self._followed.wait()
+            now_ns = self.clock.now_ns()
+            self._emit(self._locating.due(now_ns))
+            self._show(now_ns)
+            await sleep(self.clock, self._locating.wait_s(now_ns))
+
+    def _show(self, now_ns: int) -> None:
+        """Show in health how the pose does."""
+        for name, value, unit in self._locating.figures(now_ns):
+            self.bus.figure(name, value, unit)
+        worry = self._locating.worry(now_ns)
+        if worry:
+            self.bus.warn("pose", worry)
+        else:
+            self.bus.clear("pose")
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        is_first, self._map = self._map is None, environment
-        if is_first and self.config.method == "static_targets":
-            self._darken(environment)
-
-    def _darken(self, environment: Environment) -> None:
-        """Switch off what a localizer that was killed left lit, unless it is somebody's now."""
-        wanted = self.config.lamps
-        lamps = [lamp.id for lamp in environment.lamps if not wanted or lamp.id in wanted]
-        if self._procedure is None and not self._turns.others(lamps, self.clock.now_ns()):
-            self._emit([LampSwitch(lamp_id, on=False) for lamp_id in lamps])
+        self._emit(self._locating.on_map(environment, self.clock.now_ns()))
 
     def _on_localization(self, news: Localization, user: str) -> None:
-        """Mind the others who are localized: the lamps are theirs who began first."""
-        if user == self.user:
-            return
-        now_ns = self.clock.now_ns()
-        has_ended = self._turns.hear(user, news, now_ns)
-        procedure = self._procedure
-        if not isinstance(procedure, StaticTargets):
-            return
-        if has_ended:
-            self._say_again(procedure)
-        others = self._turns.others(procedure.lamp_ids, now_ns)
-        if others and others[0] < (procedure.since_ns, self.user):
-            self._emit(procedure.give_way(now_ns, busy(others[0][1])))
-            self._rest()
+        self._emit(self._locating.on_localization(news, user, self.clock.now_ns()))
 
-    def _say_again(self, procedure: StaticTargets) -> None:
-        self._said_ns = self.clock.now_ns()
-        self._emit(procedure.again(self._said_ns))
+    def _on_interaction(self, news: Interaction, _user: str) -> None:
+        self._locating.on_interaction(news)
+
+    def _on_pose(self, pose: UserPose, _user: str) -> None:
+        self._emit(self._locating.on_pose(pose, self.clock.now_ns()))
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
-        if self._procedure is not None and self._is_timely(RAY.key, ray.stamp_ns):
-            self._procedure.on_ray(ray)
+        if self._is_timely(RAY.key, ray.stamp_ns):
+            self._emit(self._locating.on_ray(ray, self.clock.now_ns()))
+
+    def _on_imu(self, sample: ImuSample, _user: str) -> None:
+        if self._is_timely(IMU.key, sample.stamp_ns):
+            self._locating.on_imu(sample)
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        if isinstance(self._procedure, MovingTarget) and self._is_timely(OBJECTS.key, objects.stamp_ns):
-            self._procedure.on_objects(tracker, objects)
+        if self._is_timely(OBJECTS.key, objects.stamp_ns):
+            self._locating.on_objects(objects, tracker)
 
     def _is_timely(self, key: str, stamp_ns: int) -> bool:
         """Return whether `stamp_ns` is not in the future, but for clocks that differ a little, and say so."""
@@ -152,113 +159,82 @@ class Localizer(Service[LocalizerConfig]):
         return False
 
     async def _start(self, query: StartLocalization, _user: str) -> Done:
-        method = query.method or self.config.method
-        if method == "fixed":
-            self._stop()
-            now_ns = self.clock.now_ns()
-            self._emit([self._fixed_pose(), Localization(stamp_ns=now_ns, phase="solved", progress=1.0)])
-            return Done(message="the pose is fixed by the configuration")
-        procedure = self._new(method)  # refuses before it stops what runs
-        self._stop()
-        self._begin(procedure)
-        return Done(message=f"localizing by {method.replace('_', ' ')}")
+        return self._done(self._locating.start(query.method, self.clock.now_ns()))
 
     async def _cancel(self, _query: CancelLocalization, _user: str) -> Done:
-        return Done(message="cancelled; the last pose stays" if self._stop() else "nothing was going on")
+        return self._done(self._locating.cancel(self.clock.now_ns()))
 
     async def _set_pose(self, query: SetPose, _user: str) -> Done:
-        self._stop()
-        pose = UserPose(
-            stamp_ns=self.clock.now_ns(),
-            position_m=query.position_m,
-            yaw_rad=query.yaw_rad,
-        )
-        self._emit([pose])
-        return Done(message=f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°")
+        return self._done(self._locating.set_pose(query, self.clock.now_ns()))
 
-    def _new(self, method: Literal["static_targets", "moving_target"]) -> StaticTargets | MovingTarget:
-        trust, floor_m = self.config.trust.trust(), self.config.floor_m
-        if method == "moving_target":
-            return MovingTarget(self.config.following(), trust, floor_m=floor_m)
-        return StaticTargets(self._lamps_to_light(), self.config.timing(), trust, floor_m=floor_m)
+    async def _set_heading(self, query: SetHeading, _user: str) -> Done:
+        return self._done(self._locating.set_heading(query.azimuth_rad, self.clock.now_ns()))
 
-    def _lamps_to_light(self) -> list[Lamp]:
-        """Return the configured lamps of the map.
+    async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
+        return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
+
+    def _done(self, answer: Answer | Refusal) -> Done:
+        """Publish what an answer brings along, and give it.
 
         Raises:
-            RefusedError: there is no map, or not the lamps that are wanted, or fewer than two, or somebody
-                else is pointing at them.
+            RefusedError: it is a refusal.
         """
-        if self._map is None:
-            raise RefusedError("there is no map yet; start pui, which publishes it")
-        known = {lamp.id: lamp for lamp in self._map.lamps}
-        missing = [lamp_id for lamp_id in self.config.lamps if lamp_id not in known]
-        if missing:
-            raise RefusedError(
-                f"lamps {', '.join(missing)} are not on map {self._map.name!r}, which has "
-                f"{', '.join(known) or 'none'}; correct `lamps`"
-            )
-        lamps = (
-            [known[lamp_id] for lamp_id in self.config.lamps] if self.config.lamps else list(known.values())
-        )
-        if len({lamp.position_m for lamp in lamps}) < 2:
-            raise RefusedError(
-                f"pointing at lamps needs two at different places, map {self._map.name!r} gives {len(lamps)}"
-            )
-        others = self._turns.others({lamp.id for lamp in lamps}, self.clock.now_ns())
-        if others:
-            raise RefusedError(busy(others[0][1]))
-        return lamps
+        if isinstance(answer, Refusal):
+            raise RefusedError(answer.reason)
+        self._emit(answer.outputs)
+        return Done(message=answer.message)
 
-    def _begin(self, procedure: StaticTargets | MovingTarget) -> None:
-        self._procedure = procedure
-        self._said_ns = self.clock.now_ns()
-        self._emit(procedure.start(self._said_ns))
-        self._sampling.set()
-
-    def _stop(self) -> bool:
-        """End what goes on, and return whether something did."""
-        procedure = self._procedure
-        if procedure is None:
-            return False
-        self._emit(procedure.cancel(self.clock.now_ns()))
-        self._rest()
-        return True
-
-    def _rest(self) -> None:
-        if self._procedure is not None and not self._procedure.running:
-            self._procedure = None
-            self._sampling.clear()
-
-    def _emit(self, outputs: list[Output]) -> None:
+    def _emit(self, outputs: Iterable[Output]) -> None:
         for output in outputs:
-            if isinstance(output, LampSwitch):
-                color = ON if output.on else OFF
-                seq = self._next(LAMP_COLOR.at(output.lamp_id))
-                lamp = LampColor(stamp_ns=self.clock.now_ns(), seq=seq, color=color)
-                self._lamp(output.lamp_id).put(lamp)
-            elif isinstance(output, UserPose):
-                self._poses.put(output.model_copy(update={"seq": self._next(POSE.key)}))
-            else:
-                self._tell(output)
+            match output:
+                case LampSwitch():
+                    self._switch(output)
+                case UserPose():
+                    self._place(output)
+                case Localization():
+                    self._tell(output)
+                case Anchor():
+                    self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
+                case StandBack():
+                    self._take_back()
+        self._set(self._busy, is_on=self._locating.is_busy)
+        self._set(self._followed, is_on=self._locating.is_followed)
+
+    @staticmethod
+    def _set(event: asyncio.Event, *, is_on: bool) -> None:
+        if is_on != event.is_set():
+            (event.set if is_on else event.clear)()
+
+    def _place(self, pose: UserPose) -> None:
+        if self._poses is None:
+            self._poses = self.bus.publisher(POSE, self.user)
+        self._poses.put(pose.model_copy(update={"seq": self._next(POSE.key)}))
+        self._show(self.clock.now_ns())
+
+    def _take_back(self) -> None:
+        """Leave the key to the tracker: who joins late must not get our last pose."""
+        if self._poses is not None:
+            self._poses.close()
+            self._poses = None
+        self._show(self.clock.now_ns())
 
     def _tell(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(LOCALIZATION.key)}))
+        topic = "anchor" if progress.purpose == "anchor" else "localization"
         if progress.phase == "refused":
-            self.bus.warn("localization", progress.reason)
+            self.bus.warn(topic, progress.reason)
         else:
-            self.bus.clear("localization")
+            self.bus.clear(topic)
 
-    def _lamp(self, lamp_id: str) -> Publisher[LampColor]:
-        if lamp_id not in self._lamps:
-            self._lamps[lamp_id] = self.bus.publisher(LAMP_COLOR, lamp_id)
-        return self._lamps[lamp_id]
-
-    def _fixed_pose(self) -> UserPose:
-        return UserPose(
-            stamp_ns=self.clock.now_ns(),
-            position_m=self.config.position_m,
-            yaw_rad=math.radians(self.config.yaw_deg),
+    def _switch(self, lamp: LampSwitch) -> None:
+        if lamp.lamp_id not in self._lamps:
+            self._lamps[lamp.lamp_id] = self.bus.publisher(LAMP_COLOR, lamp.lamp_id)
+        self._lamps[lamp.lamp_id].put(
+            LampColor(
+                stamp_ns=self.clock.now_ns(),
+                seq=self._next(LAMP_COLOR.at(lamp.lamp_id)),
+                color=ON if lamp.on else OFF,
+            )
         )
 
     def _next(self, key: str) -> int:

@@ -1,46 +1,67 @@
 """Localization by pointing at lamps that are lit one after the other (paper, §III-B).
 
-Pure: rays and the time go in, lamps to switch, progress and the pose come out.
+In the order given (two of them are the paper's case), or each time the one that tells most, until the pose
+is sure enough. Pure: rays and the time go in, lamps to switch, progress and the pose come out.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay
-from pointit.services.localizer.estimator import Pointings, Refusal, Trust, solve
-from pointit.services.localizer.outputs import LampSwitch, Output, Phase, pose_message
+from pointit.services.localizer import rays as ray_math
+from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.hold import Hold, Timing
+from pointit.services.localizer.next_target import EYES_M, Acuity, next_target
+from pointit.services.localizer.outputs import LampSwitch, Output, Phase, extent, pose_message
+
+FEWEST = 2
+"""Lamps before a pose can be tried."""
+
+ROUNDS = 2
+"""When as many lamps are lit as are needed, each is lit at most so often."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
-    """How long each lamp takes."""
+class Choice:
+    """Which lamps are lit, in which order, and when it is enough."""
 
-    reaction_s: float = 1.5
-    """After a lamp lights, until the person points at it; rays of that time do not count."""
-    hold_s: float = 2.0
-    """Then rays count."""
-    patience_s: float = 5.0
-    """How much longer a lamp stays lit when too few rays came."""
+    order: Literal["given", "informative"] = "given"
+    targets: int = 0
+    """How many; 0: all in the given order, or as many as are needed."""
+    position_sigma_m: float = 0.3
+    yaw_sigma_rad: float = math.radians(3.0)
+    """In informative order it ends when the pose is as certain as this."""
+
+    def most(self, lamps: int) -> int:
+        """Return how many holds there are at most with so many lamps."""
+        if self.order == "given":
+            return min(self.targets, lamps) if self.targets else lamps
+        return self.targets or ROUNDS * lamps
+
+    def planned(self, lamps: int) -> int:
+        """Return how many holds a person should expect."""
+        return self.targets or lamps if self.order == "informative" else self.most(lamps)
 
 
 class StaticTargets:
     """One run of the procedure; `start` begins it again."""
 
-    _index: int
-    _rays: list[tuple[PointingRay, int]]
-    _here: int
-    """Rays at the lamp that is lit."""
-    _newest_ns: int
-    _counts_from_ns: int
+    _holds: list[tuple[Hold, int]]
+    """With the index of the lamp; the last one goes on."""
     _told: tuple[int, int]
+    _solution: Solution | None
+    """With what was gathered so far, however uncertain."""
 
     def __init__(
         self,
         lamps: Sequence[Lamp],
         timing: Timing | None = None,
         trust: Trust | None = None,
+        choice: Choice | None = None,
         *,
         floor_m: float = 0.0,
     ) -> None:
@@ -49,8 +70,11 @@ class StaticTargets:
         self.lamp_ids = frozenset(lamp.id for lamp in lamps)
         self._timing = timing if timing is not None else Timing()
         self._trust = trust if trust is not None else Trust()
+        self._choice = choice if choice is not None else Choice()
         self._floor_m = floor_m
-        self._enough = -(-self._trust.min_samples // len(self._lamps))
+        self._most = self._choice.most(len(self._lamps))
+        shared = self._most if self._choice.order == "given" or self._choice.targets else FEWEST
+        self._enough = -(-self._trust.min_samples // shared)
         self._running = False
         self.since_ns = 0
         """When it was started."""
@@ -60,6 +84,12 @@ class StaticTargets:
     def running(self) -> bool:
         """Return whether a lamp is lit and rays are wanted."""
         return self._running
+
+    @property
+    def times_ns(self) -> tuple[int, int]:
+        """Return when the first ray was captured, and when the middle one was; -1 when there is none."""
+        rays = self._rays
+        return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
 
     def start(self, now_ns: int) -> list[Output]:
         """Light the first lamp."""
@@ -71,36 +101,32 @@ class StaticTargets:
 
     def on_ray(self, ray: PointingRay) -> None:
         """Keep `ray` if it was captured while the person pointed at the lamp that is lit."""
-        if self._running and ray.stamp_ns > max(self._counts_from_ns, self._newest_ns):
-            self._newest_ns = ray.stamp_ns
-            self._rays.append((ray, self._index))
-            self._here += 1
+        if self._running:
+            self._hold.add(ray)
 
     def step(self, now_ns: int) -> list[Output]:
         """Go on to the next lamp, or to the end, when it is time."""
         if not self._running:
             return []
-        end_ns = self._counts_from_ns + self._ns(self._timing.hold_s)
-        if now_ns < end_ns:
-            return self._progress(now_ns)
-        if self._here >= self._enough:
+        hold = self._hold
+        if hold.is_over(now_ns, self._enough):
             return self._next(now_ns)
-        if now_ns < end_ns + self._ns(self._timing.patience_s):
+        if not hold.is_hopeless(now_ns):
             return self._progress(now_ns)
         return self._end(
             now_ns,
             Refusal(
-                f"only {self._here} rays came while {self._lamps[self._index].id} was lit and {self._enough} "
+                f"only {len(hold.rays)} rays came while {self._lamp.id} was lit and {self._enough} "
                 "are needed; check that the IMU is on and sends, then start again"
             ),
         )
 
-    def cancel(self, now_ns: int) -> list[Output]:
+    def cancel(self, now_ns: int, reason: str = "") -> list[Output]:
         """Stop, lamps off."""
         if not self._running:
             return []
         self._running = False
-        return [self._switch(on=False), self._localization(now_ns, "cancelled")]
+        return [self._switch(on=False), self._localization(now_ns, "cancelled", reason=reason)]
 
     def give_way(self, now_ns: int, reason: str) -> list[Output]:
         """Stop, lamps off, because somebody else has them."""
@@ -111,39 +137,89 @@ class StaticTargets:
         self._told = (-1, -1)
         return [self._switch(on=True), *self._progress(now_ns)] if self._running else []
 
+    @property
+    def _hold(self) -> Hold:
+        return self._holds[-1][0]
+
+    @property
+    def _lamp(self) -> Lamp:
+        return self._lamps[self._holds[-1][1]]
+
+    @property
+    def _rays(self) -> list[PointingRay]:
+        return [ray for hold, _ in self._holds for ray in hold.rays]
+
     def _clear(self) -> None:
-        self._index = 0
-        self._rays = []
-        self._here = 0
-        self._newest_ns = -1
-        self._counts_from_ns = 0
+        self._holds = []
         self._told = (-1, -1)
+        self._solution = None
 
     def _light(self, now_ns: int) -> list[Output]:
-        self._here = 0
-        self._counts_from_ns = now_ns + self._ns(self._timing.reaction_s)
+        self._holds.append((Hold(now_ns, self._timing), self._chosen()))
         return [self._switch(on=True), *self._progress(now_ns)]
 
-    def _next(self, now_ns: int) -> list[Output]:
-        off = self._switch(on=False)
-        if self._index + 1 < len(self._lamps):
-            self._index += 1
-            return [off, *self._light(now_ns)]
-        positions = np.array([lamp.position_m for lamp in self._lamps], dtype=np.float64)
-        first_ns = self._rays[0][0].stamp_ns
-        pointings = Pointings(
-            np.array([(ray.stamp_ns - first_ns) / NS_PER_S for ray, _ in self._rays]),
-            np.array([ray.origin_m for ray, _ in self._rays]),
-            np.array([ray.direction for ray, _ in self._rays]),
-            positions[[index for _, index in self._rays]],
+    def _chosen(self) -> int:
+        """Return the index of the lamp to light now."""
+        if self._choice.order == "given":
+            return len(self._holds)
+        trust, rays, solution = self._trust, self._rays, self._solution
+        acuity = Acuity(
+            ray_sigma_rad=trust.ray_sigma_rad,
+            bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
+            independent=1.0 + trust.independent_hz * self._timing.hold_s,
+            body_sigma_m=trust.body_sigma_m,
+            eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
         )
-        result = solve(pointings, self._trust, floor_m=self._floor_m)
+        chosen = [index for _, index in self._holds]
+        return next_target(
+            [lamp.position_m for lamp in self._lamps],
+            [chosen.count(index) for index in range(len(self._lamps))],
+            acuity,
+            floor_m=self._floor_m,
+            place_m=None if solution is None else (solution.x_m, solution.y_m),
+        )
+
+    def _next(self, now_ns: int) -> list[Output]:
+        """Light the next lamp, or end, the hold being over."""
+        off = self._switch(on=False)
+        count = len(self._holds)
+        if self._choice.order == "given":
+            if count < self._most:
+                return [off, *self._light(now_ns)]
+            return self._finish(now_ns, self._solve(self._trust))
+        result = self._solve(self._trust) if count >= FEWEST else None
+        sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
+        self._solution = sofar if isinstance(sofar, Solution) else None
+        if result is None or (count < self._most and not self._is_sure(result)):
+            return [off, *self._light(now_ns)]
+        return self._finish(now_ns, result)
+
+    def _is_sure(self, result: Solution | Refusal) -> bool:
+        return (
+            isinstance(result, Solution)
+            and result.position_sigma_m <= self._choice.position_sigma_m
+            and result.yaw_sigma_rad <= self._choice.yaw_sigma_rad
+        )
+
+    def _solve(self, trust: Trust) -> Solution | Refusal:
+        rays = self._rays
+        lamps = [index for hold, index in self._holds for _ in hold.rays]
+        stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
+        positions = np.array([lamp.position_m for lamp in self._lamps], dtype=np.float64)
+        pointings = Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions[lamps])
+        return solve(pointings, ray_math.believed(trust, rays), floor_m=self._floor_m)
+
+    def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
+            tried = len(self._holds)
+            if self._choice.order == "informative" and tried > FEWEST:
+                result = replace(result, reason=f"after pointing {tried} times {result.reason}")
             return self._end(now_ns, result)
+        self._solution = result
         self._running = False
         return [
-            off,
-            pose_message(result, "static_targets", self._newest_ns, self._floor_m),
+            self._switch(on=False),
+            pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._floor_m),
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]
 
@@ -156,13 +232,16 @@ class StaticTargets:
 
     def _progress(self, now_ns: int) -> list[Output]:
         """Return where it stands, if that is not what was told last."""
-        state = (self._index, self._here)
+        state = (len(self._holds), len(self._hold.rays))
         if state == self._told:
             return []
         self._told = state
-        held_s = max(0, now_ns - self._counts_from_ns) / NS_PER_S
-        share = (self._index + min(1.0, held_s / self._timing.hold_s)) / len(self._lamps)
-        return [self._localization(now_ns, "sampling", progress=share)]
+        done = len(self._holds) - 1 + self._hold.share(now_ns)
+        return [self._localization(now_ns, "sampling", progress=done / self._count)]
+
+    @property
+    def _count(self) -> int:
+        return max(len(self._holds), self._choice.planned(len(self._lamps)))
 
     def _localization(
         self,
@@ -173,22 +252,26 @@ class StaticTargets:
         residual_rad: float | None = None,
         reason: str = "",
     ) -> Localization:
+        solution = self._solution
         return Localization(
             stamp_ns=now_ns,
             phase=phase,
-            target_id=self._lamps[self._index].id if phase == "sampling" else "",
-            target_index=self._index,
-            target_count=len(self._lamps),
-            samples=len(self._rays),
+            target_id=self._lamp.id if phase == "sampling" else "",
+            target_index=len(self._holds) - 1,
+            target_count=self._count,
+            samples=sum(len(hold.rays) for hold, _ in self._holds),
             since_ns=self.since_ns,
             progress=progress,
             residual_rad=residual_rad,
             reason=reason,
+            position_sigma_m=None if solution is None else extent(solution.position_sigma_m),
+            yaw_sigma_rad=None if solution is None else extent(solution.yaw_sigma_rad),
         )
 
     def _switch(self, *, on: bool) -> LampSwitch:
-        return LampSwitch(self._lamps[self._index].id, on)
+        return LampSwitch(self._lamp.id, on)
 
-    @staticmethod
-    def _ns(duration_s: float) -> int:
-        return round(duration_s * NS_PER_S)
+
+def _lax(trust: Trust) -> Trust:
+    """Return `trust` for a pose so far: how uncertain it is does not matter."""
+    return replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)

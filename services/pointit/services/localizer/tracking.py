@@ -1,0 +1,292 @@
+"""The pose between localizations: followed while the IMU drifts, set right by anchors and headings.
+
+Owns the drift's filter and the search for rests. Pure: poses, rays, orientations and the time go in; poses
+to publish, anchors and figures come out.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas import NS_PER_S, Anchor, Lamp, PointingRay, UserPose
+from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
+from pointit.services.localizer.outputs import anchor_message, covariance_of
+from pointit.services.localizer.pace import Pace
+from pointit.services.localizer.rays import Mean
+from pointit.services.localizer.sphere import Array
+from pointit.services.localizer.stillness import Stillness
+
+GIVEN_SIGMA_M = 0.05
+GIVEN_SIGMA_RAD = math.radians(15.0)
+"""How well a pose that was given is believed once pointing is to set it right."""
+
+HEADING_SIGMA_RAD = math.radians(3.0)
+"""One sigma of pointing in a known direction."""
+
+NO_POSE = "no pose is known yet; localize first, or set one"
+OUTSIDE = "a tracker gives the pose, so the anchor tells only how the person points; nothing is to be done"
+
+FIGURES = (
+    ("drift", "°/min"),
+    ("anchor age", "s"),
+    ("position σ", "m"),  # noqa: RUF001 - sigma is meant
+    ("yaw σ", "°"),  # noqa: RUF001 - sigma is meant
+)
+
+
+class Tracking:
+    """Knows the pose, from whom it is, and how it changes."""
+
+    def __init__(self, settings: DriftSettings | None = None, *, follow: bool | None = None) -> None:
+        """Know nothing yet.
+
+        Args:
+            settings: what is believed of drift.
+            follow: whether poses change with time; none: those that pointing has told.
+        """
+        self._settings = settings if settings is not None else DriftSettings()
+        self._may_follow = follow
+        self._still = Stillness()
+        self._pace = Pace()
+        self._base: UserPose | None = None
+        """As it was found or given."""
+        self._filter: DriftFilter | None = None
+        self._is_told = False
+        """Whether the filter knows the pose: what was given counts until pointing says otherwise."""
+        self._follows = False
+        self._is_outside = False
+        self._calibration_rad: float | None = None
+        """What is left of the person's elevation error, by the newest ray."""
+        self._correction_rad = 0.0
+        """What their offset adds to the elevation, by the newest ray."""
+        self._raw_bias_rad = 0.0
+        """How much higher than the targets rays lie without the offset."""
+
+    @property
+    def base(self) -> UserPose | None:
+        """Return the pose as it was found or given, by whomever; none when none is known."""
+        return self._base
+
+    @property
+    def follows(self) -> bool:
+        """Return whether the pose changes with time by itself."""
+        return self._follows
+
+    def found(self, pose: UserPose, since_ns: int, middle_ns: int, now_ns: int) -> UserPose:
+        """Take the pose of a localization; return it as it is to be published.
+
+        Args:
+            pose: stamped with its newest ray.
+            since_ns: stamp of its first ray.
+            middle_ns: stamp of the ray in the middle; of that time is the mean yaw of an IMU that drifts.
+            now_ns: the time.
+        """
+        known = self._filter if self._follows else None
+        self._take(pose, follow=self._may_follow is not False)
+        self._raw_bias_rad = pose.elevation_bias_rad - self._correction_rad
+        if not self._follows:
+            return self._pace.stamped(pose, now_ns)
+        fix = replace(_fix(pose, covariance_of(pose), middle_ns), since_ns=since_ns)
+        if known is None:
+            known = DriftFilter(fix, self._settings)
+        else:
+            known.reset(fix)
+        self._filter, self._is_told = known, True
+        return self._message(pose.stamp_ns, now_ns)
+
+    def given(self, pose: UserPose, now_ns: int) -> UserPose:
+        """Take a pose that is exact because somebody says so; return it as it is to be published."""
+        self._take(pose, follow=self._may_follow is True)
+        self._raw_bias_rad = 0.0
+        if self._follows:
+            self._filter = DriftFilter(_fix(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
+            self._is_told = True
+        return self._pace.stamped(pose, now_ns)
+
+    def outside(self, pose: UserPose) -> None:
+        """Take the pose of a tracker, which is the tracker's to publish."""
+        if not self._is_outside:
+            self._take(pose, follow=False)
+            self._is_outside = True
+        self._base = pose
+        self._pace.heard(pose.stamp_ns)
+
+    def on_ray(self, ray: PointingRay, now_ns: int) -> UserPose | None:
+        """Mind the person's offset; return the pose when it changes with it.
+
+        A calibrated person's rays do not lie too high any more: their bias is nil. Without the offset it is
+        again what it was.
+        """
+        self._correction_rad = ray.elevation_correction_rad
+        if ray.elevation_sigma_rad == self._calibration_rad:
+            return None
+        self._calibration_rad = ray.elevation_sigma_rad
+        base = self._base
+        if base is None or self._is_outside:
+            return None
+        bias_rad = self._raw_bias_rad if ray.elevation_sigma_rad is None else 0.0
+        if bias_rad == base.elevation_bias_rad:
+            return None
+        self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
+        return self._message(now_ns, now_ns)
+
+    def on_orientation(self, orientation_xyzw: Quaternion, stamp_ns: int) -> None:
+        """Look for rests of the arm; only while no cursor is shown."""
+        if self._filter is None or not self._follows:
+            return
+        told = self._still.add(orientation_xyzw, stamp_ns)
+        if told is not None:
+            self._filter.still(told.stamp_ns, told.yaw_rate_radps, told.sigma_radps, told.creep_sigma_radps)
+
+    def disturb(self) -> None:
+        """End the present rest: the arm follows something from now on."""
+        self._still = Stillness()
+
+    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "") -> Anchor:
+        """Take one pointing at `lamp` and return it as it is to be published.
+
+        Args:
+            lamp: what was pointed at.
+            mean: of the rays.
+            wrong: why it must not be taken; empty when it may.
+        """
+        base = self._base
+        if base is None:
+            nowhere = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+            return anchor_message(lamp, mean, nowhere, AnchorResult(accepted=False, reason=NO_POSE))
+        before = self._at(base, mean.stamp_ns)
+        wrong = wrong or (OUTSIDE if self._is_outside else "")
+        # what must not be taken is only measured
+        told = self._doubtful(before, mean.stamp_ns) if wrong else self._believing(base, mean.stamp_ns)
+        result = told.anchor(
+            mean.stamp_ns,
+            lamp.position_m,
+            mean.origin_m,
+            mean.direction,
+            elevation_bias_rad=base.elevation_bias_rad,
+            spread_rad=mean.spread_rad,
+            samples=mean.samples,
+        )
+        if wrong:
+            result = replace(result, accepted=False, reason=wrong)
+        elif result.accepted:
+            self._believe()
+        return anchor_message(lamp, mean, before, result)
+
+    def heading(self, mean: Mean, azimuth_rad: float) -> AnchorResult:
+        """Take that the person points towards `azimuth_rad` in {W}."""
+        base = self._base
+        if base is None or self._is_outside:
+            return AnchorResult(accepted=False, reason=NO_POSE)
+        told = self._believing(base, mean.stamp_ns)
+        result = told.heading(mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD)
+        if result.accepted:
+            self._believe()
+        return result
+
+    def pose(self, now_ns: int) -> UserPose | None:
+        """Return the pose to publish now; none when none is known, or it is a tracker's."""
+        if self._base is None or self._is_outside:
+            return None
+        return self._message(now_ns, now_ns)
+
+    def due(self, now_ns: int) -> UserPose | None:
+        """Return the pose when it is time to publish it again."""
+        if self._filter is None or not self._follows:
+            return None
+        return self._message(now_ns, now_ns) if self._pace.is_due(self._filter.predict(now_ns)) else None
+
+    def wait_s(self, now_ns: int) -> float:
+        """Return when to ask again whether it is due, s."""
+        return math.inf if self._filter is None else self._pace.wait_s(now_ns, self._filter.at)
+
+    def place(self, now_ns: int) -> tuple[tuple[float, float], Array]:
+        """Return x and y with their covariance (2 x 2).
+
+        Raises:
+            ValueError: no pose is known.
+        """
+        if self._base is None:
+            raise ValueError(NO_POSE)
+        now = self._at(self._base, now_ns)
+        return now.position_m[:2], covariance_of(now)[:2, :2]
+
+    def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
+        """Yield name, value and unit of what health shows; no value where nothing is estimated."""
+        values: tuple[float | None, ...] = (None,) * len(FIGURES)
+        if self._filter is not None and self._is_told:
+            now = self._filter.at(now_ns)
+            values = (
+                math.degrees(now.yaw_rate_radps) * 60.0,
+                (now_ns - now.anchored_ns) / NS_PER_S if now.anchored_ns else None,
+                now.position_sigma_m,
+                math.degrees(now.yaw_sigma_rad),
+            )
+        for (name, unit), value in zip(FIGURES, values, strict=True):
+            yield name, value, unit
+
+    def yaw_sigma_rad(self, now_ns: int) -> float:
+        """Return one sigma of the yaw; 0 where nothing is estimated."""
+        return self._filter.at(now_ns).yaw_sigma_rad if self._filter is not None and self._is_told else 0.0
+
+    def _take(self, pose: UserPose, *, follow: bool) -> None:
+        self._base = pose
+        self._filter = None
+        self._is_told = self._is_outside = False
+        self._follows = follow
+        self._still = Stillness()
+
+    def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:
+        """Return the filter that takes what pointing tells."""
+        if self._filter is None:
+            self._filter = self._doubtful(base, stamp_ns)
+        return self._filter
+
+    def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
+        """Return a filter that believes `pose` only so far."""
+        doubt = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
+        return DriftFilter(_fix(pose, covariance_of(pose) + doubt, stamp_ns), self._settings)
+
+    def _believe(self) -> None:
+        self._is_told = True
+        self._follows = self._may_follow is not False
+
+    def _at(self, base: UserPose, stamp_ns: int) -> UserPose:
+        """Return the pose at `stamp_ns`."""
+        if self._filter is None or not self._is_told:
+            return base
+        now = self._filter.at(stamp_ns)
+        c = [float(value) for value in now.covariance.ravel()]
+        return base.model_copy(
+            update={
+                "stamp_ns": now.stamp_ns,
+                "position_m": (now.x_m, now.y_m, base.position_m[2]),
+                "yaw_rad": now.yaw_rad,
+                "covariance": (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
+                "yaw_rate_radps": now.yaw_rate_radps,
+                "yaw_rate_sigma_radps": now.yaw_rate_sigma_radps,
+                "anchored_ns": now.anchored_ns,
+            }
+        )
+
+    def _message(self, stamp_ns: int, now_ns: int) -> UserPose:
+        base = self._base
+        if base is None:
+            raise ValueError(NO_POSE)
+        pose = self._at(base, stamp_ns)
+        return self._pace.stamped(pose.model_copy(update={"stamp_ns": max(stamp_ns, 0)}), now_ns)
+
+
+def _fix(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
+    return Fix(
+        x_m=pose.position_m[0],
+        y_m=pose.position_m[1],
+        yaw_rad=pose.yaw_rad,
+        covariance=covariance,
+        stamp_ns=stamp_ns,
+        floor_m=pose.position_m[2],
+        is_anchored=pose.method in ("static_targets", "moving_target"),
+    )

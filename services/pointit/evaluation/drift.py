@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import linregress
 
 from pointit.evaluation.datasets import proximity_feedback
 from pointit.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
@@ -142,7 +143,9 @@ def courses(trials: Sequence[FloorTrial]) -> list[Course]:
         if trial.subject != subject or trial.target_id in seen:
             if held:
                 out.append(Course(subject=subject, holds=tuple(held)))
-            held, seen, subject = [], set(), trial.subject
+            held = []
+            seen.clear()
+            subject = trial.subject
         seen.add(trial.target_id)
         hold = _hold(trial)
         if hold is not None:
@@ -173,7 +176,7 @@ def _joined(runs: Sequence[Course]) -> Course:
 
 def hold_sigma_rad(runs: Sequence[Course]) -> float:
     """Return one sigma of the azimuth of one hold, from what three in a row have beside a constant rate."""
-    beside = []
+    beside: list[float] = []
     for run in runs:
         for a, b, c in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
             share = (b.at_s - a.at_s) / (c.at_s - a.at_s)
@@ -196,7 +199,7 @@ def _hold(trial: FloorTrial) -> Hold | None:
     elevations = np.arctan2(-EYE_M, level)
     # the middle of the hold, whatever single samples do
     azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
-    rate = float(np.polyfit(stretch.times_s - stretch.times_s[0], azimuths, 1)[0])
+    rate = float(linregress(stretch.times_s, azimuths).slope)
     stillness = Stillness()
     rests = [
         stillness.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))

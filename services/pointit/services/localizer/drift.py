@@ -28,7 +28,7 @@ from pointit.services.localizer.drift_model import (
     positive,
     predicted,
 )
-from pointit.services.localizer.rejected import AGREED, Rejected, Sight
+from pointit.services.localizer.rejected import AGREED, DRIFTED, Rejected, Sight
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
@@ -89,7 +89,7 @@ class DriftFilter:
             if total > 0.0 and abs(away) <= settings.gate * math.sqrt(total):
                 gain = spread[:, YAW] / total
                 seen = seen - gain * away
-                spread = positive(spread - np.outer(gain, spread[YAW]))
+                spread = positive(spread - np.asarray(np.outer(gain, spread[YAW]), dtype=np.float64))
                 if variance > 0.0:
                     ahead = float(self._covariance[RATE, YAW]) / variance
                     rate += ahead * math.remainder(seen[YAW] - yaw, math.tau)
@@ -340,10 +340,14 @@ class DriftFilter:
             elevation_error_rad=doubt.elevation_error_rad,
             reason=rejected.sentence(doubt, allowed, verdict),
         )
-        if verdict == AGREED:
+        if verdict in {AGREED, DRIFTED}:
             believed = self._rejected[-settings.believe_after :]
             self._rejected.clear()
-            self._doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+            if verdict == AGREED:
+                self._doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+            else:
+                self._covariance[RATE, :3] = self._covariance[:3, RATE] = 0.0
+                self._covariance[RATE, RATE] = settings.max_rate_radps**2
             for one in believed:
                 innovation, slope, noise = self._sighted(one.sight)
                 self._update(innovation, slope, np.diag(noise))

@@ -17,11 +17,11 @@ class DriftSettings:
     """What is believed of drift, of people who stand and of pointings."""
 
     rate_sigma_radps: float = math.radians(0.25)
-    """One sigma of the yaw rate of an IMU that nothing is known of; never less is known."""
+    """One sigma of the yaw rate of an IMU that nothing is known of."""
     rate_walk_radps: float = math.radians(0.002)
     """How far the rate wanders in one second, one sigma; grows with the square root of time."""
     max_rate_radps: float = math.radians(1.0)
-    """No IMU drifts faster."""
+    """No IMU drifts faster, and no rate is less known than that."""
     yaw_walk_rad: float = math.radians(0.06)
     """How far the yaw wanders beside its rate in one second, one sigma (0.5° in a minute)."""
     position_walk_m: float = 0.0065
@@ -133,7 +133,7 @@ def predicted(
 def bounded(covariance: Array, settings: DriftSettings) -> Array:
     """Return it (4 x 4) symmetric, no sigma above its bound; correlations stay."""
     away = settings.max_position_sigma_m
-    largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.rate_sigma_radps])
+    largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.max_rate_radps])
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     shrink = np.minimum(1.0, largest / sigmas)
     return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))

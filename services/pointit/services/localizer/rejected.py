@@ -15,10 +15,12 @@ Array = NDArray[np.float64]
 
 AGREED: Literal["agreed"] = "agreed"
 """They say the same: the pose is wrong, not they."""
+DRIFTED: Literal["drifted"] = "drifted"
+"""They grow evenly: the drift is faster than was believed."""
 SCATTERED: Literal["scattered"] = "scattered"
 """They fit neither the pose nor each other."""
 
-Verdict = Literal["agreed", "scattered", ""]
+Verdict = Literal["agreed", "drifted", "scattered", ""]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,30 +100,37 @@ def verdict(
         believe_after: so many that agree are believed.
         despair_after: so many are too many.
     """
-    newest = doubts[-1]
-    if len(doubts) >= believe_after and all(
-        _agree(newest, other, gate, rate_sigma_radps, since_ns) for other in doubts[-believe_after:-1]
-    ):
-        return AGREED
+    newest, before = doubts[-1], doubts[-believe_after:-1]
+    if len(doubts) >= believe_after:
+        if all(_is_step(newest, other, gate, rate_sigma_radps) for other in before):
+            return AGREED
+        if all(_is_ramp(newest, other, gate, since_ns) for other in before):
+            return DRIFTED
     return SCATTERED if len(doubts) >= despair_after else ""
 
 
-def _agree(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float, since_ns: int) -> bool:
-    """Return whether both tell the same step of the yaw, or the same drift since `since_ns`."""
-    if (a.elevation_error_rad - b.elevation_error_rad) ** 2 > gate**2 * (
-        a.elevation_variance + b.elevation_variance
-    ):
-        return False
+def _is_step(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> bool:
+    """Return whether the pose is beside by the same in both."""
     drifted = rate_sigma_radps * (a.sight.stamp_ns - b.sight.stamp_ns) / NS_PER_S
     step = math.remainder(a.azimuth_error_rad - b.azimuth_error_rad, math.tau)
-    if step**2 <= gate**2 * (a.azimuth_variance + b.azimuth_variance + drifted**2):
-        return True
+    allowed = gate * math.sqrt(a.azimuth_variance + b.azimuth_variance + drifted**2)
+    return abs(step) <= allowed and _is_level(a, b, gate)
+
+
+def _is_ramp(a: Rejected, b: Rejected, gate: float, since_ns: int) -> bool:
+    """Return whether the yaw has gone beside evenly since `since_ns`."""
     earlier_ns = b.sight.stamp_ns - since_ns
     if earlier_ns <= 0:
         return False
     grown = (a.sight.stamp_ns - since_ns) / earlier_ns
     ramp = math.remainder(a.azimuth_error_rad - grown * b.azimuth_error_rad, math.tau)
-    return ramp**2 <= gate**2 * (a.azimuth_variance + grown**2 * b.azimuth_variance)
+    allowed = gate * math.sqrt(a.azimuth_variance + grown**2 * b.azimuth_variance)
+    return abs(ramp) <= allowed and _is_level(a, b, gate)
+
+
+def _is_level(a: Rejected, b: Rejected, gate: float) -> bool:
+    step = a.elevation_error_rad - b.elevation_error_rad
+    return abs(step) <= gate * math.sqrt(a.elevation_variance + b.elevation_variance)
 
 
 def sentence(doubt: Rejected, allowed: Array, decided: Verdict) -> str:
@@ -141,10 +150,9 @@ def sentence(doubt: Rejected, allowed: Array, decided: Verdict) -> str:
         off = f"the target was {abs(elevation):.0f}° {'above' if elevation > 0 else 'below'} the ray"
         limit = math.degrees(float(allowed[1]))
     if decided == AGREED:
-        return (
-            f"{off}, as those before tell: the IMU was turned, drifts fast or the person moved; the pose "
-            "follows"
-        )
+        return f"{off}, as those before tell: the IMU was turned or the person moved, and the pose follows"
+    if decided == DRIFTED:
+        return f"{off}, more each time: the IMU drifts faster than was believed, and the pose follows"
     if decided == SCATTERED:
-        return f"{off} and those before fit neither the pose nor each other: localize again"
+        return f"{off} and those before fit neither the pose nor each other; localize again"
     return f"{off} where at most {limit:.0f}° is believed; point at that target again, arm straight"

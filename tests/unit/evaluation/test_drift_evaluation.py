@@ -1,0 +1,187 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pointit.evaluation.datasets.proximity_feedback import PHASES, read_floor_trials
+from pointit.evaluation.drift import chained, courses, drift_rows, hold_sigma_rad, recorded_rows
+from pointit.evaluation.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
+from pointit.evaluation.drifting_person import Ways
+from pointit.evaluation.row import ALL, Row
+from pointit.geometry import vector
+from pointit.runtime.errors import ConfigError
+from tests.support.data import data_file
+
+HEADER = "trial,target_id,target_x,target_y,phase,t,x,y,trial_len_samples\n"
+PLACES = ((2.0, -1.0), (2.0, 0.0), (2.0, 1.0))
+
+
+def quiet(_: str) -> None:
+    return
+
+
+def record(folder: Path, rate_degps: float, *, runs: int = 3, subject: str = "01", seed: int = 0) -> None:
+    """Write a person whose IMU drifts by `rate_degps`, its yaw set to 0 before each run."""
+    rng = np.random.default_rng(seed)
+    lines: list[str] = []
+    for trial in range(3 * runs):
+        place = PLACES[trial % 3]
+        scatter = rng.normal(0.0, 1.0)
+        for number, phase in enumerate(PHASES):
+            for i in range(250):
+                t = i / 50.0
+                since_s = (trial % 3) * 45.0 + number * 5.0 + t
+                azimuth = math.degrees(math.atan2(place[1], place[0])) + rate_degps * since_s + scatter
+                away = math.hypot(*place)
+                x, y = (away * f(math.radians(azimuth)) for f in (math.cos, math.sin))
+                lines.append(
+                    f"{trial},{trial % 3 + 1},{place[0]},{place[1]},{phase},{t:.2f},{x:.5f},{y:.5f},2250\n"
+                )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"user_{subject}.csv").write_text(HEADER + "".join(lines))
+
+
+def find(rows: list[Row], condition: str, solver: str, subject: str = ALL) -> Row:
+    return next(r for r in rows if (r.condition, r.solver, r.subject) == (condition, solver, subject))
+
+
+def median(row: Row) -> float:
+    assert row.yaw_deg is not None
+    return row.yaw_deg.median
+
+
+def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> None:
+    record(tmp_path, 0.3)
+    trials = read_floor_trials(tmp_path)
+    assert [trial.number for trial in trials] == list(range(9))
+    assert trials[2].start_s == 90.0
+    assert trials[2].target_m == (2.0, 1.0)
+    hold = trials[2].phases["open_loop_hold"]
+    assert hold.times_s[0] == pytest.approx(95.0)
+    assert hold.points_m.shape == (250, 2)
+    first, *_ = courses(trials)
+    assert len(first.holds) == 3
+    # the IMU turns to the left, so that {H} turns to the right
+    assert math.degrees(first.holds[2].rate_radps) == pytest.approx(-0.3, abs=0.01)
+    rest = first.holds[2].rest
+    assert rest is not None
+    assert math.degrees(rest.yaw_rate_radps) == pytest.approx(-0.3, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("0,1,2,-1,sleeping,0.0,1,1,2000", "line 3, column 'phase': one of open_loop_reach"),
+        ("0,1,2,-1,open_loop_reach,0.0,1,1,2000", "column 't' must increase"),
+        ("1,1,2,-1,open_loop_reach,0.0,1,1,0", "line 3, column 'trial_len_samples'"),
+        ("0,1,2,-1,open_loop_reach,soon,1,1,2000", "line 3, column 't'"),
+    ],
+)
+def test_a_damaged_file_is_named(tmp_path: Path, line: str, said: str) -> None:
+    (tmp_path / "user_1.csv").write_text(f"{HEADER}0,1,2,-1,open_loop_reach,0.0,1,1,2000\n{line}\n")
+    with pytest.raises(ConfigError, match=r"user_1\.csv") as error:
+        read_floor_trials(tmp_path)
+    assert said in str(error.value)
+
+
+def test_a_folder_without_files_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="has no files"):
+        read_floor_trials(tmp_path)
+
+
+def test_chains_go_on_where_the_run_before_ended(tmp_path: Path) -> None:
+    record(tmp_path, 0.3)
+    runs = courses(read_floor_trials(tmp_path))
+    chains = list(chained(runs))
+    assert len(chains) == 6
+    chain = chains[0]
+    assert len(chain.holds) == 7
+    assert [round(hold.at_s - chain.holds[0].at_s) for hold in chain.holds] == list(range(0, 271, 45))
+    for run, first in zip(runs, (0, 2, 4), strict=True):
+        for i in (1, 2):
+            step = run.holds[i].yaw_rad - run.holds[i - 1].yaw_rad
+            glued = chain.holds[first + i].yaw_rad - chain.holds[first + i - 1].yaw_rad
+            assert math.remainder(step - glued, math.tau) == pytest.approx(0.0, abs=1e-12)
+    assert math.degrees(hold_sigma_rad(runs)) == pytest.approx(1.0, abs=0.6)
+
+
+def test_the_filter_follows_a_recorded_drift(tmp_path: Path) -> None:
+    for number in range(6):
+        rate = (-0.45, -0.3, -0.1, 0.15, 0.3, 0.4)[number]
+        record(tmp_path / "proximity_feedback", rate, subject=f"{number:02}", seed=number)
+    ticks: list[str] = []
+    rows = recorded_rows(read_floor_trials(tmp_path / "proximity_feedback"), ticks.append)
+    assert ticks
+    at_3_min = {name: median(find(rows, "3 min, 1 anchor/min", name)) for name in ("raw", "pointit")}
+    assert at_3_min["raw"] > 30.0
+    assert at_3_min["pointit"] < 3.0
+    within = find(rows, "3 min, 1 anchor/min", "pointit").yaw_within_2_sigma
+    assert within is not None
+    assert within >= 0.9
+    two = {r.solver: median(r) for r in rows if (r.condition, r.subject) == ("90 s, 2 anchors", ALL)}
+    assert two["pointit"] < two["re-anchored"] < two["raw"]
+    assert find(rows, "90 s, 2 anchors", "pointit", "03").n == 3
+
+
+def test_simulated_people_are_within_3_degrees_after_three_minutes() -> None:
+    rows = simulated_rows(100)
+    condition = "3 min, 1 anchor/min, after it"
+    assert median(find(rows, condition, "raw")) > 17.6
+    assert median(find(rows, condition, "pointit")) <= 3.0
+    # a minute after the last anchor it takes rests, or luck: the pose itself is 0.15 m uncertain
+    assert median(find(rows, "3 min, 1 anchor/min", "pointit, rests")) <= 3.0
+    assert median(find(rows, "3 min, 1 anchor/min", "pointit")) <= 4.5
+    for one in ("pointit", "pointit, rests"):
+        within = find(rows, "3 min, 1 anchor/min", one).yaw_within_2_sigma
+        assert within is not None
+        assert within >= 0.9
+
+
+def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:
+    ways = Ways(place_sigma_m=0.01, bent_arm_share=0.0)
+    errors = [outcome(seed, ways, ANCHORS_S)["pointit"][0] for seed in range(150)]
+    assert float(np.sqrt(np.mean(np.square(errors)))) < 1.35 * bound_rad(ways, ANCHORS_S)
+
+
+def test_one_jump_of_32_degrees_does_not_dominate() -> None:
+    jump, anchors_s = math.radians(32.0), (60.0, 120.0, 150.0)
+    away: dict[str, list[float]] = {"pointit": [], "pointit, rests": []}
+    for seed in range(60):
+        told = outcome(seed, Ways(), anchors_s, jump)
+        for name, errors in away.items():
+            errors.append(abs(told[name][0]))
+    assert math.degrees(np.median(away["pointit"])) < 6.0
+    assert math.degrees(np.median(away["pointit, rests"])) < 4.0
+
+
+def test_the_same_people_come_each_time() -> None:
+    assert simulated_rows(3) == simulated_rows(3)
+
+
+def test_without_recordings_there_are_simulated_people(tmp_path: Path) -> None:
+    ticks: list[str] = []
+    rows = drift_rows(tmp_path, ticks.append)
+    assert {row.set for row in rows} == {"simulated_drift"}
+    assert ticks
+
+
+def test_recorded_people_are_within_3_degrees_after_three_minutes() -> None:
+    folder = data_file("recordings/proximity_feedback")
+    trials = read_floor_trials(folder)
+    assert all(set(trial.phases) == set(PHASES) for trial in trials)
+    rows = recorded_rows(trials, quiet)
+    assert median(find(rows, "3 min, 1 anchor/min", "raw")) > 17.6
+    assert median(find(rows, "3 min, 1 anchor/min", "pointit")) <= 3.0
+    assert median(find(rows, "90 s, 2 anchors", "pointit")) <= 3.0
+    assert median(find(rows, "90 s, 2 anchors", "pointit")) < median(
+        find(rows, "90 s, 2 anchors", "re-anchored, constant rate")
+    )
+
+
+def test_directions_of_holds_are_rays() -> None:
+    folder = data_file("recordings/proximity_feedback")
+    for course in courses(read_floor_trials(folder)):
+        for hold in course.holds:
+            assert vector.norm(hold.direction_h) == pytest.approx(1.0)
+            assert hold.direction_h[2] < 0.0

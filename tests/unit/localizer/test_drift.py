@@ -1,0 +1,304 @@
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
+from tests.unit.localizer.person import EYES_M, Person, yaw_difference
+
+MINUTE_NS = 60 * NS_PER_S
+LAMPS: tuple[Vec3, ...] = ((3.0, 0.5, 0.2), (-1.0, 2.5, 0.8), (0.5, -3.0, 0.0))
+RATE_RADPS = math.radians(0.4)
+START_SIGMAS = np.array([0.05, 0.05, math.radians(2.0)])
+
+
+def fix(person: Person, stamp_ns: int, sigmas: NDArray[np.float64] = START_SIGMAS) -> Fix:
+    covariance = np.diag(sigmas**2)
+    return Fix(x_m=person.x, y_m=person.y, yaw_rad=person.yaw_rad, covariance=covariance, stamp_ns=stamp_ns)
+
+
+def drifted(person: Person, stamp_ns: int, rate_radps: float = RATE_RADPS) -> Person:
+    yaw_rad = person.yaw_rad + rate_radps * stamp_ns / NS_PER_S
+    return Person(person.x, person.y, yaw_rad, person.bias_rad)
+
+
+def point(
+    drift: DriftFilter, person: Person, lamp: Vec3, stamp_ns: int, beside_rad: float = 0.0
+) -> AnchorResult:
+    direction = vector.turn(person.direction(lamp), beside_rad)
+    return drift.anchor(
+        stamp_ns,
+        lamp,
+        (0.0, 0.0, EYES_M),
+        direction,
+        elevation_bias_rad=person.bias_rad,
+        spread_rad=math.radians(0.3),
+        samples=50,
+    )
+
+
+def calibrated(person: Person, minutes: int = 3) -> DriftFilter:
+    """Return a filter that has had an anchor each minute, while the yaw drifted."""
+    drift = DriftFilter(fix(person, 0))
+    for minute in range(1, minutes + 1):
+        at_ns = minute * MINUTE_NS
+        assert point(drift, drifted(person, at_ns), LAMPS[minute % 3], at_ns).accepted
+    return drift
+
+
+PERSON = Person(0.4, -0.3, 2.0, math.radians(6.0))
+
+
+def test_one_anchor_a_minute_tells_the_drift_of_an_exact_person() -> None:
+    drift = calibrated(PERSON)
+    pose = drift.predict(4 * MINUTE_NS)
+    truth = drifted(PERSON, 4 * MINUTE_NS)
+    assert abs(yaw_difference(pose.yaw_rad, truth.yaw_rad)) < math.radians(1.0)
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
+    assert pose.yaw_rate_sigma_radps < math.radians(0.05)
+    assert pose.anchored_ns == 3 * MINUTE_NS
+    assert math.hypot(pose.x_m - PERSON.x, pose.y_m - PERSON.y) < 0.05
+
+
+def test_without_anchors_the_yaw_is_off_and_says_so() -> None:
+    drift = DriftFilter(fix(PERSON, 0))
+    pose = drift.predict(3 * MINUTE_NS)
+    error = abs(yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS).yaw_rad))
+    assert error == pytest.approx(RATE_RADPS * 180)
+    assert error < 3 * pose.yaw_sigma_rad
+
+
+def test_looking_ahead_changes_nothing() -> None:
+    drift = calibrated(PERSON)
+    before = drift.at(3 * MINUTE_NS)
+    ahead = drift.at(10 * MINUTE_NS)
+    assert ahead.yaw_sigma_rad > before.yaw_sigma_rad
+    again = drift.at(3 * MINUTE_NS)
+    assert again.yaw_rad == before.yaw_rad
+    assert np.array_equal(again.covariance, before.covariance)
+    far = drift.predict(10 * MINUTE_NS)
+    assert far.yaw_rad == pytest.approx(ahead.yaw_rad, abs=1e-12)
+
+
+def test_an_outlier_is_rejected_named_and_leaves_no_trace() -> None:
+    drift, spared = calibrated(PERSON), calibrated(PERSON)
+    at_ns = 4 * MINUTE_NS
+    beside = point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns, math.radians(32.0))
+    assert not beside.accepted
+    assert math.degrees(beside.azimuth_error_rad) == pytest.approx(-32.0, abs=2.0)
+    assert "32° to the right" in beside.reason or "33° to the right" in beside.reason
+    assert "point at that target again" in beside.reason
+    spared.predict(at_ns)
+    assert drift.at(at_ns).yaw_rad == spared.at(at_ns).yaw_rad
+    assert np.array_equal(drift.at(at_ns).covariance, spared.at(at_ns).covariance)
+    assert point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns + NS_PER_S).accepted
+
+
+def test_a_pointing_far_too_high_is_rejected() -> None:
+    drift = calibrated(PERSON)
+    at_ns = 4 * MINUTE_NS
+    now = drifted(PERSON, at_ns)
+    high = Person(now.x, now.y, now.yaw_rad, now.bias_rad + math.radians(25.0))
+    direction = high.direction(LAMPS[0])
+    result = drift.anchor(
+        at_ns, LAMPS[0], (0.0, 0.0, EYES_M), direction, elevation_bias_rad=PERSON.bias_rad, samples=9
+    )
+    assert not result.accepted
+    assert "25° below the ray" in result.reason
+
+
+def test_a_turned_imu_is_believed_the_second_time() -> None:
+    drift = calibrated(PERSON)
+    turned = Person(PERSON.x, PERSON.y, PERSON.yaw_rad + math.radians(40.0), PERSON.bias_rad)
+    assert not point(drift, drifted(turned, 4 * MINUTE_NS), LAMPS[0], 4 * MINUTE_NS).accepted
+    second_ns = 4 * MINUTE_NS + 10 * NS_PER_S
+    believed = point(drift, drifted(turned, second_ns), LAMPS[1], second_ns)
+    assert believed.accepted
+    assert believed.reason == ""
+    assert "turned" in believed.note
+    pose = drift.at(second_ns)
+    error = abs(yaw_difference(pose.yaw_rad, drifted(turned, second_ns).yaw_rad))
+    assert error < math.radians(2.0)
+    assert error < 3 * pose.yaw_sigma_rad
+    assert pose.anchored_ns == second_ns
+
+
+def test_a_drift_beyond_the_prior_is_believed_too() -> None:
+    fast = math.radians(0.85)  # 51° in the first minute, where 3 sigma are 45°
+    drift = DriftFilter(fix(PERSON, 0))
+    results = [
+        point(drift, drifted(PERSON, m * MINUTE_NS, fast), LAMPS[m % 3], m * MINUTE_NS) for m in (1, 2)
+    ]
+    assert [result.accepted for result in results] == [False, True]
+    assert "faster than was believed" in results[1].note
+    pose = drift.predict(3 * MINUTE_NS)
+    error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS, fast).yaw_rad)
+    assert abs(error) < math.radians(8.0)
+    assert abs(error) < 3 * pose.yaw_sigma_rad
+
+
+def test_anchors_that_contradict_each_other_end_in_a_doubt() -> None:
+    drift = calibrated(PERSON)
+    sure = drift.predict(4 * MINUTE_NS)
+    results = [
+        point(drift, drifted(PERSON, at_ns), LAMPS[i], at_ns, math.radians(beside))
+        for i, beside in enumerate((40.0, -40.0, 120.0))
+        for at_ns in (4 * MINUTE_NS + i * NS_PER_S,)
+    ]
+    assert not any(result.accepted for result in results)
+    assert "localize again" in results[-1].reason
+    assert "localize again" not in results[0].reason
+    assert drift.at(5 * MINUTE_NS).yaw_sigma_rad > 2 * sure.yaw_sigma_rad
+    assert drift.at(5 * MINUTE_NS).position_sigma_m > 0.4
+
+
+def test_a_person_who_walked_keeps_yaw_and_rate() -> None:
+    drift = calibrated(PERSON)
+    at_ns = 5 * MINUTE_NS
+    before = drift.predict(at_ns)
+    walked = drifted(Person(8.0, 5.0, PERSON.yaw_rad), at_ns)
+    drift.reset(fix(walked, at_ns, np.array([0.2, 0.2, math.radians(5.0)])))
+    pose = drift.at(at_ns)
+    assert pose.x_m == pytest.approx(8.0)
+    assert pose.yaw_sigma_rad < before.yaw_sigma_rad
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
+    assert pose.yaw_rate_sigma_radps <= before.yaw_rate_sigma_radps
+    assert pose.covariance[0, 0] == pytest.approx(0.2**2)
+
+
+def test_two_localizations_tell_the_rate() -> None:
+    drift = DriftFilter(fix(PERSON, 0))
+    at_ns = 2 * MINUTE_NS
+    drift.reset(fix(drifted(PERSON, at_ns), at_ns))
+    pose = drift.at(at_ns)
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, rel=0.03)
+    assert pose.yaw_rate_sigma_radps == pytest.approx(math.radians(2.0 * math.sqrt(2.0)) / 120, rel=0.2)
+
+
+def test_localizations_of_the_same_rays_tell_no_rate() -> None:
+    drift = DriftFilter(fix(PERSON, 10 * NS_PER_S))
+    one = fix(drifted(PERSON, 11 * NS_PER_S), 11 * NS_PER_S)
+    for second in range(11, 60):
+        again = Fix(
+            x_m=one.x_m,
+            y_m=one.y_m,
+            yaw_rad=one.yaw_rad + 0.001 * second,
+            covariance=one.covariance,
+            stamp_ns=second * NS_PER_S,
+            since_ns=(second - 10) * NS_PER_S,
+        )
+        drift.reset(again)
+        assert drift.at(second * NS_PER_S).yaw_rad == pytest.approx(again.yaw_rad)
+    pose = drift.at(59 * NS_PER_S)
+    assert pose.yaw_rate_radps == 0.0
+    assert pose.yaw_sigma_rad == pytest.approx(math.radians(2.0))
+
+
+def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_doubted() -> None:
+    drift = calibrated(PERSON)
+    at_ns = 4 * MINUTE_NS
+    turned = Person(PERSON.x, PERSON.y, PERSON.yaw_rad - 2.0)
+    drift.reset(fix(turned, at_ns))
+    pose = drift.at(at_ns)
+    assert yaw_difference(pose.yaw_rad, turned.yaw_rad) == pytest.approx(0.0)
+    assert pose.yaw_rate_sigma_radps == pytest.approx(DriftSettings().rate_sigma_radps)
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
+
+
+def test_nothing_is_left_of_an_imu_that_restarted() -> None:
+    drift = calibrated(PERSON)
+    drift.reset(fix(PERSON, 4 * MINUTE_NS), imu_restarted=True)
+    pose = drift.at(4 * MINUTE_NS)
+    assert pose.yaw_rate_radps == 0.0
+    assert pose.yaw_rate_sigma_radps == pytest.approx(DriftSettings().rate_sigma_radps)
+    assert pose.yaw_rad == pytest.approx(PERSON.yaw_rad)
+
+
+def test_facing_a_wall_sets_the_yaw_whatever_was_believed() -> None:
+    drift = calibrated(PERSON)
+    at_ns = 4 * MINUTE_NS
+    turned = Person(PERSON.x, PERSON.y, drifted(PERSON, at_ns).yaw_rad + 1.5)
+    level = vector.direction(0.7 - turned.yaw_rad, 0.1)
+    result = drift.heading(at_ns, 0.7, level)
+    assert result.accepted
+    assert "set anew" in result.note
+    assert abs(yaw_difference(drift.at(at_ns).yaw_rad, turned.yaw_rad)) < math.radians(1.0)
+    assert math.hypot(drift.at(at_ns).x_m - PERSON.x, drift.at(at_ns).y_m - PERSON.y) < 0.05
+    gentle = drift.heading(at_ns + NS_PER_S, 0.7, level)
+    assert gentle.note == ""
+    assert not drift.heading(at_ns, 0.7, vector.direction(0.0, -1.5)).accepted
+
+
+def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
+    drift = DriftFilter(fix(PERSON, 0))
+    assert drift.still(20 * NS_PER_S, RATE_RADPS, math.radians(0.04)).accepted
+    pose = drift.predict(3 * MINUTE_NS)
+    error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS).yaw_rad)
+    assert abs(error) < math.radians(8.0)  # of 72°: the first 20 s went by unknown
+    refused = drift.still(3 * MINUTE_NS, RATE_RADPS + math.radians(0.5), math.radians(0.04))
+    assert not refused.accepted
+    assert "rest it" in refused.reason
+
+
+def test_an_arm_held_up_cannot_make_the_rate_surer_than_people_creep() -> None:
+    drift = DriftFilter(fix(PERSON, 0))
+    creep = math.radians(0.2)
+    results = [drift.still(s * NS_PER_S, RATE_RADPS, math.radians(0.02), creep) for s in range(1, 60)]
+    assert results[0].accepted
+    assert not results[-1].accepted
+    assert drift.at(60 * NS_PER_S).yaw_rate_sigma_radps > 0.5 * creep
+
+
+def test_a_late_anchor_counts_at_its_own_time() -> None:
+    rate = math.radians(0.9)
+    sure = DriftSettings(rate_sigma_radps=math.radians(0.9), max_late_s=60.0)
+    early, late = (DriftFilter(fix(PERSON, 0), sure) for _ in range(2))
+    for drift in (early, late):
+        drift.still(NS_PER_S, rate, math.radians(0.001))
+    at_ns = 40 * NS_PER_S
+    then = drifted(PERSON, at_ns, rate)
+    point(early, then, LAMPS[0], at_ns)
+    late.predict(70 * NS_PER_S)
+    point(late, then, LAMPS[0], at_ns)
+    a, b = early.predict(70 * NS_PER_S), late.predict(70 * NS_PER_S)
+    assert b.yaw_rad == pytest.approx(a.yaw_rad, abs=math.radians(0.3))
+    assert b.anchored_ns == at_ns
+    refused = point(calibrated(PERSON), drifted(PERSON, MINUTE_NS), LAMPS[0], MINUTE_NS)
+    assert not refused.accepted
+    assert "120 s old" in refused.reason
+
+
+def test_a_clock_that_is_set_back_is_followed() -> None:
+    drift = calibrated(PERSON)
+    before = drift.at(3 * MINUTE_NS)
+    pose = drift.predict(5 * NS_PER_S)
+    assert pose.yaw_rad == before.yaw_rad
+    assert pose.stamp_ns == 5 * NS_PER_S
+    assert pose.anchored_ns <= pose.stamp_ns
+    assert drift.predict(65 * NS_PER_S).yaw_sigma_rad > before.yaw_sigma_rad
+
+
+def test_bad_anchors_are_refused_with_a_sentence() -> None:
+    drift = calibrated(PERSON)
+    eyes = (0.0, 0.0, EYES_M)
+    at_ns = 3 * MINUTE_NS
+    forward = (1.0, 0.0, 0.0)
+    for result in (
+        drift.anchor(at_ns, LAMPS[0], eyes, forward, samples=0),
+        drift.anchor(at_ns, LAMPS[0], eyes, (0.0, 0.0, 0.0)),
+        drift.anchor(at_ns, LAMPS[0], eyes, (math.nan, 0.0, 1.0)),
+        drift.anchor(at_ns, LAMPS[0], eyes, (0.01, 0.0, -1.0)),
+        drift.anchor(at_ns, (PERSON.x, PERSON.y, 0.0), eyes, forward),
+        drift.heading(at_ns, math.inf, forward),
+        drift.still(at_ns, math.nan, 0.1),
+        drift.still(at_ns, 5.0, 0.01),
+        drift.still(0, 0.0, 0.01),
+    ):
+        assert not result.accepted
+        assert "; " in result.reason
+    with pytest.raises(ValueError, match="3 x 3"):
+        DriftFilter(Fix(x_m=0.0, y_m=0.0, yaw_rad=0.0, covariance=np.eye(2), stamp_ns=0))

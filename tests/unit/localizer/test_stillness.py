@@ -1,0 +1,169 @@
+import math
+import time
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer.stillness import Stillness, StillRate
+
+HANGING, LEVEL = -1.45, -0.3
+DRIFT_RADPS = math.radians(0.4)
+HZ = 50.0
+
+
+def wander(count: int, sigma_deg: float, rng: np.random.Generator, hz: float = HZ) -> NDArray[np.float64]:
+    """Return how a held arm wanders (pointing.md §7)."""
+    stays = math.exp(-1.0 / (hz * 0.3))
+    kicks = rng.normal(0.0, math.radians(sigma_deg) * math.sqrt(1.0 - stays**2), count)
+    out = np.zeros(count)
+    for i in range(1, count):
+        out[i] = stays * out[i - 1] + kicks[i]
+    return out
+
+
+def stream(
+    azimuth: Callable[[float], float],
+    elevation: Callable[[float], float],
+    seconds: float,
+    *,
+    seed: int = 0,
+    start_s: float = 100.0,
+    hz: float = HZ,
+) -> list[tuple[Quaternion, int]]:
+    rng = np.random.default_rng(seed)
+    count = round(seconds * hz)
+    sideways, upwards = wander(count, 0.25, rng, hz), wander(count, 0.16, rng, hz)
+    return [
+        (
+            rotation.from_azimuth_elevation(
+                azimuth(i / hz) + float(sideways[i]), elevation(i / hz) + float(upwards[i]), 0.7
+            ),
+            round((start_s + i / hz) * NS_PER_S),
+        )
+        for i in range(count)
+    ]
+
+
+def fed(stillness: Stillness, samples: Iterable[tuple[Quaternion, int]]) -> list[StillRate]:
+    told = [stillness.add(*sample) for sample in samples]
+    return [one for one in (*told, stillness.end()) if one is not None]
+
+
+@pytest.mark.parametrize("elevation", [HANGING, -math.pi / 2, LEVEL, 0.0])
+def test_a_resting_arm_tells_the_drift(elevation: float) -> None:
+    told = fed(Stillness(), stream(lambda t: 1.0 + DRIFT_RADPS * t, lambda _: elevation, 60.0))
+    assert len(told) >= 4
+    for rate in told:
+        assert abs(rate.yaw_rate_radps + DRIFT_RADPS) < 3.5 * rate.sigma_radps
+        assert rate.creep_sigma_radps == (0.0 if elevation < -1.0 else pytest.approx(math.radians(0.2)))
+    longest = max(told, key=lambda rate: rate.span_s)
+    assert longest.sigma_radps < math.radians(0.06)
+
+
+def test_the_stated_sigma_is_what_rests_scatter_by() -> None:
+    normal = [
+        (rate.yaw_rate_radps + DRIFT_RADPS) / rate.sigma_radps
+        for seed in range(60)
+        for rate in fed(Stillness(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 8.0, seed=seed))
+    ]
+    assert len(normal) > 40
+    assert 0.5 < float(np.sqrt(np.mean(np.square(normal)))) < 1.2
+
+
+def test_no_sample_tells_twice() -> None:
+    told = fed(Stillness(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 120.0))
+    ends = [(rate.stamp_ns - rate.span_s * 5e8, rate.stamp_ns + rate.span_s * 5e8) for rate in told]
+    assert all(a[1] <= b[0] for a, b in pairwise(ends))
+    assert sum(rate.span_s for rate in told) <= 120.0
+
+
+Turn = Callable[[float], float]
+
+FOLLOWED: list[tuple[Turn, Turn]] = [
+    (lambda t: 0.05 * t, lambda _: LEVEL),  # a parcel at 3 °/s
+    (lambda t: math.radians(2.5) * math.sin(0.5 * t), lambda _: LEVEL),
+    (lambda t: math.radians(1.5) * t, lambda _: LEVEL),
+    (lambda t: 0.0 * t, lambda t: LEVEL + math.radians(0.6) * t),  # upwards: never drift
+    (lambda t: math.radians(5.0) * math.sin(t), lambda _: LEVEL),
+    (lambda t: math.radians(20.0) * math.sin(0.3 * t), lambda t: LEVEL + 0.1 * math.cos(0.3 * t)),
+]
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), FOLLOWED)
+def test_an_arm_that_follows_something_slowly_does_not_rest(azimuth: Turn, elevation: Turn) -> None:
+    assert fed(Stillness(), stream(azimuth, elevation, 40.0)) == []
+
+
+def test_a_movement_ends_the_rest_before_it_begins() -> None:
+    def azimuth(t: float) -> float:
+        return 0.0 if t < 5.0 else 0.6 * (t - 5.0)
+
+    told = fed(Stillness(), stream(azimuth, lambda _: HANGING, 7.0))
+    assert len(told) == 1
+    assert told[0].stamp_ns + told[0].span_s * 5e8 <= 105.0 * NS_PER_S
+    assert abs(told[0].yaw_rate_radps) < 3.0 * told[0].sigma_radps
+
+
+def test_a_movement_that_begins_gently_is_left_out() -> None:
+    def azimuth(t: float) -> float:
+        return 0.05 * max(0.0, t - 5.0) ** 2
+
+    told = fed(Stillness(), stream(azimuth, lambda _: HANGING, 7.0))
+    assert len(told) == 1
+    assert told[0].stamp_ns + told[0].span_s * 5e8 <= 105.4 * NS_PER_S
+    assert abs(told[0].yaw_rate_radps) < 3.0 * told[0].sigma_radps
+
+
+def test_a_short_rest_tells_nothing() -> None:
+    assert fed(Stillness(), stream(lambda _: 0.0, lambda _: HANGING, 2.5)) == []
+
+
+def test_gaps_repeats_and_clocks_begin_anew_or_are_ignored() -> None:
+    samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 6.0)
+    twice = [sample for sample in samples for _ in range(2)]
+    assert fed(Stillness(), twice) == fed(Stillness(), samples)
+    holed = [s for s in samples if not 102.5 * NS_PER_S < s[1] < 103.5 * NS_PER_S]
+    assert all(rate.span_s < 3.0 for rate in fed(Stillness(), holed))
+    stillness = Stillness()
+    for sample in samples:
+        stillness.add(*sample)
+    back = [(q, stamp - 90 * NS_PER_S) for q, stamp in samples]
+    assert [round(rate.stamp_ns / NS_PER_S) for rate in fed(stillness, back)] == [13]
+
+
+def test_the_sign_of_a_quaternion_means_nothing() -> None:
+    samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 8.0)
+    flipped = [((-q[0], -q[1], -q[2], -q[3]) if i % 3 else q, stamp) for i, (q, stamp) in enumerate(samples)]
+    plain, other = fed(Stillness(), samples), fed(Stillness(), flipped)
+    assert len(plain) == 1
+    assert other[0].yaw_rate_radps == pytest.approx(plain[0].yaw_rate_radps, abs=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.8, 0.8), st.floats(-1.55, 0.5), st.integers(0, 1000))
+def test_every_rate_that_is_told_is_possible(rate_degps: float, elevation: float, seed: int) -> None:
+    radps = math.radians(rate_degps)
+    for rate in fed(Stillness(), stream(lambda t: radps * t, lambda _: elevation, 15.0, seed=seed)):
+        assert math.isfinite(rate.yaw_rate_radps)
+        assert rate.sigma_radps > 0.0
+        assert abs(rate.yaw_rate_radps + radps) < 5.0 * rate.sigma_radps
+
+
+def test_a_sample_takes_microseconds() -> None:
+    samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 200.0, hz=100.0)
+    best = math.inf
+    for _ in range(3):
+        stillness = Stillness()
+        start = time.perf_counter()
+        for sample in samples:
+            stillness.add(*sample)
+        best = min(best, (time.perf_counter() - start) / len(samples))
+    assert best < 5e-6

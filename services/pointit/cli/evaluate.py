@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from pointit.cli.evaluation_table import print_rows
 from pointit.cli.output import console, to_json
 from pointit.evaluation.data_folder import VARIABLE, recordings_folder
-from pointit.evaluation.row import Row, document
+from pointit.evaluation.row import ALL, Row, document
 from pointit.runtime.errors import ConfigError
 
 MOST_JOBS = 8
@@ -26,6 +26,12 @@ ABOUT_LOCALIZATION = (
     "median error of an ideal solver, linearized at the true pose, from the subject's own scatter with 2 "
     "independent pointings a second. `ms`: processor time of a solve. Baselines solve at most {trials} "
     "trials of a set and condition, evenly taken."
+)
+
+
+ABOUT_POINTING = (
+    "Spreads are of the errors' sizes: median, p90, rms. `none`, `raw`: not corrected; `bound`: as well as "
+    "these recordings allow. `2 sigma`: share of errors within twice the stated sigma."
 )
 
 
@@ -52,6 +58,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
                 metavar="FILE",
                 help="write the rows as JSON; `-`: to standard output, instead of the table",
             ),
+            click.option("--brief", is_flag=True, help="a table without the rows of single people"),
         )
     ):
         command = option(command)
@@ -86,6 +93,7 @@ def localization(
     sets: tuple[str, ...],
     subjects: tuple[str, ...],
     json_file: Path | None,
+    brief: bool,
     baselines: bool,
     jobs: int | None,
 ) -> None:
@@ -114,7 +122,42 @@ def localization(
                 jobs=jobs if jobs is not None else min(MOST_JOBS, len(os.sched_getaffinity(0))),
                 tick=lambda done, _: progress.update(task, completed=done),
             )
-        tell(rows, json_file, ABOUT_LOCALIZATION.format(trials=BASELINE_TRIALS))
+        tell(rows, json_file, ABOUT_LOCALIZATION.format(trials=BASELINE_TRIALS), brief=brief)
+
+
+@command.command("pointing")
+@_options
+def pointing(
+    *,
+    data: Path | None,
+    sets: tuple[str, ...],
+    subjects: tuple[str, ...],
+    json_file: Path | None,
+    brief: bool,
+) -> None:
+    """What is left of people's systematic error once it is corrected, and of their IMU's drift.
+
+    Systematic error: people point without a cursor, some of it serves as anchors, the rest is measured
+    (vr_eyefinger, proximity_feedback). Drift: how far the yaw is off after some time, with anchors in
+    between (proximity_feedback; simulated_drift, whose true yaw is known).
+
+    Example: pointit evaluate pointing --data recordings --json rows.json
+    """
+    from pointit.evaluation.pointing import RECORDED, SETS, pointing_rows  # noqa: PLC0415 - as above
+
+    check_sets(sets, SETS)
+    check_writable(json_file)
+    with interruptible():
+        recordings = recordings_folder(data)
+        for name in sets or RECORDED:
+            if name in RECORDED and not (recordings / name).is_dir():
+                click.echo(f"note: {recordings / name} is skipped: there is no such folder", err=True)
+        with _progress() as progress:
+            task = progress.add_task("reading", total=None)
+            rows = pointing_rows(
+                recordings, sets, subjects, tick=lambda what: progress.update(task, description=what)
+            )
+        tell(rows, json_file, ABOUT_POINTING, brief=brief)
 
 
 def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
@@ -143,14 +186,14 @@ def check_writable(json_file: Path | None) -> None:
         raise ConfigError(f"--json {json_file}: cannot be written; give a file in a folder that is yours")
 
 
-def tell(rows: Sequence[Row], json_file: Path | None, about: str) -> None:
+def tell(rows: Sequence[Row], json_file: Path | None, about: str, *, brief: bool) -> None:
     """Print `rows` as tables and write them where asked."""
     text = to_json(document(rows), indent=2)
     if json_file is not None and str(json_file) == "-":
         click.echo(text)
         return
     screen = console()
-    print_rows(screen, rows)
+    print_rows(screen, [row for row in rows if row.subject == ALL] if brief else rows)
     click.echo(about)
     if json_file is not None:
         try:

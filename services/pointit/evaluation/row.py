@@ -64,6 +64,28 @@ class Row:
         return asdict(self)
 
 
+def arranged(rows: Iterable[Row]) -> list[Row]:
+    """Return `rows` by set, condition and subject as these are first met, that over all subjects first."""
+    met = list(rows)
+    sets, conditions, subjects = (
+        {name: rank for rank, name in enumerate(dict.fromkeys(names))}
+        for names in (
+            (row.set for row in met),
+            ((row.set, row.condition) for row in met),
+            ((row.set, row.subject) for row in met),
+        )
+    )
+    return sorted(
+        met,
+        key=lambda row: (
+            sets[row.set],
+            conditions[row.set, row.condition],
+            row.subject != ALL,
+            subjects[row.set, row.subject],
+        ),
+    )
+
+
 def document(rows: Sequence[Row]) -> dict[str, Any]:
     """Return what `--json FILE` writes."""
     return {"rows": [row.as_json() for row in rows]}

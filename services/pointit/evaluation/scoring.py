@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.evaluation.row import ALL, Row, Spread
+from pointit.evaluation.row import ALL, Row, Spread, arranged
 from pointit.evaluation.trial import Trial
 
 WRONG_M = 1.0
@@ -52,27 +52,13 @@ class Outcome:
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
-    """Return a row for each set, condition, subject and solver, and for all subjects of a set together.
-
-    Sets, conditions, subjects and solvers stand in the order in which they are met.
-    """
+    """Return a row for each set, condition, subject and solver, and for all subjects of a set together."""
     groups: dict[tuple[str, str, str, str], list[Outcome]] = {}
     for outcome in outcomes:
         key = outcome.key
         for subject in (ALL, key.subject):
             groups.setdefault((key.set, key.condition, subject, outcome.solver), []).append(outcome)
-    conditions = dict.fromkeys((outcome.key.set, outcome.key.condition) for outcome in outcomes)
-    subjects = dict.fromkeys((outcome.key.set, outcome.key.subject) for outcome in outcomes)
-    solvers = dict.fromkeys(outcome.solver for outcome in outcomes)
-    rows: list[Row] = []
-    for name in dict.fromkeys(name for name, _ in conditions):
-        for condition in (condition for of, condition in conditions if of == name):
-            for subject in (ALL, *(subject for of, subject in subjects if of == name)):
-                for solver in solvers:
-                    group = groups.get((name, condition, subject, solver))
-                    if group:
-                        rows.append(_row(name, condition, subject, solver, group))
-    return rows
+    return arranged(_row(*names, group) for names, group in groups.items())
 
 
 def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Row:

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from pointit.cli.main import command
 from pointit.runtime import ConfigError
+from tests.support.data import data_file
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
 
 
@@ -43,6 +44,12 @@ def test_a_table_for_people_and_json_for_programs(data: Path) -> None:
     assert [(row["condition"], row["subject"], row["n"]) for row in rows] == [
         (scenario, subject, 3) for scenario in "ab" for subject in ("all", "simulated")
     ]
+
+
+def test_the_brief_table_has_no_single_people(data: Path) -> None:
+    out, _ = invoke("localization", "--data", str(data), "--only-ours", "--jobs", "1", "--brief")
+    assert "simulated" not in out
+    assert out.count(" all ") == 2
 
 
 def test_json_may_go_to_standard_output_alone(data: Path) -> None:
@@ -82,6 +89,30 @@ def test_the_variable_says_where_the_data_are(data: Path, monkeypatch: pytest.Mo
     monkeypatch.setenv("POINTIT_DATA", str(data))
     out, _ = invoke("localization", "--only-ours", "--jobs", "1", "--json", "-")
     assert json.loads(out)["rows"]
+
+
+def test_what_corrections_leave(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="has none of the folders vr_eyefinger, proximity_feedback"):
+        invoke("pointing", "--data", str(tmp_path))
+    with pytest.raises(ConfigError, match="no such set; there are vr_eyefinger"):
+        invoke("pointing", "--data", str(tmp_path), "--set", "motion_relloc")
+    file = tmp_path / "rows.json"
+    out, _ = invoke("pointing", "--data", str(tmp_path), "--set", "simulated_drift", "--json", str(file))
+    assert out.startswith("simulated_drift")
+    rows = json.loads(file.read_text())["rows"]
+    assert {row["set"] for row in rows} == {"simulated_drift"}
+    assert {"raw", "pointit"} <= {row["solver"] for row in rows}
+
+
+def test_published_recordings_of_pointing_are_corrected() -> None:
+    folder = data_file("recordings/proximity_feedback").parent
+    out, _ = invoke("pointing", "--data", str(folder), "--set", "proximity_feedback", "--json", "-")
+    pitch = {
+        row["solver"]: row["pitch_deg"]["rms"]
+        for row in json.loads(out)["rows"]
+        if (row["condition"], row["subject"]) == ("1 anchor", "all")
+    }
+    assert pitch["pitch"] < pitch["none"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of a terminal")

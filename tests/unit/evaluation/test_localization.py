@@ -10,7 +10,7 @@ import pytest
 from pointit.cli.output import to_json
 from pointit.evaluation.datasets import read_trials
 from pointit.evaluation.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
-from pointit.evaluation.row import Row, document
+from pointit.evaluation.row import Row, arranged, document
 from pointit.evaluation.scoring import Key, Outcome, rows_of
 from tests.support.data import data_file
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
@@ -106,6 +106,28 @@ def test_there_is_a_row_over_all_subjects_of_each_condition() -> None:
     whole = row(rows, subject="all", condition="2 s").position_m
     assert whole is not None
     assert whole.median == pytest.approx(0.3)
+
+
+def test_rows_stand_together_and_those_over_all_first() -> None:
+    def line(name: str, condition: str, subject: str, solver: str) -> Row:
+        return Row(set=name, condition=condition, subject=subject, solver=solver, n=1)
+
+    scattered = [
+        line("b", "9", "y", "p"),
+        line("b", "10", "y", "p"),
+        line("a", "9", "x", "p"),
+        line("b", "9", "y", "q"),
+        line("b", "9", "x", "p"),
+        line("b", "9", "all", "q"),
+    ]
+    assert [(r.set, r.condition, r.subject, r.solver) for r in arranged(scattered)] == [
+        ("b", "9", "all", "q"),
+        ("b", "9", "y", "p"),
+        ("b", "9", "y", "q"),
+        ("b", "9", "x", "p"),
+        ("b", "10", "y", "p"),
+        ("a", "9", "x", "p"),
+    ]
 
 
 @pytest.fixture(scope="module")

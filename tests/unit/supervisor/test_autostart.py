@@ -7,7 +7,7 @@ import pytest
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.life_cycle import LifeCycle, Output, Start
+from pointit.services.supervisor.life_cycle import LifeCycle, Output, Start, StartAnchor
 
 S = 1_000_000_000
 Phase = Literal["refused", "cancelled"]
@@ -42,6 +42,8 @@ def told(outputs: list[Output]) -> list[str]:
                 short.append(f"cue {output.cue}")
             case Start():
                 short.append("start")
+            case StartAnchor():
+                short.append("anchor")
             case _:
                 short.append("cancel")
     return short
@@ -84,7 +86,7 @@ def test_samples_that_are_back_after_a_silence_begin_again() -> None:
     assert told(cycle.imu(*sample(4.1))) == ["pointing", "cue started"]
 
 
-@pytest.mark.parametrize("gesture", ["press", "double", "hold"])
+@pytest.mark.parametrize("gesture", ["press", "hold"])
 def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) -> None:
     cycle = eager()
     cycle.pose(*pose())
@@ -98,11 +100,13 @@ def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) ->
     assert told(cycle.imu(*sample(201))) == ["pointing", "cue started"]
 
 
-def test_a_double_while_waiting_keeps_it_idle() -> None:
+def test_an_anchor_while_waiting_does_not_keep_samples_from_beginning_afterwards() -> None:
     cycle = eager()
     cycle.pose(*pose())
-    assert shown(cycle.button(*press(1, "double"))).next_step == sentences.PRESS
+    assert told(cycle.button(*press(1, "double"))) == ["anchor", "localizing", "cue started"]
     assert cycle.imu(*sample(2)) == []
+    assert told(cycle.button(*press(3))) == ["cancel", "cue stopped", "idle"]
+    assert told(cycle.imu(*sample(4))) == ["pointing", "cue started"]
 
 
 def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:

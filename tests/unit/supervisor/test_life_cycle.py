@@ -10,11 +10,12 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start, StartAnchor
 
 S = 1_000_000_000
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
+Purpose = Literal["pose", "anchor"]
 
 
 def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
@@ -47,6 +48,8 @@ def told(outputs: list[Output]) -> list[str]:
                 short.append(f"cue {output.cue}")
             case Start():
                 short.append("start")
+            case StartAnchor():
+                short.append("anchor")
             case Cancel():
                 short.append("cancel")
     return short
@@ -134,16 +137,15 @@ def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:
     assert told(cycle.answered(run)) == ["cancel"]
 
 
-def test_double_only_ends_and_hold_localizes_anew() -> None:
+def test_hold_localizes_anew() -> None:
     cycle = LifeCycle(localize=True)
     cycle.begin(0)
     cycle.pose(*pose())
-    assert cycle.button(*press(1, "double")) == []
     assert told(cycle.button(*press(2, "hold"))) == ["start", "localizing", "cue started"]
     cycle.localization(*news(3, "solved"))
     assert told(cycle.button(*press(4, "hold"))) == ["start", "localizing", "cue started"]
     cycle.localization(*news(5, "solved"))
-    assert told(cycle.button(*press(6, "double"))) == ["idle", "cue stopped"]
+    assert told(cycle.button(*press(6))) == ["idle", "cue stopped"]
 
 
 def test_relocalizing_each_time_asks_again_though_the_place_is_known() -> None:
@@ -241,7 +243,7 @@ class AnyLife(RuleBasedStateMachine):
             ("localizing", "pointing"),
             ("localizing", "idle"),
             ("pointing", "idle"),
-            ("pointing", "localizing"),  # hold: localize anew
+            ("pointing", "localizing"),  # hold: localize anew; double: an anchor
         }
     )
 
@@ -253,12 +255,13 @@ class AnyLife(RuleBasedStateMachine):
         self.asked: list[int] = []
         self.last: Interaction | None = None
         self.seqs = [0]
+        self.anchors = 0
         self.has_pose = False
         self.take(self.cycle.begin(self.now_ns))
 
     def take(self, outputs: list[Output]) -> None:
         for output in outputs:
-            if isinstance(output, Start):
+            if isinstance(output, Start | StartAnchor):
                 self.asked.append(output.run)
             elif isinstance(output, Interaction):
                 assert output != self.last
@@ -280,16 +283,19 @@ class AnyLife(RuleBasedStateMachine):
     @rule(gesture=st.sampled_from(["press", "double", "hold"]))
     def button(self, gesture: Gesture) -> None:
         self.now_ns += 1
+        self.anchors += gesture == "double" and self.has_pose
         self.take(self.cycle.button(ButtonEvent(stamp_ns=self.now_ns, gesture=gesture), self.now_ns))
 
     @rule(
         phase=st.sampled_from(["idle", "sampling", "solved", "refused", "cancelled"]),
         age_s=st.sampled_from([0.0, 0.5, 100.0]),
         lamp=st.sampled_from(["", "led_0", "led_1"]),
+        purpose=st.sampled_from(["pose", "anchor"]),
     )
-    def localization(self, phase: Phase, age_s: float, lamp: str) -> None:
+    def localization(self, phase: Phase, age_s: float, lamp: str, purpose: Purpose) -> None:
         stamp_ns = self.now_ns - round(age_s * S)
-        message = Localization(stamp_ns=stamp_ns, phase=phase, target_id=lamp)
+        message = Localization(stamp_ns=stamp_ns, phase=phase, target_id=lamp, purpose=purpose)
+        self.anchors += purpose == "anchor" and phase == "sampling"
         self.take(self.cycle.localization(message, self.now_ns))
 
     @rule(age_s=st.sampled_from([0.0, 50.0]))
@@ -318,7 +324,7 @@ class AnyLife(RuleBasedStateMachine):
         assert self.last.next_step.endswith((".", ")."))
         assert self.seqs == sorted(set(self.seqs))
         assert (self.cycle.deadline_ns is None) == (self.cycle.state == "idle")
-        assert self.localize or self.cycle.state != "localizing"
+        assert self.localize or self.anchors or self.cycle.state != "localizing"
 
     def teardown(self) -> None:
         """Whatever happened: left alone it comes to rest, and a press then works as on the first day."""
@@ -333,7 +339,7 @@ class AnyLife(RuleBasedStateMachine):
         if self.localize or self.has_pose:
             assert self.cycle.state in ("localizing", "pointing")
             if self.cycle.state == "localizing":
-                self.localization("solved", 0.0, "")
+                self.localization("solved", 0.0, "", "pose")
             assert self.cycle.state == "pointing"
         else:
             assert self.cycle.state == "idle"

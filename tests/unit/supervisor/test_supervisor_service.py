@@ -224,7 +224,7 @@ async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons() -> N
         assert row.load() is type(service)
         assert view.reads == {topic.key for topic in row.reads}
         assert view.writes == {topic.key for topic in row.writes}
-        assert view.served == set()
+        assert view.served == {request.key for request in row.serves}
         put_pose(bench)
         await bench.settle()
         before = len(interactions)

@@ -4,21 +4,21 @@ idle --button--> localizing --solved--> pointing --button--> idle
 idle --button--> pointing                        when the person's place is known
 localizing --button, refusal, time-out, silent wrist--> idle
 pointing --silent wrist--> idle
+pointing, idle --double press, or somebody else's request--> localizing --in any case--> back where it was,
+    or idle when the wrist is silent: pointing at one lamp sets the pose right (an anchor), and while it is
+    pointed at no cursor is shown
 
 With `autostart` a sample of the wrist does in idle what the button does, unless a press led there.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
+from pointit.services.supervisor.voice import Cue, State, Voice
 
 SETTLE_NS = NS_PER_S
 """After the begin, how long the person's place may take to come before they are localized unasked."""
-
-State = Literal["idle", "localizing", "pointing"]
-Cue = Literal["started", "stopped", "target", "localized", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,19 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
+class StartAnchor:
+    """Ask the localizer to have the person point at one lamp."""
+
+    run: int
+    """As in `Start`."""
+
+
+@dataclass(frozen=True, slots=True)
 class Cancel:
     """Ask the localizer to stop."""
 
 
-Output = Interaction | Feedback | Start | Cancel
+Output = Interaction | Feedback | Start | StartAnchor | Cancel
 
 
 class LifeCycle:
@@ -75,9 +83,11 @@ class LifeCycle:
         self._target = ""
         """The next step while localizing."""
         self._reason = ""
-        self._shown: Interaction | None = None
-        self._seq = 0
-        self._cues = 0
+        self._back: State | None = None
+        """While an anchor is pointed at: where it goes on afterwards."""
+        self._anchored_ns = 0
+        """When the last anchor ended here; what began before is over."""
+        self._voice = Voice()
 
     @property
     def run(self) -> int:
@@ -97,18 +107,22 @@ class LifeCycle:
     def begin(self, now_ns: int) -> list[Output]:
         """Say the first state."""
         self._not_before_ns = now_ns + SETTLE_NS if self._localizes else now_ns
-        return self._show(now_ns)
+        return [*self._show(now_ns)]
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Take a press: it starts what is not going on and ends what is.
 
-        `double` only ends; `hold` localizes anew, where the person localizes at all. Nothing begins by itself
-        after a gesture that ends.
+        `hold` localizes anew, where the person localizes at all; `double` sets the pose right by an anchor.
+        Every gesture calls off what the localizer does. Nothing begins by itself after a gesture that ends.
         """
         if self._button is not None and _is_same(event, self._button):
             return []
         self._button = event
-        ends = event.gesture == "double" or self.state == "localizing"
+        if self._back is not None:
+            return [Cancel(), *self._go_back(self._back, now_ns, "stopped", sentences.ANCHOR_CANCELLED)]
+        if event.gesture == "double" and self.state != "localizing":
+            return self._ask_anchor(now_ns)
+        ends = self.state == "localizing"
         ends = ends or (self.state == "pointing" and not (event.gesture == "hold" and self._localizes))
         self._is_eager = self._autostarts and not ends
         if self.state == "localizing":
@@ -117,8 +131,6 @@ class LifeCycle:
             return self._localize(now_ns)
         if self.state == "pointing":
             return self._rest(now_ns, "stopped", sentences.STOPPED)
-        if event.gesture == "double":
-            return self._show(now_ns)
         if self._pose_ns is None and not self._localizes:
             return self._rest(now_ns, "refused", sentences.NO_POSE)
         return self._start(now_ns)
@@ -136,12 +148,20 @@ class LifeCycle:
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Take the person's place."""
         self._pose_ns = pose.stamp_ns
-        return self._show(now_ns)
+        return [*self._show(now_ns)]
 
     def localization(self, news: Localization, now_ns: int) -> list[Output]:
         """Take the localizer's progress; what is older than the current localization is left out."""
-        if self.state != "localizing" or news.stamp_ns < self._run_ns:
+        if self.state != "localizing":
+            return self._join_anchor(news, now_ns)
+        if news.stamp_ns < self._run_ns:
             return []
+        if self._back is not None:
+            return self._anchor(self._back, news, now_ns)
+        return [] if news.purpose == "anchor" else self._find(news, now_ns)
+
+    def _find(self, news: Localization, now_ns: int) -> list[Output]:
+        """Take news while the place is looked for."""
         if news.phase == "sampling":
             return self._aim(news, now_ns)
         if news.phase == "solved":
@@ -169,6 +189,8 @@ class LifeCycle:
         """Take why a `Start` came to nothing."""
         if self.state != "localizing" or run != self._run:
             return []
+        if self._back is not None:
+            return self._go_back(self._back, now_ns, "refused", reason)
         return self._fail(now_ns, "refused", reason)
 
     def pass_time(self, now_ns: int) -> list[Output]:
@@ -177,6 +199,9 @@ class LifeCycle:
         if deadline_ns is None or now_ns < deadline_ns:
             return []
         is_silent = now_ns >= self._heard_ns + round(self._silence_s * NS_PER_S)
+        if not is_silent and self._back is not None:
+            too_long = sentences.too_long(self._timeout_s)
+            return [Cancel(), *self._go_back(self._back, now_ns, "refused", too_long)]
         if not is_silent:
             return [Cancel(), *self._fail(now_ns, "refused", sentences.too_long(self._timeout_s))]
         reason = sentences.silent(self._silence_s)
@@ -206,10 +231,59 @@ class LifeCycle:
         self._target = sentences.WAIT
         return Start(self._run)
 
+    def _ask_anchor(self, now_ns: int) -> list[Output]:
+        if self._pose_ns is None:
+            return self._rest(now_ns, "refused", sentences.NO_POSE_TO_ANCHOR)
+        self._begin_anchor(now_ns, now_ns, sentences.ANCHOR_ASKED)
+        cue = self._cue(now_ns, "started", sentences.WAIT)
+        return [StartAnchor(self._run), *self._show(now_ns), cue]
+
+    def _join_anchor(self, news: Localization, now_ns: int) -> list[Output]:
+        """Follow an anchor that somebody else has asked for."""
+        began_ns = news.since_ns or news.stamp_ns
+        if news.purpose != "anchor" or news.phase != "sampling" or began_ns <= self._anchored_ns:
+            return []
+        self._begin_anchor(now_ns, min(news.stamp_ns, now_ns), sentences.ANCHOR_ASKED_FOR)
+        self._is_answered = True
+        return self._aim(news, now_ns)
+
+    def _begin_anchor(self, now_ns: int, since_ns: int, reason: str) -> None:
+        if self.state == "idle":  # the silence counts from here, as nobody listened before
+            self._heard_ns = now_ns
+        self._back = self.state
+        self.state = "localizing"
+        self._reason = reason
+        self._run_ns = since_ns
+        self._run += 1
+        self._is_answered = False
+        self._target = sentences.WAIT
+
+    def _anchor(self, back: State, news: Localization, now_ns: int) -> list[Output]:
+        """Take news while an anchor is pointed at."""
+        if news.purpose == "anchor":
+            if news.phase == "sampling":
+                return self._aim(news, now_ns)
+            if news.phase == "solved":
+                return self._go_back(back, now_ns, "localized", sentences.ANCHORED)
+            if news.phase == "refused":
+                return self._go_back(back, now_ns, "refused", news.reason or sentences.ANCHOR_REFUSED)
+        if not self._is_answered:  # of what was before ours
+            return []
+        if news.purpose == "anchor" and news.phase == "cancelled":
+            return self._go_back(back, now_ns, "stopped", news.reason or sentences.ANCHOR_CANCELLED)
+        return self._go_back(back, now_ns, "refused", sentences.ANCHOR_LOST)
+
+    def _go_back(self, back: State, now_ns: int, cue: Cue, reason: str) -> list[Output]:
+        self._anchored_ns = now_ns
+        self._back = None
+        self.state = back
+        self._reason = reason
+        return [self._cue(now_ns, cue, reason), *self._show(now_ns)]
+
     def _aim(self, news: Localization, now_ns: int) -> list[Output]:
         target = sentences.aim(news) if news.target_id else self._target
         if target == self._target:
-            return []
+            return [*self._show(now_ns)]
         self._target = target
         return [*self._show(now_ns), self._cue(now_ns, "target", target)]
 
@@ -228,25 +302,15 @@ class LifeCycle:
         return self._rest(now_ns, cue, reason)
 
     def _rest(self, now_ns: int, cue: Cue, reason: str) -> list[Output]:
+        if self._back is not None:
+            self._anchored_ns = now_ns
         self.state = "idle"
+        self._back = None
         self._reason = reason
         return [*self._show(now_ns), self._cue(now_ns, cue, reason)]
 
-    def _show(self, now_ns: int) -> list[Output]:
-        """Return where the person is, unless that is what was said last."""
-        step = self._next_step()
-        shown = self._shown
-        if shown is not None and (shown.state, shown.reason, shown.next_step) == (
-            self.state,
-            self._reason,
-            step,
-        ):
-            return []
-        self._seq += 1
-        self._shown = Interaction(
-            stamp_ns=now_ns, seq=self._seq, state=self.state, next_step=step, reason=self._reason
-        )
-        return [self._shown]
+    def _show(self, now_ns: int) -> list[Interaction]:
+        return self._voice.show(now_ns, self.state, self._reason, self._next_step())
 
     def _next_step(self) -> str:
         if self.state == "localizing":
@@ -261,8 +325,7 @@ class LifeCycle:
         )
 
     def _cue(self, now_ns: int, cue: Cue, text: str) -> Feedback:
-        self._cues += 1
-        return Feedback(stamp_ns=now_ns, seq=self._cues, cue=cue, text=text)
+        return self._voice.cue(now_ns, cue, text)
 
 
 def _is_same(a: ButtonEvent, b: ButtonEvent) -> bool:

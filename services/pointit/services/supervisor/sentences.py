@@ -11,6 +11,14 @@ LOCALIZED = "You are localized."
 ASKED = "You asked to start."
 AGAIN = "The localizer was restarted, localizing begins anew."
 
+NO_POSE_TO_ANCHOR = "Your place in the room is not known, so there is nothing to set right."
+ANCHOR_ASKED = "You asked to have your pose set right."
+ANCHOR_ASKED_FOR = "You were asked to point at a lamp, so that your pose is set right."
+ANCHORED = "Your pose is set right."
+ANCHOR_REFUSED = "Your pose could not be set right; hold the arm straight and still, and try again."
+ANCHOR_CANCELLED = "Pointing at the lamp was called off; your pose is as before."
+ANCHOR_LOST = "The localizer began something else; your pose is as before, ask again to have it set right."
+
 WAIT = "Wait for the target to point at; press the button to cancel."
 POINT = "Point with your arm straight; press the button to stop."
 PRESS = "Press the button to start pointing."
@@ -34,6 +42,8 @@ def too_long(timeout_s: float) -> str:
 
 def aim(news: Localization) -> str:
     """Return the next step while localizing: what to point at now."""
+    if news.purpose == "anchor":
+        return f"Point at {news.target_id} with your arm straight and stay on it; no cursor is shown."
     which = f" ({news.target_index + 1} of {news.target_count})" if news.target_count > 1 else ""
     return f"Point at {news.target_id} and stay on it{which}."
 

@@ -5,17 +5,22 @@ import logging
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime import Context, RequestError, Service
+from pointit.runtime import ConfigError, Context, RequestError, Service
 from pointit.runtime.service import Scope
+from pointit.runtime.state import StateFile
 from pointit.schemas import (
     NS_PER_S,
     BodyMeasures,
     ButtonEvent,
     CancelLocalization,
+    Done,
     Feedback,
     ImuSample,
     Interaction,
     Localization,
+    PointAnchor,
+    PointingOffset,
+    SetOffset,
     SetPose,
     StartLocalization,
     UserPose,
@@ -28,17 +33,22 @@ from pointit.schemas.topics import (
     IMU,
     INTERACTION,
     LOCALIZATION,
+    POINT_ANCHOR,
     POSE,
     PROFILE,
     SERVICE_ALIVE,
+    SET_OFFSET,
     SET_POSE,
     START_LOCALIZATION,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.kept_place import KeptPlace
-from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start, StartAnchor
 
 log = logging.getLogger(__name__)
+
+OFFSET_PURPOSE = "offset"
+"""Under this name a person's pointing offset is kept, a file for each person."""
 
 LONGEST_WAIT_S = 1.0
 """Wall time after which a running deadline is looked at again: the clock's speed may have changed."""
@@ -63,18 +73,23 @@ class Supervisor(Service[SupervisorConfig]):
             retry_s=config.retry_s,
         )
         self._place = KeptPlace()
-        self._requests: asyncio.Queue[Start | Cancel | SetPose] = asyncio.Queue()
+        self._requests: asyncio.Queue[Start | StartAnchor | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
-        profiles = self.bus.publisher(PROFILE, self.user)
+        self._offsets = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
+        self._offset = self._read_offset()
+        self._setting = asyncio.Lock()
+        self._profile_seq = 0
+        self._profiles = self.bus.publisher(PROFILE, self.user)
         self._interactions = self.bus.publisher(INTERACTION, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
-        profiles.put(profile(config.profile, self.clock.now_ns()))
+        self._put_profile()
         self._do(self._cycle.begin(self.clock.now_ns()))
         self.bus.subscribe(POSE, self._on_pose, self.user)
         self.bus.subscribe(LOCALIZATION, self._on_localization, self.user)
         self.bus.subscribe(IMU, self._on_imu, self.user)
         self.bus.subscribe(BUTTON, self._on_button, self.user)
         self.bus.watch(SERVICE_ALIVE, self._on_presence)
+        self.bus.serve(SET_OFFSET, self._set_offset, self.user)
 
     async def run(self) -> None:
         """Ask the localizer, one request after the other, and mind the deadlines."""
@@ -111,7 +126,7 @@ class Supervisor(Service[SupervisorConfig]):
                     self._interactions.put(output)
                 case Feedback():
                     self._feedback.put(output)
-                case Start() | Cancel():
+                case Start() | StartAnchor() | Cancel():
                     self._requests.put_nowait(output)
         self._moved.set()
 
@@ -123,16 +138,19 @@ class Supervisor(Service[SupervisorConfig]):
             elif isinstance(request, SetPose):
                 await self._give_back(request)
             elif request.run == self._cycle.run:  # else the person has thought better of it
-                await self._start(request.run)
+                await self._start(request)
 
-    async def _start(self, run: int) -> None:
+    async def _start(self, request: Start | StartAnchor) -> None:
         query = StartLocalization(method=self.config.localization_method)
         try:
-            await self.bus.call(START_LOCALIZATION, query, self.user)
+            if isinstance(request, StartAnchor):
+                await self.bus.call(POINT_ANCHOR, PointAnchor(), self.user)
+            else:
+                await self.bus.call(START_LOCALIZATION, query, self.user)
         except RequestError as error:
-            self._do(self._cycle.not_started(run, str(error), self.clock.now_ns()))
+            self._do(self._cycle.not_started(request.run, str(error), self.clock.now_ns()))
         else:
-            self._do(self._cycle.answered(run))
+            self._do(self._cycle.answered(request.run))
 
     async def _cancel(self) -> None:
         try:
@@ -170,6 +188,39 @@ class Supervisor(Service[SupervisorConfig]):
                     await self._moved.wait()
             except TimeoutError:
                 pass
+
+    async def _set_offset(self, query: SetOffset, _user: str) -> Done:
+        async with self._setting:  # what is kept is what was set last
+            self._offset = query.offset
+            self._put_profile()
+            trouble = await self._keep_offset()
+        what = "the offset is forgotten" if query.offset is None else "the offset is in use"
+        return Done(message=f"{what}, but a restart brings the one of before: {trouble}" if trouble else what)
+
+    async def _keep_offset(self) -> str:
+        """Write or erase what outlives this process; return what went wrong."""
+        try:
+            if self._offset is None:
+                await asyncio.to_thread(self._offsets.erase)
+            else:
+                await asyncio.to_thread(self._offsets.write, self._offset)
+        except ConfigError as error:
+            self.bus.warn("offset", f"the person's pointing offset is not kept: {error}")
+            return str(error)
+        self.bus.clear("offset")
+        return ""
+
+    def _read_offset(self) -> PointingOffset | None:
+        try:
+            return self._offsets.read()
+        except ConfigError as error:
+            self.bus.warn("offset", f"the person's pointing offset is not used: {error}")
+            return None
+
+    def _put_profile(self) -> None:
+        self._profile_seq += 1
+        plain = profile(self.config.profile, self.clock.now_ns())
+        self._profiles.put(plain.model_copy(update={"offset": self._offset, "seq": self._profile_seq}))
 
 
 def profile(config: ProfileConfig, now_ns: int) -> UserProfile:

@@ -1,0 +1,183 @@
+"""Pointing at one lamp sets the pose right: asked for by a double press or by others, and back again."""
+
+from typing import Literal
+
+import pytest
+
+from pointit.geometry.rotation import IDENTITY
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.services.supervisor import sentences
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, StartAnchor
+
+S = 1_000_000_000
+Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
+Gesture = Literal["press", "double", "hold"]
+AIM = "Point at led_1 with your arm straight and stay on it; no cursor is shown."
+
+
+def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
+    return ButtonEvent(stamp_ns=round(now_s * S), gesture=gesture), round(now_s * S)
+
+
+def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
+    fields = {"stamp_ns": round(now_s * S), "phase": phase, "purpose": "anchor", **more}
+    return Localization.model_validate(fields), round(now_s * S)
+
+
+def sample(now_s: float) -> tuple[ImuSample, int]:
+    return ImuSample(stamp_ns=round(now_s * S), orientation_xyzw=IDENTITY), round(now_s * S)
+
+
+def told(outputs: list[Output]) -> list[str]:
+    """Return outputs in short: states, cues, requests."""
+    short: list[str] = []
+    for output in outputs:
+        match output:
+            case Interaction():
+                short.append(output.state)
+            case Feedback():
+                short.append(f"cue {output.cue}")
+            case StartAnchor():
+                short.append("anchor")
+            case Cancel():
+                short.append("cancel")
+            case _:
+                short.append("start")
+    return short
+
+
+def shown(outputs: list[Output]) -> Interaction:
+    return next(output for output in outputs if isinstance(output, Interaction))
+
+
+def resting(*, has_pose: bool = True) -> LifeCycle:
+    cycle = LifeCycle()
+    cycle.begin(0)
+    if has_pose:
+        cycle.pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 0)
+    return cycle
+
+
+def pointing() -> LifeCycle:
+    cycle = resting()
+    cycle.button(*press(9))
+    assert cycle.state == "pointing"
+    return cycle
+
+
+def anchoring(cycle: LifeCycle) -> LifeCycle:
+    """Return `cycle` after a double press at 10 s, a consent, and news of the lamp."""
+    assert told(cycle.button(*press(10, "double"))) == ["anchor", "localizing", "cue started"]
+    assert cycle.answered(cycle.run) == []
+    outputs = cycle.localization(*news(11, "sampling", target_id="led_1", since_ns=10 * S))
+    assert told(outputs) == ["localizing", "cue target"]
+    assert shown(outputs).next_step == AIM
+    return cycle
+
+
+@pytest.mark.parametrize("back", ["pointing", "idle"])
+@pytest.mark.parametrize(
+    ("phase", "cue", "reason"),
+    [
+        ("solved", "localized", sentences.ANCHORED),
+        ("refused", "refused", "the arm moved; hold it still"),
+        ("cancelled", "stopped", sentences.ANCHOR_CANCELLED),
+    ],
+)
+def test_it_goes_back_where_it_was_whatever_comes_of_it(
+    back: str, phase: Phase, cue: str, reason: str
+) -> None:
+    cycle = anchoring(pointing() if back == "pointing" else resting())
+    said = reason if phase == "refused" else ""
+    outputs = cycle.localization(*news(13, phase, reason=said, since_ns=10 * S))
+    assert told(outputs) == [f"cue {cue}", back]
+    assert shown(outputs).reason == reason
+    assert isinstance(outputs[0], Feedback)
+    assert outputs[0].text == reason
+    assert cycle.localization(*news(13, phase, since_ns=10 * S)) == []
+    assert told(cycle.button(*press(14)))[0] == ("idle" if back == "pointing" else "pointing")
+
+
+def test_without_a_place_there_is_nothing_to_set_right() -> None:
+    cycle = resting(has_pose=False)
+    outputs = cycle.button(*press(1, "double"))
+    assert told(outputs) == ["idle", "cue refused"]
+    assert shown(outputs).reason == sentences.NO_POSE_TO_ANCHOR
+
+
+def test_the_localizers_refusal_of_the_request_is_passed_on() -> None:
+    cycle = pointing()
+    cycle.button(*press(10, "double"))
+    assert cycle.not_started(cycle.run + 1, "another's", 11 * S) == []
+    outputs = cycle.not_started(cycle.run, "the map has no lamps", 11 * S)
+    assert told(outputs) == ["cue refused", "pointing"]
+    assert shown(outputs).reason == "the map has no lamps"
+
+
+@pytest.mark.parametrize("gesture", ["press", "double", "hold"])
+def test_any_gesture_calls_it_off_for_good(gesture: Gesture) -> None:
+    cycle = anchoring(pointing())
+    assert told(cycle.button(*press(12, gesture))) == ["cancel", "cue stopped", "pointing"]
+    late = {"target_id": "led_1", "since_ns": 10 * S}
+    assert cycle.localization(*news(12.1, "sampling", **late)) == []  # said before it was cancelled
+    assert cycle.localization(*news(12.2, "cancelled", **late)) == []
+    assert cycle.state == "pointing"
+
+
+@pytest.mark.parametrize("back", ["pointing", "idle"])
+def test_one_that_others_asked_for_is_followed(back: str) -> None:
+    cycle = pointing() if back == "pointing" else resting()
+    outputs = cycle.localization(*news(20, "sampling", target_id="led_1", since_ns=20 * S))
+    assert told(outputs) == ["localizing", "cue target"]
+    assert (shown(outputs).reason, shown(outputs).next_step) == (sentences.ANCHOR_ASKED_FOR, AIM)
+    assert told(cycle.localization(*news(22, "solved", since_ns=20 * S))) == ["cue localized", back]
+    outputs = cycle.localization(*news(23, "sampling", target_id="led_2", since_ns=23 * S))  # the next one
+    assert told(outputs) == ["localizing", "cue target"]
+
+
+def test_news_of_the_one_before_do_not_end_it() -> None:
+    cycle = pointing()
+    cycle.button(*press(10, "double"))
+    assert cycle.localization(news(9.9, "refused")[0], 10 * S) == []
+    assert cycle.localization(*news(10.1, "cancelled")) == []  # ours is not answered yet
+    assert cycle.localization(*news(10.2, "idle", purpose="pose")) == []
+    assert cycle.state == "localizing"
+
+
+@pytest.mark.parametrize("phase", ["idle", "sampling"])
+def test_a_localizer_that_does_something_else_by_now_ends_it(phase: Phase) -> None:
+    cycle = anchoring(pointing())
+    outputs = cycle.localization(*news(12, phase, purpose="pose"))
+    assert told(outputs) == ["cue refused", "pointing"]
+    assert shown(outputs).reason == sentences.ANCHOR_LOST
+
+
+def test_it_does_not_disturb_a_localization() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    cycle.button(*press(10))
+    cycle.answered(cycle.run)
+    for phase in ("sampling", "solved", "refused", "cancelled"):
+        assert cycle.localization(*news(11, phase)) == []
+    assert cycle.state == "localizing"
+
+
+def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
+    cycle = anchoring(pointing())
+    for now_s in range(12, 70):
+        cycle.imu(*sample(now_s))
+    outputs = cycle.pass_time(70 * S)
+    assert told(outputs) == ["cancel", "cue refused", "pointing"]
+    assert "longer than 60 s" in shown(outputs).reason
+    assert told(cycle.pass_time(72 * S)) == ["idle", "cue stopped"]  # the wrist is silent by now
+
+
+@pytest.mark.parametrize("back", ["pointing", "idle"])
+def test_a_silent_wrist_ends_it_in_idle(back: str) -> None:
+    cycle = anchoring(pointing() if back == "pointing" else resting())
+    cycle.imu(*sample(11))
+    assert cycle.deadline_ns == 14 * S
+    outputs = cycle.pass_time(14 * S)
+    assert told(outputs) == ["cancel", "idle", "cue refused"]
+    assert "is the wristband on" in shown(outputs).reason
+    assert cycle.localization(*news(14.1, "sampling", target_id="led_1", since_ns=10 * S)) == []

@@ -1,0 +1,108 @@
+"""`pointit anchor USER [LAMP]`: point at one lamp, to set the pose right."""
+
+import asyncio
+import math
+
+import click
+
+from pointit.cli import pose_text
+from pointit.cli.anchoring import LATE_S, Anchoring
+from pointit.cli.link import joined, quiet, site_options
+from pointit.cli.newest import Newest
+from pointit.cli.output import INTERRUPTED, json_option, print_json
+from pointit.cli.prompt import changing_line
+from pointit.runtime.process import EXIT_FAILED, run_async
+from pointit.schemas import Anchor, UserPose
+from pointit.schemas.topics import POSE, check_name
+
+SHORT_S = 0.2
+"""How long to wait for the pose of before."""
+
+
+def timeout_option(default_s: float = 30.0) -> click.Option:
+    """Return the option that says how long one pointing may take."""
+    return click.Option(
+        ["--timeout", "timeout_s"],
+        type=click.FloatRange(min=1, max=600),
+        default=default_s,
+        show_default=True,
+        help="how long one pointing may take, s",
+    )
+
+
+@click.command("anchor", params=[timeout_option(), *site_options()])
+@click.argument("user")
+@click.argument("lamp", default="")
+@json_option
+def command(
+    user: str, lamp: str, *, timeout_s: float, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    """Have the person USER point at LAMP, without a cursor, and set their pose right by it.
+
+    The lamp lights up; USER points at it with a straight arm until it goes dark. Without LAMP the localizer
+    takes the one that tells most. Prints how far the direction was off (the drift of the IMU), and how well
+    the pose is known before and after. Example: pointit anchor anna led_1
+
+    The exit code is 1 when it was not accepted.
+    """
+    check_name(user, "user")
+    quiet()
+    return run_async(_anchor(user, lamp, timeout_s, as_json=as_json, site=site, connect=connect))
+
+
+async def _anchor(
+    user: str, lamp: str, timeout_s: float, *, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    async with joined(site, connect) as bus:
+        poses = Newest(bus, POSE, user)
+        anchoring = Anchoring(bus, user)
+        before = await poses.wait(SHORT_S)
+        try:
+            with changing_line() as show:
+                anchor = await anchoring.point(lamp, timeout_s, lambda text: show(f"{user}: {text}"))
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        after = poses.value
+        if anchor.accepted:
+            after = await poses.wait(LATE_S, lambda pose: is_after(pose, anchor, before)) or poses.value
+    if as_json:
+        print_json(_fields(user, anchor, before, after))
+    else:
+        click.echo(f"{user}: {sentence(anchor, before, after)}")
+    return 0 if anchor.accepted else EXIT_FAILED
+
+
+def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:
+    """Return whether `anchor` is in `pose` already."""
+    return pose.anchored_ns >= anchor.stamp_ns or (
+        before is not None and pose.anchored_ns > before.anchored_ns
+    )
+
+
+def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) -> str:
+    """Return in one sentence what an anchor told and what became of the pose."""
+    lamp = anchor.target_id or "the direction"
+    if not anchor.accepted:
+        return f"{lamp}: not accepted, the pose is as before: {anchor.reason or 'no reason is given'}"
+    off_deg = math.degrees(anchor.azimuth_error_rad)
+    text = f"{lamp}: the direction was {abs(off_deg):.1f}° too far {'right' if off_deg > 0 else 'left'}"
+    if after is not None:
+        if after.yaw_rate_sigma_radps is not None:
+            text += f" (the IMU's drift turns the pose by {pose_text.drift_degpmin(after):.1f} °/min)"
+        text += f" and is set right; the pose is known {pose_text.sigma_text(after)} now"
+    if before is not None:
+        text += f", before {pose_text.sigma_text(before)}"
+    return f"{text}."
+
+
+def _fields(user: str, anchor: Anchor, before: UserPose | None, after: UserPose | None) -> dict[str, object]:
+    return {
+        "user": user,
+        "lamp": anchor.target_id,
+        "accepted": anchor.accepted,
+        "reason": anchor.reason,
+        "azimuth_error_deg": math.degrees(anchor.azimuth_error_rad),
+        "elevation_error_deg": math.degrees(anchor.elevation_error_rad),
+        "before": None if before is None else pose_text.fields(before, anchor.stamp_ns),
+        "after": None if after is None else pose_text.fields(after, anchor.stamp_ns),
+    }

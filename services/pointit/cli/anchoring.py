@@ -1,0 +1,123 @@
+"""Has a person point at a lamp without a cursor, and waits for what comes of it."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+
+from pointit.cli.link import PATIENCE_S
+from pointit.cli.writers import why_silent
+from pointit.runtime import NoAnswerError, RefusedError, RequestError
+from pointit.runtime.bus import Bus
+from pointit.runtime.presence import present
+from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor
+from pointit.schemas.topics import (
+    ANCHOR,
+    CANCEL_LOCALIZATION,
+    LOCALIZATION,
+    POINT_ANCHOR,
+    SERVICE_ALIVE,
+)
+
+LATE_S = 1.0
+"""How much later than the news of its end an anchor may arrive: the two have keys of their own."""
+CANCEL_PATIENCE_S = 0.5
+LISTEN_S = 0.3
+"""How long to listen for who is present, for a complaint."""
+
+
+class Anchoring:
+    """Asks one person's localizer for anchors, one after the other."""
+
+    def __init__(self, bus: Bus, user: str) -> None:
+        self._bus = bus
+        self._user = user
+        self._news: Localization | None = None
+        self._anchor: Anchor | None = None
+        self._changed = asyncio.Event()
+        bus.subscribe(LOCALIZATION, self._on_news, user)
+        bus.subscribe(ANCHOR, self._on_anchor, user)
+
+    async def point(self, lamp: str, timeout_s: float, tell: Callable[[str], None]) -> Anchor:
+        """Return the anchor that came of pointing at `lamp`; it may be one that was not accepted.
+
+        Args:
+            lamp: its id; empty: the localizer's choice.
+            timeout_s: after so long it is called off, as it is when this is cancelled.
+            tell: shown what to do now.
+
+        Raises:
+            RefusedError: it came to nothing; says why.
+            NoAnswerError: there is no localizer, or it came to no end in time.
+        """
+        before_ns = await self._before()
+        self._anchor = None
+        await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
+        try:
+            async with asyncio.timeout(timeout_s):
+                return await self._result(before_ns, tell)
+        except TimeoutError:
+            await self._call_off()
+            raise NoAnswerError(
+                f"pointing at {lamp or 'a lamp'} came to no end within {timeout_s:g} s and was called off; "
+                "does the IMU send? See `pointit doctor`"
+            ) from None
+        except asyncio.CancelledError:
+            await self._call_off()
+            raise
+
+    async def _before(self) -> int:
+        """Return the stamp of the newest news so far: what is newer is of what is asked for next."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(PATIENCE_S):
+                while self._news is None:
+                    await self._change()
+        if self._news is None:
+            there = await present(self._bus, SERVICE_ALIVE, LISTEN_S)
+            why = why_silent(LOCALIZATION, self._user, there)
+            raise NoAnswerError(f"no localizer of {self._user} is heard: {why}")
+        return self._news.stamp_ns
+
+    async def _result(self, before_ns: int, tell: Callable[[str], None]) -> Anchor:
+        reason = None
+        while self._anchor is None and reason is None:
+            news = self._news
+            if news is not None and news.stamp_ns > before_ns:
+                reason = _ending(news)
+                if reason is not None:
+                    break
+                tell(f"point at {news.target_id or 'the lamp that is lit'} and stay on it")
+            await self._change()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LATE_S):
+                while self._anchor is None:
+                    await self._change()
+        if self._anchor is None:
+            raise RefusedError(reason or "pointing at the lamp was called off")
+        return self._anchor
+
+    async def _change(self) -> None:
+        self._changed.clear()
+        await self._changed.wait()
+
+    async def _call_off(self) -> None:
+        with contextlib.suppress(RequestError):
+            await self._bus.call(
+                CANCEL_LOCALIZATION, CancelLocalization(), self._user, timeout_s=CANCEL_PATIENCE_S
+            )
+
+    def _on_news(self, news: Localization, _user: str) -> None:
+        self._news = news
+        self._changed.set()
+
+    def _on_anchor(self, anchor: Anchor, _user: str) -> None:
+        self._anchor = anchor
+        self._changed.set()
+
+
+def _ending(news: Localization) -> str | None:
+    """Return what `news` says of the anchor's end; none while it goes on."""
+    if news.phase == "idle":
+        return "the localizer was restarted; ask again"
+    if news.purpose != "anchor":
+        return "the localizer does something else by now; ask again when it is done"
+    return None if news.phase == "sampling" else news.reason

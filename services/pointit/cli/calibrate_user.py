@@ -1,0 +1,214 @@
+"""`pointit calibrate user USER`: pointing at lamps without a cursor tells how a person's pointing is off."""
+
+import asyncio
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from pointit.cli.anchor import timeout_option
+from pointit.cli.anchoring import LISTEN_S, Anchoring
+from pointit.cli.kept import erase_here, kept_here, reached
+from pointit.cli.lazy import Mistake, nearest
+from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.newest import Newest
+from pointit.cli.offset_report import Pointing, assess, describe, table_row
+from pointit.cli.output import INTERRUPTED, Section, console, json_option, print_json, print_table
+from pointit.cli.prompt import changing_line
+from pointit.cli.writers import why_silent
+from pointit.runtime import NoAnswerError, PointItError, RefusedError
+from pointit.runtime.bus import AnyTopic, Bus
+from pointit.runtime.clock import SiteClock
+from pointit.runtime.presence import present
+from pointit.runtime.process import run_async
+from pointit.runtime.state import StateFile
+from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
+from pointit.schemas.topics import MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
+from pointit.services.supervisor.service import OFFSET_PURPOSE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What to do."""
+
+    lamps: Sequence[str]
+    """In this order; none: all of the map."""
+    count: int | None
+    """Of pointings; none: one a lamp."""
+    timeout_s: float
+    keeps: bool
+
+
+@click.command("user", params=[timeout_option(), *site_options()])
+@click.argument("user")
+@click.option(
+    "--lamps",
+    multiple=True,
+    metavar="LAMP[,LAMP...]",
+    help="point at these, in this order  [default: all of the map]",
+)
+@click.option(
+    "--anchors",
+    "count",
+    type=click.IntRange(1, 200),
+    help="how many pointings, round after round; with 8 the error may bend with the direction  "
+    "[default: one a lamp]",
+)
+@click.option("--dry-run", is_flag=True, help="only show the result, change nothing")
+@click.option("--show", is_flag=True, help="only show what is in use, or kept on this machine")
+@click.option("--erase", is_flag=True, help="forget it: nothing is corrected any more")
+@json_option
+def command(
+    user: str,
+    *,
+    lamps: tuple[str, ...],
+    count: int | None,
+    timeout_s: float,
+    dry_run: bool,
+    show: bool,
+    erase: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Measure how the pointing of the person USER is off, and keep it.
+
+    Lamp after lamp lights up, and USER points at each with a straight arm, as if there were no cursor, until
+    it goes dark. USER must have a known place (`pointit pose USER`). The elevation that most pointings are
+    off is corrected from then on, with enough of them also how it changes with the direction; an azimuth that
+    all are off is the heading of the pose, which the pointings set right as well. The supervisor keeps it for
+    the next start. Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
+    """
+    check_name(user, "user")
+    if show and erase:
+        raise Mistake("--show and --erase exclude each other")
+    quiet()
+    if show or erase:
+        return run_async(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+    names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
+    wanted = Wanted(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
+    return run_async(_measure(user, wanted, as_json=as_json, site=site, connect=connect))
+
+
+async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    async with joined(site, connect) as bus:
+        clock = SiteClock(bus)
+        anchoring = Anchoring(bus, user)
+        lamps = await _lamps(bus, user, wanted.lamps)
+        count = wanted.count or len(lamps)
+        click.echo(
+            f"{user}: {count} times a lamp will light up; point at it with a straight arm, as if there were "
+            "no cursor, until it goes dark",
+            err=True,
+        )
+        try:
+            anchors, missed = await _point(
+                anchoring, user, itertools.islice(itertools.cycle(lamps), count), wanted
+            )
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        fitted, rows = assess(anchors, clock.now_ns())
+        if fitted.offset is None:
+            why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
+            raise PointItError(f"{user}: no pointing was of use, everything is as before: {why}")
+        said = "nothing is changed (--dry-run)"
+        if wanted.keeps:
+            reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
+            said = reply.message
+    if as_json:
+        offset = fitted.offset.model_dump(mode="json")
+        print_json(
+            {"user": user, "offset": offset, "anchors": [table_row(r) for r in rows], "missed": missed}
+        )
+    else:
+        _show(user, fitted.offset, rows)
+        click.echo(f"{user}: {said}")
+    return 0
+
+
+async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
+    """Return the lamps to point at; the person's place must be known as well."""
+    room, pose = Newest(bus, MAP), Newest(bus, POSE, user)
+    environment = await room.wait(PATIENCE_S)
+    if environment is None:
+        raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
+    if await pose.wait(PATIENCE_S) is None:
+        raise NoAnswerError(
+            f"where {user} stands is not known: {await _why(bus, POSE, user)}; say it with "
+            f"`pointit pose {user} X Y`, or localize first"
+        )
+    known = [lamp.id for lamp in environment.lamps]
+    if not known:
+        raise PointItError(f"map {environment.name!r} has no lamps to point at; add `leds` to it")
+    for name in wanted:
+        if name not in known:
+            raise Mistake(f"--lamps: no lamp {name!r} on map {environment.name!r}; {nearest(name, known)}")
+    return list(wanted) or known
+
+
+async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
+    return why_silent(topic, user, await present(bus, SERVICE_ALIVE, LISTEN_S))
+
+
+async def _point(
+    anchoring: Anchoring, user: str, lamps: Iterable[str], wanted: Wanted
+) -> tuple[list[Anchor], list[str]]:
+    """Return the anchors, and why others came to nothing."""
+    anchors: list[Anchor] = []
+    missed: list[str] = []
+    with changing_line() as show:
+        for number, lamp in enumerate(lamps, start=1):
+            try:
+                anchor = await anchoring.point(lamp, wanted.timeout_s, _tell(show, user, number))
+            except RefusedError as error:
+                missed.append(f"{lamp}: {error}")
+                click.echo(f"{user}: {lamp}: {error}", err=True)
+            else:
+                anchors.append(anchor)
+    return anchors, missed
+
+
+def _tell(show: Callable[[str], None], user: str, number: int) -> Callable[[str], None]:
+    return lambda text: show(f"{user}: {number}: {text}")
+
+
+def _show(user: str, offset: PointingOffset, rows: Sequence[Pointing]) -> None:
+    about = f"how {user} was off, and what is left; azimuths less the mean"
+    print_table(console(), Section(name="pointings", about=about, rows=tuple(map(table_row, rows))))
+    click.echo(f"{user}: {describe(offset)}")
+
+
+async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    """Show or forget: by who runs, else in the file on this machine."""
+    file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
+    if erase:
+        reply = await reached(site, connect, lambda bus: bus.call(SET_OFFSET, SetOffset(), user))
+        if reply is None:
+            return erase_here(user, file, "offset", as_json=as_json)
+        if as_json:
+            print_json({"user": user, "from": "supervisor", "message": reply.message})
+        else:
+            click.echo(f"{user}: {reply.message}")
+        return 0
+    profile = await reached(site, connect, lambda bus: _profile(bus, user))
+    if profile is not None:
+        offset = profile.offset
+        if as_json:
+            shown: Any = None if offset is None else offset.model_dump(mode="json")
+            print_json({"user": user, "from": "supervisor", "offset": shown})
+        else:
+            click.echo(f"{user}: {'no offset is in use' if offset is None else describe(offset)}")
+        return 0
+    offset = kept_here(user, file, "offset", as_json=as_json)
+    if offset is not None:
+        click.echo(f"{user}: {describe(offset)}")
+    return 0
+
+
+async def _profile(bus: Bus, user: str) -> UserProfile:
+    profile = await Newest(bus, PROFILE, user).wait(PATIENCE_S)
+    if profile is None:
+        raise NoAnswerError(f"no profile of {user} came")
+    return profile

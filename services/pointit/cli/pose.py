@@ -1,0 +1,173 @@
+"""`pointit pose USER`: show where a person stands, or say it."""
+
+import asyncio
+import math
+
+import click
+
+from pointit.cli import pose_text
+from pointit.cli.anchoring import LISTEN_S
+from pointit.cli.lazy import Mistake
+from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.newest import Newest
+from pointit.cli.output import INTERRUPTED, json_option, print_json
+from pointit.cli.prompt import enter
+from pointit.cli.writers import why_silent
+from pointit.runtime import NoAnswerError
+from pointit.runtime.bus import Bus
+from pointit.runtime.clock import SiteClock
+from pointit.runtime.presence import present
+from pointit.runtime.process import run_async
+from pointit.schemas import SetHeading, SetPose, UserPose
+from pointit.schemas.base import FARTHEST
+from pointit.schemas.topics import POSE, SERVICE_ALIVE, SET_HEADING, SET_POSE, check_name
+
+CLOCK_PATIENCE_S = 0.3
+YAW_PATIENCE_S = 0.5
+"""How long to wait for the yaw that is to be kept; nobody may know one yet."""
+
+HELP = """Show where the person USER stands and how sure that is, or say it.
+
+\b
+pointit pose anna                  show it: position, yaw, how sure (1 sigma), drift, last anchor
+pointit pose anna 2.0 0.5          anna stands there, in metres in the room; the yaw stays
+pointit pose anna 2 0.5 --yaw 20   the yaw, too
+pointit pose anna --facing 90      set the yaw: anna points level at the wall along y, then press Enter
+
+The exit code is 1 when nobody knows where USER stands, or the localizer refuses.
+"""
+
+_DEGREES = click.FloatRange(-360, 360)
+
+
+@click.command(
+    "pose",
+    params=site_options(),
+    help=HELP,
+    # a place may be negative, which looks like an option
+    context_settings={"ignore_unknown_options": True},
+)
+@click.argument("user")
+@click.argument("place", nargs=-1, metavar="[X Y [Z]]")
+@click.option(
+    "--yaw",
+    "yaw_deg",
+    type=_DEGREES,
+    help="with X Y: azimuth in the room of the direction where the IMU's yaw is 0, °  [default: as it is]",
+)
+@click.option(
+    "--facing",
+    "facing_deg",
+    type=_DEGREES,
+    help="the person points level towards this azimuth in the room, °: 0 along x, 90 along y",
+)
+@click.option("--now", is_flag=True, help="with --facing: they point already, do not wait for Enter")
+@json_option
+def command(
+    user: str,
+    place: tuple[str, ...],
+    *,
+    yaw_deg: float | None,
+    facing_deg: float | None,
+    now: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Show where a person stands and how sure that is, or say it."""
+    check_name(user, "user")
+    query = _place(place, yaw_deg)
+    if yaw_deg is not None and (query is None or facing_deg is not None):
+        raise Mistake(
+            "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"
+        )
+    if now and facing_deg is None:
+        raise Mistake("--now belongs to --facing")
+    quiet()
+    asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
+    return run_async(_pose(user, asked, as_json=as_json, site=site, connect=connect))
+
+
+class _Asked:
+    """What was asked for."""
+
+    def __init__(
+        self, place: SetPose | None, *, keeps_yaw: bool, facing_deg: float | None, now: bool
+    ) -> None:
+        self.place = place
+        self.keeps_yaw = keeps_yaw
+        self.facing_deg = facing_deg
+        self.now = now
+
+
+def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
+    if not words:
+        return None
+    numbers: list[float] = []
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            number = math.nan
+        if not abs(number) <= FARTHEST:
+            raise Mistake(f"{word!r} is no place in metres and no option; write X Y, or X Y Z")
+        numbers.append(number)
+    if len(numbers) not in (2, 3):
+        raise Mistake(f"a place has two or three numbers, X Y and perhaps Z, got {len(numbers)}")
+    x, y, z = (*numbers, 0.0)[:3]
+    return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
+
+
+async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    async with joined(site, connect) as bus:
+        clock = SiteClock(bus)
+        poses = Newest(bus, POSE, user)
+        try:
+            said = await _say(bus, user, asked, poses)
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        if said and not as_json:
+            for sentence in said:
+                click.echo(f"{user}: {sentence}")
+            return 0
+        pose = await poses.wait(PATIENCE_S)
+        if pose is None:
+            there = await present(bus, SERVICE_ALIVE, LISTEN_S)
+            raise NoAnswerError(
+                f"where {user} stands is not known: {why_silent(POSE, user, there)}; or say it: "
+                f"pointit pose {user} X Y"
+            )
+        await clock.found(CLOCK_PATIENCE_S)
+        shown = pose_text.fields(pose, clock.now_ns())
+    if as_json:
+        print_json({"user": user, **shown})
+    else:
+        click.echo("\n".join(pose_text.lines(shown)))
+    return 0
+
+
+async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> list[str]:
+    """Ask the localizer for what was asked for, and return what it says."""
+    said: list[str] = []
+    before = poses.value
+    if asked.place is not None:
+        before = await poses.wait(YAW_PATIENCE_S)
+        query = asked.place
+        if asked.keeps_yaw and before is not None:
+            query = query.model_copy(update={"yaw_rad": before.yaw_rad})
+        said.append((await bus.call(SET_POSE, query, user)).message or "the pose is set")
+    if asked.facing_deg is not None:
+        direction = f"{asked.facing_deg:g}°"
+        if not asked.now:
+            await enter(
+                f"{user}: point level with a straight arm towards {direction} (0° is along x of the room, "
+                "90° along y), such as at the wall there, and hold; then press Enter",
+                "--now while the person points",
+            )
+        heading = SetHeading(azimuth_rad=math.radians(asked.facing_deg))
+        reply = await bus.call(SET_HEADING, heading, user)
+        said.append(reply.message or f"the direction pointed in is {direction} now")
+    if said:
+        changed_from = before.stamp_ns if before is not None else -1
+        await poses.wait(YAW_PATIENCE_S, lambda pose: pose.stamp_ns > changed_from)
+    return said

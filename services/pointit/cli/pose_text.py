@@ -1,0 +1,87 @@
+"""A person's pose in people's units; pure."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pointit.schemas import NS_PER_S, UserPose
+
+METHODS = {
+    "fixed": "given",
+    "static_targets": "found by pointing at lamps",
+    "moving_target": "found by pointing at a moving robot",
+    "external": "from a tracker",
+}
+
+
+def sigmas(pose: UserPose) -> tuple[float, float]:
+    """Return 1 sigma of the position along its worse direction, m, and of the yaw, rad."""
+    c = pose.covariance
+    middle, difference = (c[0] + c[4]) / 2.0, math.hypot((c[0] - c[4]) / 2.0, c[1])
+    return math.sqrt(max(0.0, middle + difference)), math.sqrt(max(0.0, c[8]))
+
+
+def sigma_text(pose: UserPose) -> str:
+    """Return how well it is known: `0.05 m and 1.2°`; a pose that was given is taken as exact."""
+    position_m, yaw_rad = sigmas(pose)
+    if position_m == yaw_rad == 0.0:
+        return "exactly, as it was given"
+    return f"to {position_m:.2f} m and {math.degrees(yaw_rad):.1f}°"
+
+
+def drift_degpmin(pose: UserPose) -> float:
+    """Return how fast the IMU's yaw turns the pose, °/min."""
+    return math.degrees(pose.yaw_rate_radps) * 60.0
+
+
+def fields(pose: UserPose, now_ns: int) -> dict[str, Any]:
+    """Return it for programs; angles in degrees, ages in seconds, empty where nothing is known."""
+    position_sigma_m, yaw_sigma_rad = sigmas(pose)
+    rate_sigma = pose.yaw_rate_sigma_radps
+    return {
+        "position_m": pose.position_m,
+        "position_sigma_m": position_sigma_m,
+        "yaw_deg": math.degrees(math.remainder(pose.yaw_rad, math.tau)),
+        "yaw_sigma_deg": math.degrees(yaw_sigma_rad),
+        "elevation_bias_deg": math.degrees(pose.elevation_bias_rad),
+        "drift_deg_per_min": drift_degpmin(pose),
+        "drift_sigma_deg_per_min": None if rate_sigma is None else math.degrees(rate_sigma) * 60.0,
+        "anchor_age_s": _age_s(pose.anchored_ns, now_ns) if pose.anchored_ns else None,
+        "method": pose.method,
+        "age_s": _age_s(pose.stamp_ns, now_ns),
+    }
+
+
+def lines(shown: Mapping[str, Any]) -> list[str]:
+    """Return what `fields` returned, for people."""
+    x, y, z = shown["position_m"]
+    is_exact = shown["position_sigma_m"] == shown["yaw_sigma_deg"] == 0.0
+    place, turn = f"x {x:.2f} m, y {y:.2f} m, z {z:.2f} m", f"{shown['yaw_deg']:.1f}°"
+    if not is_exact:
+        place += f"; 1 sigma {shown['position_sigma_m']:.2f} m"
+        turn += f"; 1 sigma {shown['yaw_sigma_deg']:.1f}°"
+    drift = "not estimated"
+    if shown["drift_sigma_deg_per_min"] is not None:
+        drift = (
+            f"{shown['drift_deg_per_min']:.1f} °/min; 1 sigma {shown['drift_sigma_deg_per_min']:.1f} °/min"
+        )
+    anchor = "never" if shown["anchor_age_s"] is None else f"{_age(shown['anchor_age_s'])} ago"
+    rows = [
+        ("position", place),
+        ("yaw", turn),
+        ("drift", drift),
+        ("last anchor", anchor),
+        ("method", METHODS[shown["method"]] + (", taken as exact" if is_exact else "")),
+        ("published", f"{_age(shown['age_s'])} ago"),
+    ]
+    if shown["elevation_bias_deg"]:
+        rows.insert(2, ("rays too high", f"{shown['elevation_bias_deg']:.1f}°"))
+    return [f"{name:<14}{text}" for name, text in rows]
+
+
+def _age_s(stamp_ns: int, now_ns: int) -> float:
+    return max(0, now_ns - stamp_ns) / NS_PER_S
+
+
+def _age(age_s: float) -> str:
+    return f"{age_s:.1f} s" if age_s < 10 else f"{age_s:.0f} s" if age_s < 120 else f"{age_s / 60:.0f} min"

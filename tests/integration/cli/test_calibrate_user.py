@@ -1,0 +1,187 @@
+"""`pointit calibrate user`, `anchor` and `pose` on a site with a real supervisor and a played localizer."""
+
+import asyncio
+import json
+import math
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest_asyncio
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import UserProfile
+from pointit.schemas.topics import PROFILE
+from pointit.services.pui.service import Pui
+from pointit.services.supervisor.service import Supervisor
+from tests.support.bench import until
+from tests.support.cli_site import Site, interrupt
+from tests.support.played_localizer import PlayedLocalizer
+
+ANNA = "anna"
+LAMPS: dict[str, Vec3] = {
+    "led_0": (3.572, -2.946, 2.080),
+    "led_1": (1.699, -2.609, 0.850),
+    "led_2": (3.239, -0.606, 0.150),
+    "led_3": (0.762, -1.031, 0.150),
+}
+"""Of the map lab."""
+
+
+@pytest_asyncio.fixture
+async def localizer(site: Site) -> AsyncIterator[PlayedLocalizer]:
+    played = PlayedLocalizer(site.bus, ANNA, LAMPS)
+    site.start(Pui)
+    site.start(Supervisor, ANNA)
+    await site.arrived("supervisor.anna")
+    await site.arrived("pui")
+    try:
+        yield played
+    finally:
+        await played.stop()
+
+
+async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_forgotten(
+    site: Site, localizer: PlayedLocalizer, own_state: Path
+) -> None:
+    profiles: list[UserProfile] = []
+    site.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
+    ended = await site.pointit("calibrate", "user", ANNA, "--json")
+    assert ended.code == 0, ended.err
+    assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]
+    told = json.loads(ended.out)
+    assert told["offset"]["rung"] == "pitch"
+    assert abs(math.degrees(told["offset"]["elevation"][0]) - 4.0) < 0.3  # drawn a little to nothing
+    assert [row["lamp"] for row in told["anchors"]] == list(LAMPS)
+    for row in told["anchors"]:
+        assert abs(row["elevation_before_deg"] - 4.0) < 0.05
+        assert abs(row["elevation_after_deg"]) < 0.3
+        assert abs(row["azimuth_before_deg"]) < 0.05  # that all are off by 6° is the heading's
+        assert row["used"] == "yes"
+    await until(lambda: profiles[-1].offset is not None)
+    assert profiles[-1].offset is not None
+    assert profiles[-1].offset.anchors == 4
+    path = own_state / "users" / ANNA / "offset.json"
+    assert path.is_file()
+    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    assert shown.out.startswith("anna: the rays are turned up by 4.0°")
+    assert "fitted from 4 pointings" in shown.out
+    erased = await site.pointit("calibrate", "user", ANNA, "--erase")
+    assert erased.out == "anna: the offset is forgotten\n"
+    assert not path.exists()
+    await until(lambda: profiles[-1].offset is None)
+
+
+async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
+    site: Site, localizer: PlayedLocalizer
+) -> None:
+    localizer.rejects = ("led_2",)
+    ended = await site.pointit(
+        "calibrate", "user", ANNA, "--lamps", "led_2,led_0", "--anchors", "3", "--dry-run"
+    )
+    assert ended.code == 0, ended.err
+    assert localizer.asked == ["anchor led_2", "anchor led_0", "anchor led_2"]
+    assert ended.out.count("no: the arm wandered while led_2 was lit") == 2
+    assert "fitted from 1 pointing," in ended.out
+    assert ended.out.endswith("nothing is changed (--dry-run)\n")
+    localizer.rejects = tuple(LAMPS)
+    ended = await site.pointit("calibrate", "user", ANNA, "--lamps", "led_0")
+    assert ended.code == 1
+    assert "no pointing was of use, everything is as before: the arm wandered" in ended.err
+    ended = await site.pointit("calibrate", "user", ANNA, "--lamps", "led_9")
+    assert ended.code == 2
+    assert "no lamp 'led_9' on map" in ended.err
+
+
+async def test_without_a_site_what_is_kept_here_is_shown(site: Site, own_state: Path) -> None:
+    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    assert "nobody runs, and no offset is kept on this machine" in shown.out
+    path = own_state / "users" / ANNA / "offset.json"
+    path.parent.mkdir(parents=True)
+    path.write_text('{"rung": "pitch", "elevation": [0.05, 0, 0, 0, 0, 0], "anchors": 2}', encoding="utf-8")
+    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    assert "the rays are turned up by 2.9°; fitted from 2 pointings" in shown.out
+    erased = await site.pointit("calibrate", "user", ANNA, "--erase")
+    assert "is forgotten" in erased.out
+    path.write_text("{", encoding="utf-8")
+    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    assert shown.code == 2
+    assert "offset.json: cannot be used" in shown.err
+
+
+async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localizer: PlayedLocalizer) -> None:
+    ended = await site.pointit("anchor", ANNA, "led_1")
+    assert ended.code == 0, ended.err
+    assert ended.out == (
+        "anna: led_1: the direction was 6.0° too far right (the IMU's drift turns the pose by 12.0 °/min) "
+        "and is set right; the pose is known to 0.10 m and 1.5° now, before exactly, as it was given.\n"
+    )
+    localizer.rejects = ("led_0",)
+    ended = await site.pointit("anchor", ANNA)  # the localizer chooses
+    assert ended.code == 1
+    assert "led_0: not accepted, the pose is as before: the arm wandered while led_0 was lit" in ended.out
+    ended = await site.pointit("anchor", ANNA, "led_9", "--json")
+    assert ended.code == 1
+    assert "lamps led_9 are not on the map" in ended.err
+
+
+async def test_an_anchor_without_end_is_called_off(site: Site, localizer: PlayedLocalizer) -> None:
+    localizer.hangs = True
+    ended = await site.pointit("anchor", ANNA, "led_1", "--timeout", "1")
+    assert ended.code == 1
+    assert "came to no end within 1 s and was called off" in ended.err
+    assert localizer.asked == ["anchor led_1", "cancel"]
+    async with site.command("anchor", ANNA, "led_1") as process:
+        await until(lambda: len(localizer.asked) == 3, 20)
+        await asyncio.sleep(0.2)  # until it waits for the end
+        code, took_s = await interrupt(process)
+    assert code == 130
+    assert took_s < 2
+    assert localizer.asked[2:] == ["anchor led_1", "cancel"]
+
+
+async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
+    ended = await site.pointit("anchor", ANNA)
+    assert ended.code == 1
+    assert "no localizer of anna is heard" in ended.err
+    assert "pointit service localizer --user anna" in ended.err
+    ended = await site.pointit("pose", ANNA)
+    assert ended.code == 1
+    assert "where anna stands is not known" in ended.err
+
+
+async def test_the_pose_is_shown_and_said(site: Site, localizer: PlayedLocalizer) -> None:
+    shown = await site.pointit("pose", ANNA)
+    assert shown.code == 0, shown.err
+    assert "position      x 2.00 m, y 0.50 m, z 0.00 m" in shown.out
+    assert "given, taken as exact" in shown.out
+    said = await site.pointit("pose", ANNA, "-1.5", "2")
+    assert (said.code, said.out) == (0, "anna: the pose is set\n"), said.err
+    assert localizer.asked[-1] == "pose (-1.5, 2.0, 0.0) 17.2"  # the yaw is as it was
+    said = await site.pointit("pose", ANNA, "1", "2", "0.5", "--yaw", "-20", "--json")
+    assert localizer.asked[-1] == "pose (1.0, 2.0, 0.5) -20.0"
+    fields = json.loads(said.out)
+    assert (fields["position_m"], round(fields["yaw_deg"], 6)) == ([1.0, 2.0, 0.5], -20.0)
+    said = await site.pointit("pose", ANNA, "--facing", "90", "--now")
+    assert said.out == "anna: the yaw is set by where you point\n"
+    assert localizer.asked[-1] == "heading 90.0"
+    await site.pointit("anchor", ANNA, "led_1")
+    shown = await site.pointit("pose", ANNA)
+    assert "1 sigma 0.10 m" in shown.out
+    assert "12.0 °/min; 1 sigma 6.0 °/min" in shown.out
+    assert "last anchor" in shown.out
+    assert "never" not in shown.out
+
+
+async def test_what_is_typed_wrongly_is_said(site: Site) -> None:
+    for arguments, words in (
+        (("anna", "1"), "a place has two or three numbers"),
+        (("anna", "1", "x"), "'x' is no place in metres"),
+        (("anna", "1", "--yau"), "'--yau' is no place in metres and no option"),
+        (("anna", "--yaw", "3"), "--yaw belongs to X Y"),
+        (("anna", "1", "2", "--yaw", "3", "--facing", "4"), "excludes --facing"),
+        (("anna", "--now"), "--now belongs to --facing"),
+        (("anna", "nan", "2"), "'nan' is no place"),
+    ):
+        ended = await site.pointit("pose", *arguments)
+        assert ended.code == 2, arguments
+        assert words in ended.err

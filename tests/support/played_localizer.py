@@ -1,0 +1,152 @@
+"""A localizer that a test plays: it knows where a person points, and how they err."""
+
+import asyncio
+import math
+import time
+from dataclasses import dataclass, field
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.runtime import RefusedError
+from pointit.runtime.bus import Bus
+from pointit.schemas import (
+    Anchor,
+    CancelLocalization,
+    Done,
+    Localization,
+    PointAnchor,
+    SetHeading,
+    SetPose,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    ANCHOR,
+    CANCEL_LOCALIZATION,
+    LOCALIZATION,
+    POINT_ANCHOR,
+    POSE,
+    SET_HEADING,
+    SET_POSE,
+)
+
+EYES: Vec3 = (0.0, 0.0, 1.64)
+
+
+@dataclass
+class PlayedLocalizer:
+    """Answers the requests of one person, who errs by known angles."""
+
+    bus: Bus
+    user: str
+    lamps: dict[str, Vec3]
+    too_low_rad: float = math.radians(4.0)
+    """By how much the person's rays are below their targets."""
+    yaw_rad: float = 0.3
+    """Of the pose, as it is known; anchors set it right."""
+    true_yaw_rad: float = 0.3 + math.radians(6.0)
+    """The rays are to the right of the targets by the difference."""
+    rejects: tuple[str, ...] = ()
+    """Lamps whose anchors are not accepted."""
+    hangs: bool = False
+    """Whether pointing comes to no end."""
+    asked: list[str] = field(default_factory=list[str])
+    position_m: Vec3 = (2.0, 0.5, 0.0)
+
+    def __post_init__(self) -> None:
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._poses = self.bus.publisher(POSE, self.user)
+        self._news = self.bus.publisher(LOCALIZATION, self.user)
+        self._anchors = self.bus.publisher(ANCHOR, self.user)
+        self._tell("idle", since_ns=0)
+        self._put_pose()
+        self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
+        self.bus.serve(CANCEL_LOCALIZATION, self._cancel, self.user)
+        self.bus.serve(SET_POSE, self._set_pose, self.user)
+        self.bus.serve(SET_HEADING, self._set_heading, self.user)
+
+    async def stop(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks)
+
+    async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
+        lamp = query.lamp or next(iter(self.lamps))
+        self.asked.append(f"anchor {query.lamp}".strip())
+        if lamp not in self.lamps:
+            raise RefusedError(f"lamps {lamp} are not on the map")
+        self._tasks.add(asyncio.create_task(self._hold(lamp)))
+        return Done(message=f"point at {lamp}")
+
+    async def _hold(self, lamp: str) -> None:
+        since_ns = time.time_ns()
+        self._tell("sampling", since_ns=since_ns, target_id=lamp)
+        await asyncio.sleep(3600.0 if self.hangs else 0.05)
+        reason = f"the arm wandered while {lamp} was lit" if lamp in self.rejects else ""
+        self._anchors.put(self._anchor(lamp, reason))
+        if reason:
+            self._tell("refused", since_ns=since_ns, reason=reason)
+            return
+        self._tell("solved", since_ns=since_ns)
+        self.yaw_rad = self.true_yaw_rad
+        self._put_pose(math.radians(1.5), anchored_ns=time.time_ns())
+
+    def _anchor(self, lamp: str, reason: str) -> Anchor:
+        way = vector.subtract(self.lamps[lamp], vector.add(self.position_m, EYES))
+        direction = vector.direction(
+            vector.azimuth(way) - self.true_yaw_rad, vector.elevation(way) - self.too_low_rad
+        )
+        return Anchor(
+            stamp_ns=time.time_ns(),
+            target_id=lamp,
+            target_m=self.lamps[lamp],
+            origin_m=EYES,
+            raw_direction=direction,
+            direction=direction,
+            spread_rad=math.radians(9.0 if reason else 0.3),
+            samples=100,
+            position_m=self.position_m,
+            yaw_rad=self.yaw_rad,
+            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad,
+            elevation_error_rad=self.too_low_rad,
+            accepted=not reason,
+            reason=reason,
+        )
+
+    async def _cancel(self, _query: CancelLocalization, _user: str) -> Done:
+        self.asked.append("cancel")
+        self._tell("cancelled", since_ns=0)
+        return Done()
+
+    async def _set_pose(self, query: SetPose, _user: str) -> Done:
+        self.position_m = query.position_m
+        self.asked.append(f"pose {query.position_m} {math.degrees(query.yaw_rad):.1f}")
+        self.yaw_rad = query.yaw_rad
+        self._put_pose()
+        return Done(message="the pose is set")
+
+    async def _set_heading(self, query: SetHeading, _user: str) -> Done:
+        self.asked.append(f"heading {math.degrees(query.azimuth_rad):.1f}")
+        return Done(message="the yaw is set by where you point")
+
+    def _put_pose(self, sigma_rad: float = 0.0, anchored_ns: int = 0) -> None:
+        variance = sigma_rad**2
+        self._poses.put(
+            UserPose(
+                stamp_ns=time.time_ns(),
+                position_m=self.position_m,
+                yaw_rad=self.yaw_rad,
+                covariance=(0.01, 0.0, 0.0, 0.0, 0.0025, 0.0, 0.0, 0.0, variance)
+                if sigma_rad
+                else (0.0,) * 9,
+                yaw_rate_radps=math.radians(0.2) if anchored_ns else 0.0,
+                yaw_rate_sigma_radps=math.radians(0.1) if anchored_ns else None,
+                anchored_ns=anchored_ns,
+            )
+        )
+
+    def _tell(self, phase: str, **more: object) -> None:
+        fields = {"stamp_ns": time.time_ns(), "phase": phase, **more}
+        if phase != "idle":
+            fields["purpose"] = "anchor"
+        self._news.put(Localization.model_validate(fields))

@@ -1,0 +1,173 @@
+"""What pointings tell of a person, a pose in people's units, and a sensor's seat in words."""
+
+import math
+
+import pytest
+
+from pointit.cli import pose_text
+from pointit.cli.anchor import sentence
+from pointit.cli.calibrate_mounting import account
+from pointit.cli.offset_report import assess, describe, in_one_pose, table_row
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Anchor, PointingOffset, UserPose
+from pointit.services.imu_bridge.mounting import Mounting
+
+S = 1_000_000_000
+EYES: Vec3 = (0.0, 0.0, 1.6)
+AT: Vec3 = (1.0, 2.0, 0.0)
+LAMPS: tuple[Vec3, ...] = ((3.5, -1.0, 0.3), (4.0, 3.0, 0.2), (2.5, 5.0, 2.0), (0.0, 6.0, 0.4))
+
+
+def anchor(index: int, time_s: float, yaw_rad: float, true_yaw_rad: float, low_rad: float = 0.05) -> Anchor:
+    """Return what pointing at a lamp gives whose pose says `yaw_rad` where it is `true_yaw_rad`."""
+    lamp = LAMPS[index % len(LAMPS)]
+    way = vector.subtract(lamp, vector.add(AT, EYES))
+    ray = vector.direction(vector.azimuth(way) - true_yaw_rad, vector.elevation(way) - low_rad)
+    return Anchor(
+        stamp_ns=round(time_s * S),
+        target_id=f"led_{index % len(LAMPS)}",
+        target_m=lamp,
+        origin_m=EYES,
+        raw_direction=ray,
+        direction=ray,
+        position_m=AT,
+        yaw_rad=yaw_rad,
+    )
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 7])
+def test_a_heading_that_the_first_anchor_set_right_is_no_error_of_the_person(count: int) -> None:
+    anchors = [anchor(k, 4.0 * k, 0.0 if k == 0 else 1.0, 1.0) for k in range(count)]
+    fitted, rows = assess(anchors, 99)
+    assert fitted.dropped == ()
+    assert fitted.heading_rad == pytest.approx(1.0)
+    assert fitted.offset is not None
+    assert (fitted.offset.anchors, fitted.offset.fitted_ns) == (count, 99)
+    for row in rows:
+        assert row.is_used
+        assert row.azimuth_before_rad == pytest.approx(0.0, abs=1e-9)
+        assert row.elevation_before_rad == pytest.approx(0.05)
+        assert row.elevation_after_rad == pytest.approx(0.05 - fitted.offset.elevation[0])
+        assert abs(row.elevation_after_rad) < 0.01
+
+
+def test_an_imu_that_drifts_meanwhile_bends_nothing() -> None:
+    drift = math.radians(0.5)  # a second: 14° from the first to the last
+    anchors = [anchor(k, 4.0 * k, 0.7, 0.7 + drift * 4.0 * k) for k in range(8)]
+    fitted, rows = assess(anchors, 0)
+    assert fitted.dropped == ()
+    assert max(abs(row.azimuth_before_rad) for row in rows) < math.radians(0.1)
+    turned = [seen.yaw_rad for seen in in_one_pose(anchors)]
+    assert turned == pytest.approx([0.7 + drift * 4.0 * k for k in range(8)])
+
+
+def test_too_few_pointings_tell_no_drift() -> None:
+    anchors = [anchor(k, 4.0 * k, 0.5, 0.6 + 0.1 * k) for k in range(3)]
+    assert [seen.yaw_rad for seen in in_one_pose(anchors)] == [0.5, 0.5, 0.5]
+    assert in_one_pose([]) == []
+
+
+def test_restless_holds_and_those_far_from_the_others_are_said() -> None:
+    anchors = [anchor(k, 4.0 * k, 0.0, 0.0) for k in range(6)]
+    anchors[2] = anchors[2].model_copy(
+        update={"spread_rad": 0.1, "accepted": False, "reason": "the arm wandered"}
+    )
+    anchors[4] = anchor(4, 16.0, 0.0, 0.0, low_rad=0.4)
+    fitted, rows = assess(anchors, 0)
+    assert fitted.offset is not None
+    assert fitted.offset.anchors == 4
+    assert [table_row(row)["used"] for row in rows] == [
+        *("yes", "yes", "no: the arm wandered", "yes", "no: far from the others", "yes")
+    ]
+
+
+def test_rejected_by_the_localizer_but_steady_still_tells_of_the_person() -> None:
+    seen = anchor(0, 0.0, 0.0, 0.0).model_copy(
+        update={"accepted": False, "reason": "a tracker gives the pose"}
+    )
+    fitted, _ = assess([seen], 0)
+    assert fitted.offset is not None
+
+
+def test_nothing_to_fit_is_no_offset() -> None:
+    fitted, rows = assess([], 0)
+    assert (fitted.offset, rows) == (None, [])
+
+
+def test_an_offset_in_words() -> None:
+    terms = (-0.0349, 0.0, 0.0, 0.0, 0.0, 0.0)
+    plain = PointingOffset(rung="pitch", elevation=terms, anchors=1, sigma_rad=0.0175)
+    assert describe(plain) == (
+        "the rays are turned down by 2.0°; fitted from 1 pointing, 1.0° (1 sigma) is left"
+    )
+    bent = PointingOffset(rung="polynomial", elevation=terms, anchors=9)
+    assert "by 2.0° in the middle, and otherwise elsewhere (a polynomial" in describe(bent)
+
+
+def pose(**fields: object) -> UserPose:
+    return UserPose.model_validate(
+        {"stamp_ns": 10 * S, "position_m": (1.0, -2.0, 0.0), "yaw_rad": 7.0, **fields}
+    )
+
+
+def test_a_pose_in_peoples_units() -> None:
+    known = pose(
+        covariance=(0.02, 0.01, 0.0, 0.01, 0.02, 0.0, 0.0, 0.0, math.radians(2.0) ** 2),
+        elevation_bias_rad=math.radians(3.0),
+        yaw_rate_radps=math.radians(-0.2),
+        yaw_rate_sigma_radps=math.radians(0.05),
+        anchored_ns=4 * S,
+        method="static_targets",
+    )
+    position_m, yaw_rad = pose_text.sigmas(known)
+    assert position_m == pytest.approx(math.sqrt(0.03))  # along the worse direction
+    assert math.degrees(yaw_rad) == pytest.approx(2.0)
+    assert pose_text.lines(pose_text.fields(known, 12 * S)) == [
+        "position      x 1.00 m, y -2.00 m, z 0.00 m; 1 sigma 0.17 m",
+        "yaw           41.1°; 1 sigma 2.0°",  # 7 rad, once round less
+        "rays too high 3.0°",
+        "drift         -12.0 °/min; 1 sigma 3.0 °/min",
+        "last anchor   8.0 s ago",
+        "method        found by pointing at lamps",
+        "published     2.0 s ago",
+    ]
+    given = pose_text.lines(pose_text.fields(pose(), 400 * S))
+    assert given[0] == "position      x 1.00 m, y -2.00 m, z 0.00 m"
+    assert given[2:] == [
+        "drift         not estimated",
+        "last anchor   never",
+        "method        given, taken as exact",
+        "published     6 min ago",
+    ]
+
+
+def test_an_anchor_in_one_sentence() -> None:
+    found = anchor(1, 1.0, 0.0, 0.0).model_copy(update={"azimuth_error_rad": math.radians(-4.0)})
+    after = pose(covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, math.radians(1.0) ** 2))
+    assert sentence(found, None, after) == (
+        "led_1: the direction was 4.0° too far left and is set right; "
+        "the pose is known to 0.10 m and 1.0° now."
+    )
+    refused = found.model_copy(update={"accepted": False, "reason": "it is 40° off"})
+    assert sentence(refused, after, after).endswith("not accepted, the pose is as before: it is 40° off")
+
+
+def test_a_seat_in_words() -> None:
+    found = Mounting(
+        arm_from_true=(0.0, 0.0, 0.0, 1.0),
+        about_arm_rad=math.radians(-92.0),
+        off_axis_rad=math.radians(5.0),
+        forward_before_rad=math.radians(-3.0),
+        up_before_rad=math.radians(-4.0),
+        forward_after_rad=-1e-9,
+        up_after_rad=0.0,
+        heading_change_rad=0.0,
+    )
+    seat, errors = account(found)
+    assert "turned by 92° about the arm (counter-clockwise, seen from the elbow)" in seat
+    assert "is 5° off it" in seat
+    assert errors == (
+        "elevation of the level arm: -3.0° before, +0.0° with this mounting; of the raised arm, less 90°: "
+        "-4.0° before, +0.0° with it"
+    )

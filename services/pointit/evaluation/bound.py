@@ -14,9 +14,6 @@ from pointit.evaluation.trial import Trial
 
 Array = NDArray[np.float64]
 
-INDEPENDENT_HZ = 2.0
-"""Independent pointings per second: the samples of one hold err together."""
-
 GAP_S = 0.5
 """A longer pause is no time of pointing, and begins another hold."""
 
@@ -31,7 +28,7 @@ SINGULAR = 1e-12
 def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
     """Return for each trial of one subject the median position error of an ideal solver.
 
-    NaN where the truth is not known, infinite where the targets do not tell the place.
+    NaN where the truth or the correlation of errors is not known, infinite where the targets do not tell the place.
 
     It would know how much the subject's rays scatter, sideways and upwards, about their mean error in a
     trial, and have no wrong minima: the error linearized at the true pose. Yaw and elevation bias have to be
@@ -40,7 +37,7 @@ def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
     Args:
         trials: of one subject and condition, so that the scatter is pooled over all of them.
     """
-    if not trials or any(trial.yaw_rad is None for trial in trials):
+    if not trials or any(trial.yaw_rad is None or trial.independent_hz is None for trial in trials):
         return [math.nan] * len(trials)
     spread_rad = np.maximum(_scatter(trials), 1e-6)
     return [_median_m(trial, spread_rad) for trial in trials]
@@ -61,7 +58,10 @@ def independent(trial: Trial) -> float:
     steps = np.diff(trial.pointings.stamps_s)
     pauses = steps > GAP_S
     span_s = float(np.sum(steps[~pauses]))
-    return min(float(len(trial.pointings)), max(1.0 + np.count_nonzero(pauses), INDEPENDENT_HZ * span_s))
+    return min(
+        float(len(trial.pointings)),
+        max(1.0 + np.count_nonzero(pauses), (trial.independent_hz or 0.0) * span_s),
+    )
 
 
 def _seen(trial: Trial) -> tuple[Array, Array]:

@@ -37,6 +37,8 @@ class Trial:
     y_m: float
     yaw_rad: float | None
     """True azimuth of {H}'s x axis in {W}; none where it is not known."""
+    independent_hz: float | None = 2.0
+    """Independent pointings per second, as people's are: the samples of a hold err together; none: unlike."""
 
 
 @dataclass(frozen=True, kw_only=True)

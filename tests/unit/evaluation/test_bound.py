@@ -1,6 +1,7 @@
 """The bound is what an ideal solver reaches on rays of known scatter."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,13 @@ def test_a_single_target_tells_no_place() -> None:
         yaw_rad=one.yaw_rad, pointings=same,
     )  # fmt: skip
     assert median_bounds_m([lost]) == [math.inf]
+
+
+def test_without_the_truth_or_the_correlation_of_errors_there_is_none() -> None:
+    one = trial(1, 1.0)
+    assert math.isfinite(median_bounds_m([one])[0])
+    assert math.isnan(median_bounds_m([replace(one, yaw_rad=None)])[0])
+    assert math.isnan(median_bounds_m([replace(one, independent_hz=None)])[0])
 
 
 @pytest.mark.parametrize("variances", [(1.0, 1.0), (4.0, 0.0), (2.0, 0.3), (0.0, 0.0)])

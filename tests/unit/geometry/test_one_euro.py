@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ directions = st.builds(vector.direction, st.floats(-math.pi, math.pi), st.floats
 steps_s = st.floats(1e-3, 0.4)
 streams = st.lists(st.tuples(steps_s, directions), min_size=1, max_size=20)
 rotations = st.builds(
-    lambda a, b, c: rotation.from_azimuth_elevation(a, b, c),
+    rotation.from_azimuth_elevation,
     st.floats(-math.pi, math.pi),
     st.floats(-1.5, 1.5),
     st.floats(-math.pi, math.pi),
@@ -25,7 +26,8 @@ rotations = st.builds(
 
 def filtered(stream: list[tuple[float, Vec3]], one_euro: OneEuro | None = None) -> list[Vec3]:
     one_euro = one_euro or OneEuro()
-    at_s, out = 1.7e9, []
+    at_s = 1.7e9
+    out: list[Vec3] = []
     for step_s, direction in stream:
         at_s += step_s
         out.append(one_euro.smooth(direction, at_s))
@@ -48,7 +50,7 @@ def test_turning_everything_turns_the_output(
     stream: list[tuple[float, Vec3]], turn: rotation.Quaternion
 ) -> None:
     turned = [(step_s, rotation.rotate(turn, direction)) for step_s, direction in stream]
-    ways = [vector.angle_between(a, b) for (_, a), (_, b) in zip(stream, stream[1:], strict=False)]
+    ways = [vector.angle_between(a, b) for (_, a), (_, b) in pairwise(stream)]
     if any(way > math.pi - 1e-3 for way in ways):
         return  # between opposites any arc is as short
     for before, after in zip(filtered(stream), filtered(turned), strict=True):
@@ -93,6 +95,13 @@ def test_the_frame_rate_does_not_matter() -> None:
     assert np.abs(slow - middle).max() < 1.0
     assert np.abs(middle - fast).max() < 0.6
     assert np.abs(slow - middle)[-50:].max() < 0.1
+
+
+@pytest.mark.parametrize("rate_hz", [50, 100, 400])
+def test_behind_a_steady_movement_it_is_as_late_at_every_rate(rate_hz: int) -> None:
+    """At 20 deg/s the cut-off is 0.7 + 0.05 * 20 = 1.7 Hz, so it is 20 deg/s / (2 pi 1.7 Hz) behind."""
+    out = run(rate_hz, lambda at_s: (20.0 * at_s, 0.0))
+    assert 20.0 * (3.0 - 1.0 / rate_hz) - out[-1, 0] == pytest.approx(20.0 / (math.tau * 1.7), rel=0.02)
 
 
 def test_uneven_times_do_not_matter() -> None:

@@ -102,7 +102,7 @@ def test_many_at_once_are_the_same_as_one_by_one(
     orientations = [rotation.from_azimuth_elevation(*arm) for arm in arms]
     origins, directions = ray.rays(np.array(orientations))
     assert np.array_equal(origins, np.tile(ray.origin_m, (len(arms), 1)))
-    assert np.allclose(directions, [ray.direction(each) for each in orientations], atol=1e-12)
+    assert np.allclose(directions, [direction(ray, *arm) for arm in arms], atol=1e-12)
     assert np.allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
 
 

@@ -50,7 +50,7 @@ def test_without_a_pose_only_the_elevation_is_corrected_as_in_the_midst_of_the_a
         azimuth=(0.1, 0.1, 0.0, 0.0, 0.0, 0.0),
         reference_rad=1.0,
     )
-    assert apply(offset, None, 0.2) == (0.0, pytest.approx(0.01 + 0.03 * 0.2))
+    assert apply(offset, None, 0.2) == pytest.approx((0.0, 0.01 + 0.03 * 0.2))
 
 
 @given(offsets, angles, elevations)
@@ -72,9 +72,9 @@ def test_beyond_its_reach_it_stays(offset: PointingOffset, elevation_rad: float)
 @given(offsets, angles, st.sampled_from([-1.0, 1.0]))
 def test_straight_up_and_down_nothing_jumps(offset: PointingOffset, azimuth_rad: float, up: float) -> None:
     """Across the pole the azimuth turns round; the corrected ray must not."""
-    rays = []
+    rays: list[vector.Vec3] = []
     for side in (0.0, math.pi):
         elevation_rad = up * (math.pi / 2 - 1e-6)
         by_azimuth, by_elevation = apply(offset, azimuth_rad + side, elevation_rad)
         rays.append(vector.direction(azimuth_rad + side + by_azimuth, elevation_rad + by_elevation))
-    assert vector.angle_between(*rays) < 2e-6 * (1.0 + LARGEST_RAD / math.sin(FADE_RAD))
+    assert vector.angle_between(rays[0], rays[1]) < 2e-6 * (1.0 + LARGEST_RAD / math.sin(FADE_RAD))

@@ -46,7 +46,9 @@ SLOPE = 0.1
 WORTH = 0.9
 """It must leave less than this share of the squared errors that the constant leaves."""
 STRETCH = 2.0
-"""Within its reach it must not bend further than so many times what it does at the anchors."""
+BENT_RAD = math.radians(5.0)
+"""Within its reach, but beyond the anchors, it must bend no further than so many times what it does at
+them, or this: the message does not tell where the anchors were."""
 _HALVINGS = 6
 
 
@@ -136,7 +138,7 @@ def fit(
         azimuth=_terms(azimuth_terms),
         elevation=_terms(elevation_terms),
         reference_rad=reference,
-        sigma_rad=math.hypot(scatter, doubt),
+        sigma_rad=math.hypot(scatter, doubt) * _unsure(len(rays)),
         anchors=len(rays),
         fitted_ns=fitted_ns,
     )
@@ -173,6 +175,12 @@ def _spread(left: Array, believed: float) -> float:
     return math.sqrt((HOLD_COUNT * believed**2 + float(left @ left)) / (HOLD_COUNT + len(left) - 1))
 
 
+def _unsure(count: int) -> float:
+    """Return by how much a sigma is larger because the scatter itself was only estimated (Student)."""
+    freedom = HOLD_COUNT + count - 1
+    return math.sqrt(freedom / (freedom - 2.0))
+
+
 def _bent(
     where: Array, off: Array, weight: Array, sigma: float, constant: float
 ) -> tuple[Array, Array] | None:
@@ -199,7 +207,7 @@ def _bent(
             return None
         held = _columns(where) @ terms
         middle = held.mean()
-        if np.abs(grid @ terms - middle).max() <= STRETCH * np.abs(held - middle).max():
+        if np.abs(grid @ terms - middle).max() <= max(STRETCH * np.abs(held - middle).max(), BENT_RAD):
             return terms, left
         slope /= 2.0
     return None

@@ -1,0 +1,131 @@
+"""`vr_eyefinger`: people in virtual reality point at nine places on a wall; eye-finger rays are true ones.
+
+The file has the ray's direction and the fingertip, which lies on it, but not the eyes. All rays of one block
+start near one place, the head's: the eyes are taken to be where each ray passes nearest to the place that is
+nearest to all of them. That place is found within centimetres; ten of them, along the ray, are a thirtieth
+of the error.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.evaluation.table_file import Table, read_table
+from pointit.runtime.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+NAME = "vr_eyefinger"
+FILE = "wall_targets.csv"
+WALL_M = 2.0
+"""Where the wall is, ahead."""
+FEEDBACKS = ("none", "hand", "cursor")
+"""What the person saw: nothing of the hand, the hand, the place pointed at."""
+
+_LEAST_ROWS = 4
+"""Rays that tell where the eyes are."""
+_WORST_CONDITION = 1e3
+
+
+@dataclass(frozen=True, kw_only=True)
+class WallTrials:
+    """All of one person with one feedback, in the order of the file; {W}: x to the wall, y to the left."""
+
+    subject: str
+    feedback: str
+    directions: Array
+    """n x 3, unit: true rays from the eyes over the fingertip."""
+    ways: Array
+    """n x 3, unit: from the eyes to the target."""
+    targets: NDArray[np.int64]
+    """n: number of the target."""
+
+
+def read_wall_trials(folder: Path) -> list[WallTrials]:
+    """Return the trials in `folder`, one person and feedback after the other.
+
+    Raises:
+        ConfigError: the file is absent or damaged.
+    """
+    table = read_table(
+        folder / FILE,
+        numbers=(
+            *("tar_x", "tar_y", "index_x", "index_y", "index_z"),
+            *("efrc_dir_x", "efrc_dir_y", "efrc_dir_z"),
+        ),
+        texts=("subject", "session", "feedback"),
+    )
+    strange = next((i for i, text in enumerate(table.texts["feedback"]) if text not in FEEDBACKS), None)
+    if strange is not None:
+        raise ConfigError(
+            f"{table.path}, line {strange + 2}, column 'feedback': one of {', '.join(FEEDBACKS)} was "
+            f"expected, got {table.texts['feedback'][strange]!r}"
+        )
+    directions = _ours(table.vectors("efrc_dir_x", "efrc_dir_y", "efrc_dir_z"))
+    lengths = np.linalg.norm(directions, axis=1)
+    wrong = np.flatnonzero(np.abs(lengths - 1.0) > 0.01)
+    if len(wrong):
+        raise ConfigError(
+            f"{table.path}, line {wrong[0] + 2}, columns 'efrc_dir_…': a unit vector was expected, its norm "
+            f"is {lengths[wrong[0]]:.3g}"
+        )
+    directions = directions / lengths[:, None]
+    fingers_m = _ours(table.vectors("index_x", "index_y", "index_z"))
+    places_m = np.stack(
+        [np.full(len(table), WALL_M), -table.numbers["tar_x"], table.numbers["tar_y"]], axis=1
+    )
+    ways = places_m - _eyes(table, directions, fingers_m)
+    ways = ways / np.linalg.norm(ways, axis=1)[:, None]
+    kinds = np.unique(places_m, axis=0, return_inverse=True)[1].reshape(-1)
+    names = list(zip(table.texts["subject"], table.texts["feedback"], strict=True))
+    trials: list[WallTrials] = []
+    for name in dict.fromkeys(names):
+        rows = [index for index, other in enumerate(names) if other == name]
+        trials.append(
+            WallTrials(
+                subject=name[0],
+                feedback=name[1],
+                directions=directions[rows],
+                ways=ways[rows],
+                targets=kinds[rows].astype(np.int64),
+            )
+        )
+    return trials
+
+
+def _ours(rows: Array) -> Array:
+    """Return vectors given as x right, y up, z ahead."""
+    return np.stack([rows[:, 2], -rows[:, 0], rows[:, 1]], axis=1)
+
+
+def _eyes(table: Table, directions: Array, points_m: Array) -> Array:
+    """Return where each ray starts, given a point on it."""
+    eyes_m = np.empty_like(points_m)
+    subjects = table.texts["subject"]
+    blocks = list(zip(subjects, table.texts["session"], table.texts["feedback"], strict=True))
+    for block in dict.fromkeys(blocks):
+        rows = [index for index, other in enumerate(blocks) if other == block]
+        head_m = _meeting(directions[rows], points_m[rows])
+        if head_m is None:  # the hand hung all the time, or its tracker stood still: as in other blocks
+            whole = [index for index, other in enumerate(subjects) if other == block[0]]
+            head_m = _meeting(directions[whole], points_m[whole])
+        if head_m is None:
+            raise ConfigError(
+                f"{table.path}, line {rows[0] + 2}: the rays of subject {block[0]} are too few, or too much "
+                "alike, to tell where the eyes are"
+            )
+        along, points = directions[rows], points_m[rows]
+        eyes_m[rows] = points + along * np.einsum("ni,ni->n", along, head_m - points)[:, None]
+    return eyes_m
+
+
+def _meeting(along: Array, points_m: Array) -> Array | None:
+    """Return the place nearest to all lines, or none where they do not tell."""
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    normal: Array = across.sum(axis=0)
+    if len(along) < _LEAST_ROWS or np.linalg.cond(normal) > _WORST_CONDITION:
+        return None
+    moments: Array = np.einsum("nij,nj->i", across, points_m)
+    return np.asarray(np.linalg.solve(normal, moments), dtype=np.float64)

@@ -65,7 +65,7 @@ def test_one_anchor_is_believed_but_for_what_people_are_like() -> None:
     assert fitted.offset.elevation[0] == pytest.approx(5.0 * DEG * 16.0 / 17.0)
     assert fitted.offset.azimuth == (0.0,) * 6
     assert (fitted.offset.anchors, fitted.offset.fitted_ns) == (1, 7)
-    # what is left of the person, and the next hold's scatter, of which only four pointings are known (Student)
+    # what is left of the person, and the next hold as if four had been seen (Student)
     assert fitted.offset.sigma_rad == pytest.approx(
         math.sqrt(2.0) * math.hypot(1.0, 4.0 / math.sqrt(17.0)) * DEG
     )

@@ -1,45 +1,81 @@
 """Parameters of the interaction, and the person's profile."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pointit.runtime.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Rgb
-
-_BODY = BodyMeasures()
+from pointit.services.supervisor.body import DEFAULT_STATURE_M, measures
 
 
 class BodyConfig(Config):
-    """Lengths of the person's body."""
+    """Lengths of the person's body; what is empty is scaled from the stature."""
 
-    footprint_to_neck_m: float = Field(
-        default=_BODY.footprint_to_neck_m, gt=0, lt=3, description="from the floor to the neck, m"
+    footprint_to_neck_m: float | None = Field(
+        default=None, gt=0, lt=3, description="from the floor to the neck, standing, m; empty: by stature"
     )
-    neck_to_eyes_m: float = Field(
-        default=_BODY.neck_to_eyes_m, ge=0, lt=1, description="from the neck up to the eyes, m"
+    neck_to_eyes_m: float | None = Field(
+        default=None, ge=0, lt=1, description="from the neck up to the eyes, m; empty: by stature"
     )
-    neck_to_shoulder_m: float = Field(
-        default=_BODY.neck_to_shoulder_m, ge=0, lt=1, description="from the neck sideways to the shoulder, m"
+    neck_to_shoulder_m: float | None = Field(
+        default=None, ge=0, lt=1, description="from the neck sideways to the shoulder, m; empty: 0"
     )
-    shoulder_to_wrist_m: float = Field(
-        default=_BODY.shoulder_to_wrist_m, gt=0, lt=2, description="length of the arm, m"
+    shoulder_to_wrist_m: float | None = Field(
+        default=None, gt=0, lt=2, description="length of the arm, m; empty: by stature"
     )
-    wrist_to_finger_m: float = Field(
-        default=_BODY.wrist_to_finger_m, ge=0, lt=1, description="from the wrist to the fingertip, m"
+    wrist_to_finger_m: float | None = Field(
+        default=None, ge=0, lt=1, description="from the wrist to the fingertip, m; empty: by stature"
     )
 
 
 class ProfileConfig(Config):
     """Who the person is to the system."""
 
+    stature_m: float = Field(
+        default=DEFAULT_STATURE_M,
+        ge=0.9,
+        le=2.5,
+        description="height of the person, m; the lengths of the body are scaled from it",
+    )
+    seated: bool = Field(default=False, description="the person sits upright: neck and eyes are lower")
+    seat_height_m: float | None = Field(
+        default=None,
+        ge=0.1,
+        le=1.2,
+        description="of the seat above the floor, m; empty: a chair that fits the person",
+    )
     body: BodyConfig = Field(default=BodyConfig(), description="lengths of the person's body")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
+    ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
+        default="eye_finger",
+        description="from the eyes through the fingertip; from the shoulder along the arm; "
+        "from the elbow of a hanging upper arm along the forearm",
+    )
     cursor_color: Rgb = Field(
         default=(255, 255, 255), description="colour of the person's cursor: red, green, blue, 0 to 255"
     )
     cursor_width_m: float = Field(default=0.1, gt=0, le=1, description="length of the cursor on a strip, m")
+
+    @model_validator(mode="after")
+    def _body_is_one(self) -> Self:
+        self.measures()
+        return self
+
+    def measures(self) -> BodyMeasures:
+        """Return the lengths of the pointing model.
+
+        Raises:
+            ValueError: they contradict each other.
+        """
+        return measures(
+            self.stature_m,
+            {name: value for name, value in self.body.model_dump().items() if value is not None},
+            ray_model=self.ray_model,
+            seated=self.seated,
+            seat_height_m=self.seat_height_m,
+        )
 
 
 class SupervisorConfig(Config):

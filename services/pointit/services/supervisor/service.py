@@ -10,7 +10,6 @@ from pointit.runtime.service import Scope
 from pointit.runtime.state import StateFile
 from pointit.schemas import (
     NS_PER_S,
-    BodyMeasures,
     ButtonEvent,
     CancelLocalization,
     Done,
@@ -227,8 +226,9 @@ def profile(config: ProfileConfig, now_ns: int) -> UserProfile:
     """Return the profile as it travels."""
     return UserProfile(
         stamp_ns=now_ns,
-        body=BodyMeasures.model_validate(config.body.model_dump()),
+        body=config.measures(),
         hand=config.hand,
+        ray_model=config.ray_model,
         cursor_color=config.cursor_color,
         cursor_width_m=config.cursor_width_m,
     )

@@ -130,15 +130,13 @@ class PlayedLocalizer:
         return Done(message="the yaw is set by where you point")
 
     def _put_pose(self, sigma_rad: float = 0.0, anchored_ns: int = 0) -> None:
-        variance = sigma_rad**2
+        known = 1.0 if sigma_rad else 0.0  # a pose that was given has no covariance
         self._poses.put(
             UserPose(
                 stamp_ns=time.time_ns(),
                 position_m=self.position_m,
                 yaw_rad=self.yaw_rad,
-                covariance=(0.01, 0.0, 0.0, 0.0, 0.0025, 0.0, 0.0, 0.0, variance)
-                if sigma_rad
-                else (0.0,) * 9,
+                covariance=(0.01 * known, 0.0, 0.0, 0.0, 0.0025 * known, 0.0, 0.0, 0.0, sigma_rad**2),
                 yaw_rate_radps=math.radians(0.2) if anchored_ns else 0.0,
                 yaw_rate_sigma_radps=math.radians(0.1) if anchored_ns else None,
                 anchored_ns=anchored_ns,

@@ -87,7 +87,8 @@ def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) ->
     off_deg = math.degrees(anchor.azimuth_error_rad)
     text = f"{lamp}: the direction was {abs(off_deg):.1f}° too far {'right' if off_deg > 0 else 'left'}"
     if after is not None:
-        if after.yaw_rate_sigma_radps is not None:
+        sigma_radps = after.yaw_rate_sigma_radps
+        if sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps:  # else it may be none
             text += f" (the IMU's drift turns the pose by {pose_text.drift_degpmin(after):.1f} °/min)"
         text += f" and is set right; the pose is known {pose_text.sigma_text(after)} now"
     if before is not None:

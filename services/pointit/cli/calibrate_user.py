@@ -2,7 +2,7 @@
 
 import asyncio
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,9 +104,8 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
             err=True,
         )
         try:
-            anchors, missed = await _point(
-                anchoring, user, itertools.islice(itertools.cycle(lamps), count), wanted
-            )
+            order = list(itertools.islice(itertools.cycle(lamps), count))
+            anchors, missed = await _point(anchoring, user, order, wanted.timeout_s)
         except asyncio.CancelledError:
             return INTERRUPTED
         fitted, rows = assess(anchors, clock.now_ns())
@@ -153,25 +152,27 @@ async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
 
 
 async def _point(
-    anchoring: Anchoring, user: str, lamps: Iterable[str], wanted: Wanted
+    anchoring: Anchoring, user: str, lamps: Sequence[str], timeout_s: float
 ) -> tuple[list[Anchor], list[str]]:
     """Return the anchors, and why others came to nothing."""
     anchors: list[Anchor] = []
     missed: list[str] = []
     with changing_line() as show:
         for number, lamp in enumerate(lamps, start=1):
+            which = f"{user}: {number} of {len(lamps)}"
             try:
-                anchor = await anchoring.point(lamp, wanted.timeout_s, _tell(show, user, number))
+                anchor = await anchoring.point(lamp, timeout_s, _tell(show, which))
             except RefusedError as error:
                 missed.append(f"{lamp}: {error}")
-                click.echo(f"{user}: {lamp}: {error}", err=True)
+                click.echo(f"{which}: {lamp}: {error}", err=True)
             else:
                 anchors.append(anchor)
+                click.echo(f"{which}: pointed at {lamp}", err=True)
     return anchors, missed
 
 
-def _tell(show: Callable[[str], None], user: str, number: int) -> Callable[[str], None]:
-    return lambda text: show(f"{user}: {number}: {text}")
+def _tell(show: Callable[[str], None], which: str) -> Callable[[str], None]:
+    return lambda text: show(f"{which}: {text}")
 
 
 def _show(user: str, offset: PointingOffset, rows: Sequence[Pointing]) -> None:

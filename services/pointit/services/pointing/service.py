@@ -84,7 +84,8 @@ class Pointing(Service[PointingConfig]):
             self.bus.figure("restarts of the wrist", self._restarts)
         if not 0 <= now_ns - self._figures_ns < FIGURES_NS:
             judged, repeated = freshness.judged - self._judged, freshness.repeated - self._repeated
-            self.bus.figure("repeated samples", 100.0 * repeated / judged, "%")
+            share = 100.0 * repeated / judged if freshness.repeated else None  # most devices never do
+            self.bus.figure("repeated samples", share, "%")
             self._figures_ns = now_ns
             self._judged, self._repeated = freshness.judged, freshness.repeated
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pointit.schemas import Anchor, Lamp, Localization, PointingRay
 from pointit.services.localizer import rays as ray_math
 from pointit.services.localizer.hold import Hold, Timing
-from pointit.services.localizer.outputs import LampSwitch, Output, Phase
+from pointit.services.localizer.outputs import MEASURED, LampSwitch, Output, Phase
 from pointit.services.localizer.rays import Mean
 
 
@@ -116,7 +116,7 @@ class Anchoring:
                 f"at most {math.degrees(limit_rad):.1f}° is accepted; hold it still and try again"
             )
         anchor = self._judge(self._lamp, mean, wrong)
-        if not anchor.accepted:
+        if not anchor.accepted and anchor.reason != MEASURED:
             return [anchor, *self._end(now_ns, anchor.reason)]
         self._running = False
         return [

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.geometry.vector import Vec3
-from pointit.services.localizer.sphere import PARAMETERS, Array
+from pointit.services.localizer.sphere import Array
 
 EYES_M = 1.64
 """Height of the eyes over the floor before a ray has told it."""
@@ -26,6 +26,9 @@ NEAREST_M = 0.7
 PLACES = 7
 """Along each side of the room, before a pose is known."""
 
+PARAMETERS = 4
+"""x, y, yaw, elevation bias."""
+
 VAGUE_M = 10.0
 VAGUE_RAD = math.pi
 """One sigma of a pose that nothing has told yet."""
@@ -36,7 +39,9 @@ class Acuity:
     """How well a hold tells where a target is seen."""
 
     ray_sigma_rad: float = math.radians(2.0)
-    """One sigma of one pointing."""
+    """One sigma of one pointing sideways."""
+    elevation_sigma_rad: float = math.radians(2.0)
+    """The same upwards."""
     bias_sigma_rad: float = math.radians(10.0)
     """One sigma of the person's elevation bias."""
     independent: float = 5.0
@@ -53,7 +58,7 @@ def information(targets_m: Array, eyes_m: Array, acuity: Acuity) -> Array:
     Args:
         targets_m: n x 3, {W}.
         eyes_m: p x 3, {W}: where the eyes are; not straight above or below a target.
-        acuity: how well it tells, sideways and upwards alike.
+        acuity: how well it tells.
 
     Returns:
         p x n x 4 x 4, in 1/m², 1/(m·rad), 1/rad².
@@ -63,15 +68,16 @@ def information(targets_m: Array, eyes_m: Array, acuity: Acuity) -> Array:
     level = np.maximum(np.hypot(reach[..., 0], reach[..., 1]), 1e-3)
     east, north = reach[..., 0] / level, reach[..., 1] / level
     cos_el, sin_el = level / distance, reach[..., 2] / distance
-    slopes = np.zeros((*distance.shape, 2, PARAMETERS))
+    slopes = np.zeros((*distance.shape, 2, 4))
     slopes[..., 0, 0] = north / distance  # sideways
     slopes[..., 0, 1] = -east / distance
     slopes[..., 0, 2] = -cos_el
     slopes[..., 1, 0] = sin_el * east / distance  # upwards
     slopes[..., 1, 1] = sin_el * north / distance
     slopes[..., 1, 3] = 1.0
-    variance = acuity.ray_sigma_rad**2 / acuity.independent + (acuity.body_sigma_m / distance) ** 2
-    told: Array = np.einsum("pnij,pnik->pnjk", slopes, slopes) / variance[..., None, None]
+    sigmas = np.array([acuity.ray_sigma_rad, acuity.elevation_sigma_rad])
+    variance = sigmas**2 / acuity.independent + (acuity.body_sigma_m / distance[..., None]) ** 2
+    told: Array = np.einsum("pnij,pnik,pni->pnjk", slopes, slopes, 1.0 / variance)
     return told
 
 

@@ -28,6 +28,9 @@ class StandBack:
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 """As in `Localization`."""
 
+MEASURED = "a tracker gives the pose, so the anchor tells only how the person points; nothing is to be done"
+"""Why an anchor that is well does not set the pose right."""
+
 Output = LampSwitch | Localization | UserPose | Anchor | StandBack
 
 

@@ -21,6 +21,9 @@ from pointit.services.localizer.outputs import LampSwitch, Output, Phase, extent
 FEWEST = 2
 """Lamps before a pose can be tried."""
 
+WORTHWHILE = 0.9
+"""A lamp comes again when the hold before has made the pose surer by this factor, or the pose will not do."""
+
 ROUNDS = 2
 """When as many lamps are lit as are needed, each is lit at most so often."""
 
@@ -55,6 +58,8 @@ class StaticTargets:
     _told: tuple[int, int]
     _solution: Solution | None
     """With what was gathered so far, however uncertain."""
+    _lacking: float
+    """How many times less certain than what is sure enough."""
 
     def __init__(
         self,
@@ -153,6 +158,7 @@ class StaticTargets:
         self._holds = []
         self._told = (-1, -1)
         self._solution = None
+        self._lacking = math.inf
 
     def _light(self, now_ns: int) -> list[Output]:
         self._holds.append((Hold(now_ns, self._timing), self._chosen()))
@@ -166,7 +172,7 @@ class StaticTargets:
         acuity = Acuity(
             ray_sigma_rad=trust.ray_sigma_rad,
             bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
-            independent=1.0 + trust.independent_hz * self._timing.hold_s,
+            independent=max(1.0, trust.independent_hz * self._timing.hold_s),
             body_sigma_m=trust.body_sigma_m,
             eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
         )
@@ -190,15 +196,29 @@ class StaticTargets:
         result = self._solve(self._trust) if count >= FEWEST else None
         sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
-        if result is None or (count < self._most and not self._is_sure(result)):
+        before, self._lacking = self._lacking, self._lack(self._solution)
+        if result is None or (count < self._most and self._goes_on(result, before)):
             return [off, *self._light(now_ns)]
         return self._finish(now_ns, result)
 
-    def _is_sure(self, result: Solution | Refusal) -> bool:
-        return (
-            isinstance(result, Solution)
-            and result.position_sigma_m <= self._choice.position_sigma_m
-            and result.yaw_sigma_rad <= self._choice.yaw_sigma_rad
+    def _goes_on(self, result: Solution | Refusal, before: float) -> bool:
+        """Return whether another hold is worth the person's while.
+
+        Until the pose is sure enough; but once all lamps were used, and the pose will do, only as long as it
+        still gains.
+        """
+        if isinstance(result, Refusal):
+            return True
+        is_new = len({index for _, index in self._holds}) < len(self._lamps)
+        return self._lacking > 1.0 and (is_new or self._lacking < WORTHWHILE * before)
+
+    def _lack(self, solution: Solution | None) -> float:
+        """Return how many times too uncertain it is: 1 is sure enough."""
+        if solution is None:
+            return math.inf
+        return max(
+            solution.position_sigma_m / self._choice.position_sigma_m,
+            solution.yaw_sigma_rad / self._choice.yaw_sigma_rad,
         )
 
     def _solve(self, trust: Trust) -> Solution | Refusal:

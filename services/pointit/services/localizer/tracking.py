@@ -13,7 +13,7 @@ import numpy as np
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, Anchor, Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
-from pointit.services.localizer.outputs import anchor_message, covariance_of
+from pointit.services.localizer.outputs import MEASURED, anchor_message, covariance_of
 from pointit.services.localizer.pace import Pace
 from pointit.services.localizer.rays import Mean
 from pointit.services.localizer.sphere import Array
@@ -27,7 +27,6 @@ HEADING_SIGMA_RAD = math.radians(3.0)
 """One sigma of pointing in a known direction."""
 
 NO_POSE = "no pose is known yet; localize first, or set one"
-OUTSIDE = "a tracker gives the pose, so the anchor tells only how the person points; nothing is to be done"
 
 FIGURES = (
     ("drift", "°/min"),
@@ -158,7 +157,7 @@ class Tracking:
             nowhere = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
             return anchor_message(lamp, mean, nowhere, AnchorResult(accepted=False, reason=NO_POSE))
         before = self._at(base, mean.stamp_ns)
-        wrong = wrong or (OUTSIDE if self._is_outside else "")
+        wrong = wrong or (MEASURED if self._is_outside else "")
         # what must not be taken is only measured
         told = self._doubtful(before, mean.stamp_ns) if wrong else self._believing(base, mean.stamp_ns)
         result = told.anchor(

@@ -1,0 +1,140 @@
+"""Lamps chosen for information: as few as suffice, as many as are needed, refused when they do not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
+from pointit.services.localizer.estimator import Trust
+from pointit.services.localizer.hold import Timing
+from pointit.services.localizer.outputs import LampSwitch, Output
+from pointit.services.localizer.static_targets import Choice, StaticTargets
+from tests.unit.localizer.person import Person, yaw_difference
+
+GOOD = (
+    Lamp(id="high", position_m=(4.0, 0.5, 1.7)),
+    Lamp(id="near_high", position_m=(4.0, 0.7, 1.7)),
+    Lamp(id="low", position_m=(1.5, -3.0, 0.1)),
+    Lamp(id="left", position_m=(-2.0, 2.0, 0.1)),
+    Lamp(id="back", position_m=(-2.5, -2.0, 0.3)),
+)
+EYE_HIGH = (Lamp(id="a", position_m=(2.0, 3.0, 1.64)), Lamp(id="b", position_m=(2.5, 3.0, 1.64)))
+START_NS = 1_700_000_000 * NS_PER_S
+PERSON = Person(0.6, -0.4, 2.2, math.radians(3.0))
+SURE = Choice(order="informative", position_sigma_m=0.45, yaw_sigma_rad=math.radians(3.0))
+
+
+def run(procedure: StaticTargets, person: Person = PERSON, error_deg: float = 0.0) -> list[Output]:
+    """The person points at what is lit, each time another `error_deg` (1 sigma) off."""
+    generator = np.random.default_rng(1)
+    places = {lamp.id: lamp.position_m for lamp in (*GOOD, *EYE_HIGH)}
+    outputs = procedure.start(START_NS)
+    lit, off = "", (0.0, 0.0)
+    for tick in range(50 * 120):
+        now_ns = START_NS + tick * NS_PER_S // 50
+        switches = [output for output in outputs if isinstance(output, LampSwitch)]
+        if switches[-1].on and switches[-1].lamp_id + str(len(switches)) != lit:
+            lit = switches[-1].lamp_id + str(len(switches))
+            azimuth, elevation = generator.normal(0.0, math.radians(error_deg), 2)
+            off = (float(azimuth), float(elevation))
+        aiming = Person(person.x, person.y, person.yaw_rad - off[0], person.bias_rad + off[1])
+        procedure.on_ray(aiming.ray(places[switches[-1].lamp_id], now_ns))
+        outputs += procedure.step(now_ns)
+        if not procedure.running:
+            break
+    return outputs
+
+
+def order(outputs: list[Output]) -> list[str]:
+    return [output.lamp_id for output in outputs if isinstance(output, LampSwitch) and output.on]
+
+
+def told(outputs: list[Output]) -> list[Localization]:
+    return [output for output in outputs if isinstance(output, Localization)]
+
+
+def test_it_stops_when_it_is_sure_enough() -> None:
+    outputs = run(StaticTargets(GOOD, choice=SURE))
+    (pose,) = [output for output in outputs if isinstance(output, UserPose)]
+    assert math.hypot(pose.position_m[0] - PERSON.x, pose.position_m[1] - PERSON.y) < 0.1
+    assert abs(yaw_difference(pose.yaw_rad, PERSON.yaw_rad)) < 0.03
+    assert 2 <= len(order(outputs)) < len(GOOD)
+    last = told(outputs)[-1]
+    assert last.phase == "solved"
+    assert last.position_sigma_m is not None
+    assert last.yaw_sigma_rad is not None
+    assert last.position_sigma_m <= SURE.position_sigma_m
+    assert last.yaw_sigma_rad <= SURE.yaw_sigma_rad
+
+
+def test_lamps_in_one_direction_at_eye_height_are_not_the_first_choice() -> None:
+    chosen = order(run(StaticTargets(GOOD, choice=SURE)))
+    assert not {"high", "near_high"} >= set(chosen[:2])
+
+
+def test_it_is_told_on_the_way_how_sure_it_is() -> None:
+    strict = Choice(order="informative", position_sigma_m=0.101, yaw_sigma_rad=math.radians(0.2))
+    outputs = run(StaticTargets(GOOD, choice=strict))
+    by_hold = {news.target_index: news.position_sigma_m for news in told(outputs) if news.phase == "sampling"}
+    assert by_hold[0] is None
+    assert by_hold[1] is None
+    sigmas = [sigma for index, sigma in sorted(by_hold.items()) if index >= 2 and sigma is not None]
+    assert len(sigmas) == len(by_hold) - 2
+    assert {lamp.id for lamp in GOOD} == set(order(outputs)[: len(GOOD)])  # all, before one comes again
+    assert len(order(outputs)) <= 2 * len(GOOD)
+    assert told(outputs)[-1].phase == "solved"  # within what `trust` demands
+    yaws = [news.yaw_sigma_rad for news in told(outputs) if news.yaw_sigma_rad is not None]
+    assert yaws[-1] < yaws[0]
+
+
+def test_no_more_than_were_asked_for() -> None:
+    strict = Choice(order="informative", targets=3, yaw_sigma_rad=math.radians(0.2))
+    outputs = run(StaticTargets(GOOD, choice=strict))
+    assert len(order(outputs)) == 3
+    assert {news.target_count for news in told(outputs)} == {3}
+    more = run(StaticTargets(EYE_HIGH, choice=Choice(order="informative", targets=4)))
+    assert sorted(order(more)) == ["a", "a", "b", "b"]
+
+
+def test_what_cannot_be_told_is_refused_in_a_sentence() -> None:
+    outputs = run(StaticTargets(EYE_HIGH, choice=SURE), error_deg=1.0)
+    last = told(outputs)[-1]
+    assert last.phase == "refused"
+    assert last.reason.startswith("after pointing 4 times ")
+    assert [output for output in outputs if isinstance(output, UserPose)] == []
+    assert order(outputs) in (["a", "b", "a", "b"], ["a", "b", "b", "a"], ["b", "a", "b", "a"])
+
+
+@pytest.mark.parametrize("targets", [0, 2])
+def test_in_the_given_order_nothing_is_chosen(targets: int) -> None:
+    outputs = run(StaticTargets(GOOD, choice=Choice(targets=targets), trust=Trust(max_yaw_sigma_rad=9.0)))
+    assert order(outputs) == [lamp.id for lamp in GOOD][: targets or None]
+
+
+def test_a_calibrated_person_is_sure_earlier() -> None:
+    """Two lamps of the conveyor, nearly in one line: the person's elevation tells how far they are."""
+
+    class Calibrated(Person):
+        def ray(self, target: Vec3, stamp_ns: int) -> PointingRay:
+            ray = super().ray(target, stamp_ns)
+            return ray.model_copy(update={"elevation_sigma_rad": math.radians(1.0)})
+
+    lamps = (Lamp(id="0", position_m=(0.15, 0.05, 1.55)), Lamp(id="1", position_m=(-2.4, -0.025, 1.25)))
+    sigmas: list[float] = []
+    for person in (Person(1.5, 1.1, 2.2), Calibrated(1.5, 1.1, 2.2)):
+        procedure = StaticTargets(
+            lamps, Timing(), Trust(max_position_sigma_m=99.0, max_yaw_sigma_rad=9.0), Choice(targets=2)
+        )
+        outputs = procedure.start(START_NS)
+        for tick in range(50 * 8):
+            now_ns = START_NS + tick * NS_PER_S // 50
+            lit = next(o for o in reversed(outputs) if isinstance(o, LampSwitch))
+            place = next(lamp.position_m for lamp in lamps if lamp.id == lit.lamp_id)
+            procedure.on_ray(person.ray(place, now_ns))
+            outputs += procedure.step(now_ns)
+        assert told(outputs)[-1].phase == "solved", told(outputs)[-1].reason
+        (pose,) = [output for output in outputs if isinstance(output, UserPose)]
+        sigmas.append(math.sqrt(pose.covariance[0] + pose.covariance[4]))
+    assert sigmas[1] < 0.7 * sigmas[0]

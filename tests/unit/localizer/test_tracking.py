@@ -1,0 +1,317 @@
+"""The pose between localizations: followed, set right, published when it is worth it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pointit.geometry import rotation, vector
+from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
+from pointit.services.localizer.anchoring import Anchoring
+from pointit.services.localizer.drift import DriftSettings
+from pointit.services.localizer.outputs import MEASURED, LampSwitch, Output
+from pointit.services.localizer.rays import Mean, mean
+from pointit.services.localizer.tracking import Tracking
+from tests.unit.localizer.person import Person, yaw_difference
+
+S = NS_PER_S
+START_NS = 1_700_000_000 * S
+LAMP = Lamp(id="led", position_m=(4.0, 1.0, 1.2))
+RATE = math.radians(0.3)
+"""The yaw of {H} drifts by so much in a second."""
+DEGREE = math.radians(1.0)
+
+
+def at(t_s: float) -> int:
+    return START_NS + round(t_s * S)
+
+
+def person(t_s: float, bias_rad: float = 0.0) -> Person:
+    return Person(0.5, -0.5, 0.4 + RATE * t_s, bias_rad)
+
+
+def found(t_s: float = 0.0, bias_rad: float = 0.0) -> UserPose:
+    sigma = (0.1**2, 0.0, 0.0, 0.0, 0.1**2, 0.0, 0.0, 0.0, (1.5 * DEGREE) ** 2)
+    return UserPose(
+        stamp_ns=at(t_s),
+        position_m=(0.5, -0.5, 0.0),
+        yaw_rad=person(t_s).yaw_rad,
+        covariance=sigma,
+        method="static_targets",
+        elevation_bias_rad=bias_rad,
+        samples=200,
+    )
+
+
+def pointing(t_s: float, bias_rad: float = 0.0, off_rad: float = 0.0) -> Mean:
+    now = person(t_s, bias_rad)
+    turned = Person(now.x, now.y, now.yaw_rad - off_rad, now.bias_rad)
+    told = mean([turned.ray(LAMP.position_m, at(t_s) + tick * S // 50) for tick in range(-25, 26)])
+    assert told is not None
+    return told
+
+
+def localized(*, follow: bool | None = None) -> Tracking:
+    tracking = Tracking(follow=follow)
+    tracking.found(found(), at(-8.0), at(0.0), at(0.0))
+    return tracking
+
+
+def test_the_pose_is_followed_at_a_sensible_pace() -> None:
+    tracking = localized()
+    tracking.anchor(LAMP, pointing(10.0))
+    tracking.anchor(LAMP, pointing(30.0))
+    published: list[UserPose] = []
+    now_ns = at(31.0)
+    while now_ns < at(61.0):
+        pose = tracking.due(now_ns)
+        if pose is not None:
+            published.append(pose)
+        now_ns += round(tracking.wait_s(now_ns) * S)
+    gaps = np.diff([pose.stamp_ns for pose in published]) / S
+    assert gaps.min() >= 0.2
+    assert gaps.max() <= 2.0
+    steps = np.abs(np.diff([pose.yaw_rad for pose in published]))
+    assert steps.max() < 0.4 * DEGREE  # 0.1° and a period
+    sigmas = [pose.covariance[8] for pose in published]
+    assert sigmas == sorted(sigmas)  # it becomes less certain
+    assert {pose.method for pose in published} == {"static_targets"}
+    assert published[-1].anchored_ns == at(30.0)
+    assert published[-1].yaw_rate_radps == pytest.approx(RATE, abs=0.15 * DEGREE)
+    assert published[-1].yaw_rate_sigma_radps is not None
+
+
+def test_three_minutes_with_an_anchor_a_minute_stay_right() -> None:
+    generator = np.random.default_rng(4)
+    tracking = localized()
+    off: list[float] = []
+    for minute in range(1, 4):
+        error = float(generator.normal(0.0, 2.0 * DEGREE))
+        anchor = tracking.anchor(LAMP, pointing(60.0 * minute, off_rad=error))
+        assert anchor.accepted
+        pose = tracking.pose(at(60.0 * minute))
+        assert pose is not None
+        off.append(abs(yaw_difference(pose.yaw_rad, person(60.0 * minute).yaw_rad)))
+    assert max(off) < 4.0 * DEGREE
+    alone = localized().pose(at(180.0))
+    assert alone is not None
+    assert abs(yaw_difference(alone.yaw_rad, person(180.0).yaw_rad)) > 50.0 * DEGREE
+    assert math.sqrt(alone.covariance[8]) > 40.0 * DEGREE  # and says so
+
+
+def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
+    tracking = Tracking()
+    tracking.found(found(bias_rad=5.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
+    anchor = tracking.anchor(LAMP, pointing(10.0, bias_rad=5.0 * DEGREE))
+    # the pose before had not turned by 3° yet: the target is to the left of the ray as it was cast
+    assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
+    assert anchor.elevation_error_rad == pytest.approx(0.0, abs=0.2 * DEGREE)
+    assert anchor.yaw_rad == pytest.approx(person(0.0).yaw_rad)
+    assert (anchor.target_id, anchor.target_m, anchor.samples) == ("led", LAMP.position_m, 51)
+    assert anchor.accepted
+
+
+def test_what_must_not_be_taken_is_measured_and_changes_nothing() -> None:
+    tracking = localized()
+    before = tracking.pose(at(10.0))
+    anchor = tracking.anchor(LAMP, pointing(10.0), "the arm wandered")
+    assert (anchor.accepted, anchor.reason) == (False, "the arm wandered")
+    assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
+    after = tracking.pose(at(10.0))
+    assert before is not None
+    assert after is not None
+    assert after.yaw_rad == before.yaw_rad
+    assert Tracking().anchor(LAMP, pointing(0.0)).reason.startswith("no pose is known")
+
+
+def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
+    tracking = Tracking()
+    given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
+    assert tracking.given(given, at(0.0)) == given
+    assert tracking.due(at(60.0)) is None
+    assert [value for _, value, _ in tracking.figures(at(60.0))] == [None] * 4
+    assert tracking.anchor(LAMP, pointing(20.0)).accepted  # 6° off
+    pose = tracking.pose(at(20.0))
+    assert pose is not None
+    assert abs(yaw_difference(pose.yaw_rad, person(20.0).yaw_rad)) < 0.5 * DEGREE
+    assert math.dist(pose.position_m, given.position_m) < 0.05
+    assert pose.method == "fixed"
+    assert tracking.follows
+    assert tracking.due(at(25.0)) is not None
+
+
+@pytest.mark.parametrize("follow", [True, False])
+def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
+    tracking = Tracking(follow=follow)
+    given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
+    tracking.given(given, at(0.0))
+    assert (tracking.due(at(5.0)) is not None) is follow
+    tracking.found(found(6.0), at(0.0), at(3.0), at(6.0))
+    assert (tracking.due(at(10.0)) is not None) is follow
+    assert tracking.anchor(LAMP, pointing(12.0)).accepted
+    assert (tracking.due(at(20.0)) is not None) is follow
+
+
+def test_a_fixed_pose_that_is_quite_wrong_is_believed_by_two_anchors() -> None:
+    tracking = Tracking()
+    tracking.given(found().model_copy(update={"yaw_rad": 2.4, "method": "fixed"}), at(0.0))
+    first = tracking.anchor(LAMP, pointing(5.0))
+    assert not first.accepted
+    assert "point at that target again" in first.reason
+    assert tracking.anchor(LAMP, pointing(10.0)).accepted
+    pose = tracking.pose(at(10.0))
+    assert pose is not None
+    assert abs(yaw_difference(pose.yaw_rad, person(10.0).yaw_rad)) < 2.0 * DEGREE
+
+
+def test_a_heading_sets_the_yaw_and_keeps_the_place() -> None:
+    tracking = Tracking()
+    tracking.given(found().model_copy(update={"yaw_rad": -2.0, "method": "fixed"}), at(0.0))
+    azimuth = vector.azimuth(vector.turn(pointing(10.0).direction, person(10.0).yaw_rad))
+    result = tracking.heading(pointing(10.0), azimuth)
+    assert result.accepted
+    pose = tracking.pose(at(10.0))
+    assert pose is not None
+    assert abs(yaw_difference(pose.yaw_rad, person(10.0).yaw_rad)) < 0.5 * DEGREE
+    assert math.dist(pose.position_m, (0.5, -0.5, 0.0)) < 0.01
+
+
+def test_a_resting_arm_tells_the_drift_unless_a_cursor_was_steered() -> None:
+    rates: list[float] = []
+    for disturbed in (False, True):
+        tracking = localized()
+        for tick in range(50 * 20):
+            t_s = tick / 50.0
+            # the arm hangs; for the IMU it turns against the drift of {H}
+            arm = rotation.from_azimuth_elevation(1.0 - RATE * t_s, -1.2)
+            tracking.on_orientation(arm, at(t_s))
+            if disturbed and tick % 50 == 0:
+                tracking.disturb()
+        pose = tracking.pose(at(20.0))
+        assert pose is not None
+        rates.append(pose.yaw_rate_radps)
+    assert rates[0] == pytest.approx(RATE, rel=0.2)
+    assert rates[1] == 0.0
+
+
+def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
+    tracking = localized()
+    tracking.outside(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
+    assert tracking.pose(at(10.0)) is None
+    assert tracking.due(at(20.0)) is None
+    anchor = tracking.anchor(LAMP, pointing(10.0))
+    assert (anchor.accepted, anchor.reason, anchor.yaw_rad) == (False, MEASURED, 0.0)
+    assert anchor.azimuth_error_rad == pytest.approx(person(10.0).yaw_rad, abs=0.01)
+    ours = tracking.found(found(11.0), at(5.0), at(8.0), at(11.0))
+    assert ours.stamp_ns >= at(11.0)
+
+
+def test_every_pose_is_newer_than_the_ones_before() -> None:
+    tracking = localized()
+    later = tracking.due(at(5.0))
+    assert later is not None
+    # a solution of rays that are older than what was published meanwhile
+    again = tracking.found(found(4.5), at(0.0), at(2.0), at(5.0))
+    assert again.stamp_ns > later.stamp_ns
+    tracking.outside(found(5.8).model_copy(update={"method": "external"}))  # its clock is 0.6 s ahead
+    ours = tracking.found(found(5.2), at(0.0), at(2.0), at(5.2))
+    assert ours.stamp_ns > at(5.8)
+    back = tracking.found(found(-3600.0), at(-3610.0), at(-3605.0), at(-3600.0))
+    assert back.stamp_ns == at(-3600.0)
+
+
+def ray(t_s: float, correction_rad: float = 0.0, sigma_rad: float | None = None) -> PointingRay:
+    return PointingRay(
+        stamp_ns=at(t_s),
+        origin_m=(0.0, 0.0, 1.64),
+        direction=(1.0, 0.0, 0.0),
+        elevation_correction_rad=correction_rad,
+        elevation_sigma_rad=sigma_rad,
+    )
+
+
+def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
+    """Else an offset of -8° and a bias of 8°, which are the same thing, would both be taken out."""
+    tracking = Tracking()
+    tracking.on_ray(ray(0.0), at(0.0))
+    tracking.found(found(0.0, 8.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
+    assert tracking.on_ray(ray(1.0), at(1.0)) is None
+    calibrated = tracking.on_ray(ray(2.0, -8.0 * DEGREE, DEGREE), at(2.0))
+    assert calibrated is not None
+    assert calibrated.elevation_bias_rad == 0.0
+    assert tracking.on_ray(ray(3.0, -8.0 * DEGREE, DEGREE), at(3.0)) is None
+    erased = tracking.on_ray(ray(4.0), at(4.0))
+    assert erased is not None
+    assert erased.elevation_bias_rad == pytest.approx(8.0 * DEGREE)
+    fixed = Tracking()
+    fixed.given(found().model_copy(update={"method": "fixed"}), at(0.0))
+    assert fixed.on_ray(ray(1.0, -8.0 * DEGREE, DEGREE), at(1.0)) is None
+    assert fixed.on_ray(ray(2.0), at(2.0)) is None
+
+
+def test_figures_and_doubt() -> None:
+    tracking = localized()
+    tracking.anchor(LAMP, pointing(20.0))
+    figures = {name: (value, unit) for name, value, unit in tracking.figures(at(50.0))}
+    age_s, unit = figures["anchor age"]
+    assert age_s == pytest.approx(30.0)
+    assert unit == "s"
+    drift, unit = figures["drift"]
+    assert drift == pytest.approx(18.0, abs=8.0)
+    assert unit == "°/min"
+    yaw_deg, unit = list(figures.values())[3]
+    assert math.degrees(tracking.yaw_sigma_rad(at(50.0))) == pytest.approx(yaw_deg)
+    assert unit == "°"
+    assert tracking.yaw_sigma_rad(at(500.0)) > tracking.yaw_sigma_rad(at(50.0))
+
+
+def anchoring(tracking: Tracking, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
+    procedure = Anchoring(LAMP, tracking.anchor, occupies=("other",))
+    assert procedure.lamp_ids == {"led", "other"}
+    outputs = procedure.start(at(30.0))
+    for tick in range(50 * 12):
+        t_s = 30.0 + tick / 50.0
+        now = person(t_s)
+        wander = math.radians(off_deg + wander_deg * math.sin(t_s * 3.0))
+        procedure.on_ray(Person(now.x, now.y, now.yaw_rad - wander).ray(LAMP.position_m, at(t_s)))
+        outputs += procedure.step(at(t_s))
+    assert not procedure.running
+    return outputs
+
+
+def test_an_anchor_is_asked_for_lit_held_and_told() -> None:
+    outputs = anchoring(localized())
+    switches = [output for output in outputs if isinstance(output, LampSwitch)]
+    assert switches == [LampSwitch("led", on=True), LampSwitch("led", on=False)]
+    kinds = [type(output).__name__ for output in outputs]
+    assert kinds[-2:] == ["Anchor", "Localization"]
+    last = outputs[-1]
+    assert last.phase == "solved"  # type: ignore[union-attr]  # checked above
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "wander_deg", "reason"),
+    [(80.0, 0.0, "point at that target again"), (0.0, 12.0, "the arm wandered by")],
+)
+def test_a_bad_anchor_is_told_too_and_refused(off_deg: float, wander_deg: float, reason: str) -> None:
+    outputs = anchoring(localized(), off_deg, wander_deg)
+    anchor, progress = outputs[-3], outputs[-1]
+    assert type(anchor).__name__ == "Anchor"
+    assert reason in anchor.reason  # type: ignore[union-attr]  # checked above
+    assert not anchor.accepted  # type: ignore[union-attr]  # checked above
+    assert progress.phase == "refused"  # type: ignore[union-attr]  # the last is always progress
+    assert progress.reason == anchor.reason  # type: ignore[union-attr]  # as above
+
+
+def test_no_rays_make_no_anchor() -> None:
+    procedure = Anchoring(LAMP, localized().anchor)
+    procedure.start(at(0.0))
+    off, last = procedure.step(at(20.0))
+    assert off == LampSwitch("led", on=False)
+    assert "only 0 rays came while led was lit" in str(last)
+
+
+def test_settings_reach_the_filter() -> None:
+    calm = Tracking(DriftSettings(rate_sigma_radps=math.radians(0.01)))
+    calm.found(found(), at(-8.0), at(0.0), at(0.0))
+    assert calm.yaw_sigma_rad(at(60.0)) < localized().yaw_sigma_rad(at(60.0)) / 3.0

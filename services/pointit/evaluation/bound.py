@@ -28,7 +28,8 @@ SINGULAR = 1e-12
 def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
     """Return for each trial of one subject the median position error of an ideal solver.
 
-    NaN where the truth or the correlation of errors is not known, infinite where the targets do not tell the place.
+    NaN where the truth or the correlation of errors is not known, infinite where the targets do not tell
+    the place.
 
     It would know how much the subject's rays scatter, sideways and upwards, about their mean error in a
     trial, and have no wrong minima: the error linearized at the true pose. Yaw and elevation bias have to be

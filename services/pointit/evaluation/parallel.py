@@ -16,6 +16,9 @@ from pointit.runtime.errors import PointItError
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
+END_PATIENCE_S = 1.0
+"""How long a process that was told to end is waited for."""
+
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """The cores are used by the processes; threads inside them would only disturb the times."""
 
@@ -36,6 +39,7 @@ def spread(
         PointItError: a process came to an end by itself.
     """
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    others = multiprocessing.active_children()
     finished = False
     try:
         with _for_children():
@@ -52,8 +56,11 @@ def spread(
     finally:
         pool.shutdown(wait=finished, cancel_futures=True)
         if not finished:
-            for process in multiprocessing.active_children():
+            ours = [process for process in multiprocessing.active_children() if process not in others]
+            for process in ours:
                 process.terminate()
+            for process in ours:
+                process.join(END_PATIENCE_S)
 
 
 def _begin() -> None:

@@ -1,0 +1,37 @@
+"""Work in other processes: all of it is done, and all processes end, whatever happens."""
+
+import math
+import multiprocessing
+import os
+import time
+
+import pytest
+
+from pointit.evaluation.parallel import spread
+from pointit.runtime import PointItError
+
+
+def test_each_piece_comes_back_with_its_number() -> None:
+    assert dict(spread(math.sqrt, [4.0, 9.0, 16.0], 2)) == {0: 2.0, 1: 3.0, 2: 4.0}
+    assert not multiprocessing.active_children()
+
+
+def test_who_stops_reading_waits_for_nobody() -> None:
+    work = spread(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
+    assert next(work) == (0, None)
+    began = time.monotonic()
+    work.close()
+    while multiprocessing.active_children():
+        assert time.monotonic() - began < 2.0
+        time.sleep(0.01)
+
+
+def test_an_error_in_the_work_is_the_readers() -> None:
+    with pytest.raises(ValueError, match="math domain"):
+        list(spread(math.sqrt, [-1.0], 1))
+    assert not multiprocessing.active_children()
+
+
+def test_a_process_that_dies_is_told_in_a_sentence() -> None:
+    with pytest.raises(PointItError, match="came to an end by itself"):
+        list(spread(os._exit, [3], 1))

@@ -1,7 +1,8 @@
 """Where the person stands, from rays in {H} that were pointed at known places in {W} (pointing.md §4).
 
-Robust least squares on angles for x, y, yaw and the person's own elevation bias, with the feet on the floor,
-from several starts, because reflected poses are minima too.
+Maximum a posteriori on angles for x, y, yaw, the person's own elevation bias and, within what body measures
+leave open, the height of the eyes, the feet on the floor; from many starts, because reflected poses are
+minima too. How sure it is comes from `certainty`.
 """
 
 import math
@@ -10,18 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pointit.schemas import FARTHEST
-from pointit.services.localizer.descent import Minima, Weights, descend, starts
-from pointit.services.localizer.sphere import PARAMETERS, Array, Rays, residuals
+from pointit.services.localizer.blocks import GAP_S, Blocks, Pointings, blocks
+from pointit.services.localizer.certainty import Doubt, covariance, independent
+from pointit.services.localizer.descent import SAME_POSE, Weights, descend, pull, starts
+from pointit.services.localizer.sphere import Array, Rays, residuals
 
-COARSE_SAMPLES = 40
-COARSE_ITERATIONS = 8
-"""Samples and steps that suffice to tell the minima apart; the lowest are then refined with all samples.
-
-Six steps found every minimum that 40 found, in 600 random rooms with 2 to 6 targets.
-"""
-
-RIVAL_COST = 10.0
-"""A coarse minimum this far above the lowest one is not looked at again."""
+__all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "Trust", "solve"]
 
 MAX_BIAS_SIGMAS = 2.5
 """An elevation bias beyond it is no way of pointing, but of doing something else."""
@@ -29,14 +24,17 @@ MAX_BIAS_SIGMAS = 2.5
 AMBIGUOUS_COST = 2.0
 """Two refined minima whose costs differ by less (a factor e² in likelihood) cannot be told apart."""
 
-GAP_S = 0.5
-"""A longer pause between two samples is no time of pointing."""
-
-SAME_POSE = 0.3
-"""Metres and radians: poses nearer to each other are one."""
+NEGLIGIBLE = 1e-3
+"""A place less probable than this is left out of the uncertainty."""
 
 SAME_PLACE_M = 0.05
 """Targets closer together than this are one."""
+
+SAME_VIEW_RAD = math.radians(2.0)
+"""Rays that stay within this have one direction."""
+
+LEVEL_M = 0.1
+"""Targets within this of the height of the eyes are seen level."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,42 +42,42 @@ class Trust:
     """What is believed before, and demanded after."""
 
     ray_sigma_rad: float = math.radians(2.0)
-    """One sigma of one pointing, sideways and upwards alike."""
+    """One sigma sideways of the rays that follow something (pointing.md §1: 1.8 to 3.8 degrees both ways)."""
+    elevation_sigma_rad: float = math.radians(3.0)
+    """The same upwards: the elevation hangs on body measures, the azimuth does not."""
+    act_sigma_rad: float = math.radians(5.0)
+    """One sigma sideways of one pointing at a thing that stands still (§7: 4 to 6 degrees)."""
     bias_sigma_rad: float = math.radians(10.0)
     """One sigma of people's elevation bias."""
     body_sigma_m: float = 0.1
     """One sigma of where the eyes are over the feet; no number of rays tells."""
+    height_sigma_m: float = 0.05
+    """One sigma of the height of the eyes over the floor; a large one leaves it free."""
+    model_sigma_rad: float = 0.1
+    """One sigma of a ray's constant error: eyes or finger 7 cm beside the model, over an arm of 0.7 m."""
     independent_hz: float = 2.0
     """Independent pointings per second: the samples of one hold err together."""
     min_samples: int = 20
-    max_residual_rad: float = math.radians(6.0)
+    max_residual_rad: float = math.radians(9.0)
     """Rms angle above which the person did not point at the targets."""
-    max_position_sigma_m: float = 0.5
-    max_yaw_sigma_rad: float = math.radians(6.0)
+    max_position_sigma_m: float = 0.6
+    max_yaw_sigma_rad: float = math.radians(8.0)
 
+    def weights(self) -> Weights:
+        """Return what the descent needs of it."""
+        prior = np.zeros(5)
+        prior[3], prior[4] = self.bias_sigma_rad**-2, max(self.height_sigma_m, 1e-4) ** -2
+        return Weights(sigma_rad=np.array([[self.ray_sigma_rad], [self.elevation_sigma_rad]]), prior=prior)
 
-@dataclass(frozen=True)
-class Pointings:
-    """Rays and what they were pointed at, one row a sample, in order of time."""
-
-    stamps_s: Array
-    """n."""
-    origins_m: Array
-    """n x 3, {H}."""
-    directions: Array
-    """n x 3, unit, {H}."""
-    targets_m: Array
-    """n x 3, {W}."""
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.stamps_s)
-
-    @property
-    def span_s(self) -> float:
-        """Return the time spent pointing, pauses taken out."""
-        steps = np.diff(self.stamps_s)
-        return float(np.sum(steps[(steps > 0.0) & (steps <= GAP_S)]))
+    def doubt(self, *, is_still: bool) -> Doubt:
+        """Return what is believed about errors, the targets standing still or not."""
+        sideways = max(self.act_sigma_rad, self.ray_sigma_rad) if is_still else self.ray_sigma_rad
+        return Doubt(
+            sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
+            independent_hz=self.independent_hz,
+            body_sigma_m=self.body_sigma_m,
+            model_sigma_rad=self.model_sigma_rad,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,15 +91,21 @@ class Solution:
     bias_rad: float
     """How much higher than the targets the person's rays are."""
     covariance: Array
-    """3 x 3, of x, y, yaw; inflated because the samples of a hold err together."""
+    """3 x 3, of x, y, yaw: what the rays cannot know is in it, and other places that fit about as well."""
     residual_rad: float
     """Rms angle between rays and targets."""
     samples: int
+    z_m: float = 0.0
+    """How much higher the eyes are than the body measures say; the floor's height if that was left free."""
+    z_sigma_m: float = 0.0
+    bias_sigma_rad: float = 0.0
+    rival: float = 0.0
+    """Probability that the person stands at another place that fits, too."""
 
     @property
     def position_sigma_m(self) -> float:
         """Return one sigma along the worse horizontal direction."""
-        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
 
     def is_near(self, other: "Solution") -> bool:
         """Return whether it makes no difference which of the two is taken."""
@@ -112,7 +116,7 @@ class Solution:
     @property
     def yaw_sigma_rad(self) -> float:
         """Return one sigma of the yaw."""
-        return math.sqrt(float(self.covariance[2, 2]))
+        return math.sqrt(max(0.0, float(self.covariance[2, 2])))
 
 
 @dataclass(frozen=True)
@@ -124,13 +128,20 @@ class Refusal:
     residual_rad: float | None = None
 
 
-def solve(pointings: Pointings, trust: Trust | None = None, *, floor_m: float = 0.0) -> Solution | Refusal:
+def solve(
+    pointings: Pointings,
+    trust: Trust | None = None,
+    *,
+    floor_m: float = 0.0,
+    start: Solution | None = None,
+) -> Solution | Refusal:
     """Return the pose whose view of the targets fits the rays best, or why none can be had.
 
     Args:
         pointings: at least `trust.min_samples`, at two or more places.
         trust: weights and limits.
         floor_m: height in {W} of the floor on which the person stands.
+        start: a pose found before, to begin from besides.
     """
     trust = trust if trust is not None else Trust()
     count = len(pointings)
@@ -139,95 +150,129 @@ def solve(pointings: Pointings, trust: Trust | None = None, *, floor_m: float = 
     targets = pointings.targets_m
     if float(np.max(np.ptp(targets, axis=0))) < SAME_PLACE_M:
         return Refusal("all pointing was at one place; point at two or more different ones")
+    summary = blocks(pointings)
+    means = summary.pointings
     centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # numbers stay small wherever the origin is
-    rays = Rays.of(pointings.origins_m, pointings.directions, targets - centre)
-    weights = Weights(
-        ray_sigma_rad=trust.ray_sigma_rad,
-        bias_sigma_rad=trust.bias_sigma_rad,
-        share=min(1.0, (1.0 + trust.independent_hz * pointings.span_s) / count),
+    rays = Rays.of(means.origins_m, means.directions, means.targets_m - centre)
+    weights = trust.weights()
+    first = starts(rays, weights)
+    if start is not None:
+        first = np.vstack([first, _pose_of(start, centre)])
+    minima = descend(rays, first, weights)
+    solution = _solution(rays, summary, minima.poses, trust)
+    exact = Rays.of(pointings.origins_m, pointings.directions, targets - centre)
+    solution = replace(
+        solution,
+        x_m=float(solution.x_m + centre[0]),
+        y_m=float(solution.y_m + centre[1]),
+        residual_rad=_missing_rad(exact, minima.poses[0]),
+        samples=count,
     )
-    every = max(1, count // COARSE_SAMPLES)
-    coarse = descend(
-        rays.some(every),
-        starts(rays),
-        replace(weights, share=min(1.0, weights.share * every)),
-        COARSE_ITERATIONS,
-    )
-    minima = _sorted(descend(rays, _distinct(_sorted(coarse), RIVAL_COST), weights))
-    if len(_distinct(minima, AMBIGUOUS_COST)) > 1:
-        return Refusal("two places fit the pointing equally well; add a target in another direction")
-    return _accepted(_solution(rays, minima, centre, trust), trust)
+    return _accepted(solution, rays, trust)
 
 
-def _solution(rays: Rays, minima: Minima, centre: Array, trust: Trust) -> Solution:
-    """Return the lowest minimum with its covariance, infinite where nothing is known."""
-    pose = minima.poses[0]
-    angles, _ = residuals(rays, pose[None])
-    residual_rad = float(np.linalg.norm(angles)) / math.sqrt(len(rays.targets_m))
-    excess = max(1.0, residual_rad / (math.sqrt(2.0) * trust.ray_sigma_rad))  # two angles a sample
-    information: Array = minima.information[0]
-    try:
-        inverse = np.linalg.inv(information)
-    except np.linalg.LinAlgError:
-        inverse = np.diag(np.full(PARAMETERS, np.inf))
-    covariance = inverse[:3, :3].astype(np.float64) * excess**2
-    covariance = 0.5 * (covariance + covariance.T)
-    covariance[[0, 1], [0, 1]] += trust.body_sigma_m**2
+def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Solution:
+    """Return the likeliest of `poses`, about the centre; the others that fit, too, are in its covariance."""
+    weights, doubt = trust.weights(), trust.doubt(is_still=summary.is_still)
+    worth = independent(summary, doubt.independent_hz)
+    odds = np.exp(-_doubtful_costs(rays, poses, worth, weights, doubt))
+    odds /= odds.sum()
+    best = poses[0]
+    spread = np.zeros((len(best), len(best)))
+    for pose, share in zip(poses, odds, strict=True):
+        if share < NEGLIGIBLE and pose is not best:
+            continue
+        off = pose - best
+        off[2] = math.remainder(float(off[2]), math.tau)
+        spread += share * (covariance(rays, pose, worth, weights, doubt) + np.outer(off, off))
+    sigma = np.sqrt(np.maximum(np.diag(spread), 0.0))
     return Solution(
-        x_m=float(pose[0] + centre[0]),
-        y_m=float(pose[1] + centre[1]),
-        yaw_rad=math.remainder(float(pose[2]), math.tau),
-        bias_rad=float(pose[3]),
-        covariance=covariance,
-        residual_rad=residual_rad,
-        samples=len(rays.targets_m),
+        x_m=float(best[0]),
+        y_m=float(best[1]),
+        yaw_rad=math.remainder(float(best[2]), math.tau),
+        bias_rad=float(best[3]),
+        covariance=spread[:3, :3],
+        residual_rad=0.0,
+        samples=0,
+        z_m=float(best[4]),
+        z_sigma_m=float(sigma[4]),
+        bias_sigma_rad=float(sigma[3]),
+        rival=float(1.0 - odds[0]),
     )
 
 
-def _accepted(solution: Solution, trust: Trust) -> Solution | Refusal:
+def _missing_rad(rays: Rays, pose: Array) -> float:
+    """Return the rms angle between `rays` and the targets as `pose` (5) would see them."""
+    angles, _ = residuals(rays, pose[None])
+    exact: Array = 2.0 * np.arctan(0.5 * np.hypot(angles[0, 0], angles[0, 1]))
+    return math.sqrt(float(np.mean(exact * exact)))
+
+
+def _doubtful_costs(rays: Rays, poses: Array, worth: Array, weights: Weights, doubt: Doubt) -> Array:
+    """Return how much worse than the best each pose explains the independent pointings, k."""
+    angles, _ = residuals(rays, poses)
+    squares = (angles[:, 0] / doubt.sigma_rad[0]) ** 2 + (angles[:, 1] / doubt.sigma_rad[1]) ** 2
+    weight = pull(np.sqrt(squares))
+    costs: Array = (worth * weight * (1.0 - 0.5 * weight) * squares).sum(axis=1)
+    costs += 0.5 * (poses * poses) @ weights.prior
+    return np.asarray(costs - costs[0], dtype=np.float64)
+
+
+def _accepted(solution: Solution, rays: Rays, trust: Trust) -> Solution | Refusal:
     """Return `solution`, or why it is not good enough."""
     residual_rad = solution.residual_rad
+    if max(abs(solution.x_m), abs(solution.y_m)) > FARTHEST or not math.isfinite(residual_rad):
+        return Refusal("these rays meet nowhere in the world; point at each target, arm straight")
     if residual_rad > trust.max_residual_rad:
-        return Refusal(
-            f"the rays miss the targets by {math.degrees(residual_rad):.1f}° and at most "
-            f"{math.degrees(trust.max_residual_rad):.1f}° is accepted; point at each target, arm straight",
-            residual_rad,
-        )
+        return Refusal(_missed(solution, rays, trust), residual_rad)
     if abs(solution.bias_rad) > MAX_BIAS_SIGMAS * trust.bias_sigma_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is no "
             "pointing; point at each target, arm straight",
             residual_rad,
         )
-    covariance = solution.covariance
-    if max(abs(solution.x_m), abs(solution.y_m)) > FARTHEST or residual_rad > FARTHEST:
-        return Refusal("these rays meet nowhere in the world; point at each target, arm straight")
-    if not np.all(np.isfinite(covariance)) or np.any(np.diag(covariance) <= 0.0):
-        return Refusal("these targets do not tell the position; add a target elsewhere", residual_rad)
     position_m, yaw_rad = solution.position_sigma_m, solution.yaw_sigma_rad
     if position_m > trust.max_position_sigma_m or yaw_rad > trust.max_yaw_sigma_rad:
-        return Refusal(
-            f"the pose is uncertain by {position_m:.2f} m and {math.degrees(yaw_rad):.1f}° and at most "
-            f"{trust.max_position_sigma_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted; "
-            "point longer or at one more target, below the waist or far to the side",
-            residual_rad,
-        )
+        return Refusal(_unsure(solution, rays, trust), residual_rad)
     return solution
 
 
-def _sorted(minima: Minima) -> Minima:
-    order = np.argsort(minima.costs)
-    return Minima(minima.poses[order], minima.costs[order], minima.information[order])
+def _missed(solution: Solution, rays: Rays, trust: Trust) -> str:
+    """Return what is wrong with rays that miss the targets."""
+    if _is_one_view(rays):
+        return (
+            "the arm was held in one direction while there were several targets; "
+            "point at each target, arm straight, until it changes"
+        )
+    return (
+        f"the rays miss the targets by {math.degrees(solution.residual_rad):.1f}° and at most "
+        f"{math.degrees(trust.max_residual_rad):.1f}° is accepted; point at each target, arm straight"
+    )
 
 
-def _distinct(minima: Minima, margin: float) -> Array:
-    """Return the poses (k x 4) of sorted `minima` up to `margin` above the lowest, each place once."""
-    kept: list[Array] = []
-    for pose in minima.poses[minima.costs <= minima.costs[0] + margin]:
-        steps = [np.abs(pose[:3] - other[:3]) for other in kept]
-        if all(
-            max(step[0], step[1]) > SAME_POSE or abs(math.remainder(step[2], math.tau)) > SAME_POSE
-            for step in steps
-        ):
-            kept.append(pose)
-    return np.array(kept)
+def _unsure(solution: Solution, rays: Rays, trust: Trust) -> str:
+    """Return why the pose is not certain enough, and what would make it so."""
+    stated = (
+        f"the pose is uncertain by {min(solution.position_sigma_m, 99.0):.2f} m and "
+        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
+        f"{trust.max_position_sigma_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted"
+    )
+    if _is_one_view(rays):
+        return f"{stated}: the targets lie in one direction; add one far to the side"
+    if float(np.max(np.abs(rays.heights))) < LEVEL_M:
+        return f"{stated}: all targets are at the height of the eyes; add one below the waist"
+    if solution.rival > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
+        return f"{stated}: two places fit the pointing equally well; add a target in another direction"
+    return f"{stated}; point longer or at one more target, below the waist or far to the side"
+
+
+def _is_one_view(rays: Rays) -> bool:
+    """Return whether all rays have one direction."""
+    turned = np.angle(rays.back * np.conj(rays.back[0]))
+    spread = float(np.ptp(turned)) * float(np.min(rays.tilt.real))
+    return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD
+
+
+def _pose_of(solution: Solution, centre: Array) -> Array:
+    place = [solution.x_m - centre[0], solution.y_m - centre[1]]
+    return np.array([*place, solution.yaw_rad, solution.bias_rad, solution.z_m])

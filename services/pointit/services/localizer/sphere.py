@@ -1,17 +1,23 @@
 """Angles between measured rays and the directions in which a pose would see the targets, and their slopes.
 
-Everything is batched over poses (k) and samples (n): the solver tries several poses at once.
+Everything is batched over poses (k) and samples (n): the solver tries several poses at once. The horizontal
+plane is the complex one, where turning is one product.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
-PARAMETERS = 4
-"""x (m), y (m) of {H} in {W}; yaw (rad) of {H} in {W}; elevation bias (rad) of the person's rays."""
+PARAMETERS = 5
+"""x (m), y (m) and yaw (rad) of {H} in {W}; elevation bias (rad) of the person's rays; z (m) of {H} over the
+floor, or how much higher the eyes are than the body measures say."""
+
+_TINY = 1e-9
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,7 @@ class Rays:
 
     @classmethod
     def of(cls, origins_m: Array, directions: Array, targets_m: Array) -> "Rays":
-        """Return the rays with unit `directions` (n x 3)."""
+        """Return the rays with `directions` (n x 3) of any length."""
         level = np.hypot(directions[:, 0], directions[:, 1])
         return cls(
             origins_m,
@@ -36,76 +42,76 @@ class Rays:
             targets_m,
         )
 
-    def some(self, every: int) -> "Rays":
-        """Return each `every`-th sample."""
-        return Rays(
-            self.origins_m[::every],
-            self.azimuths_rad[::every],
-            self.elevations_rad[::every],
-            self.targets_m[::every],
-        )
+    @cached_property
+    def back(self) -> Complex:
+        """Return the turn of each ray into the forward direction, n."""
+        turn: Complex = np.exp(-1j * self.azimuths_rad)
+        return turn
+
+    @cached_property
+    def tilt(self) -> Complex:
+        """Return cos + i sin of each elevation, n."""
+        turn: Complex = np.exp(1j * self.elevations_rad)
+        return turn
+
+    @cached_property
+    def targets(self) -> Complex:
+        """Return the targets in the horizontal plane, n."""
+        return np.asarray(self.targets_m[:, 0] + 1j * self.targets_m[:, 1], dtype=np.complex128)
+
+    @cached_property
+    def origins(self) -> Complex:
+        """Return the origins in the horizontal plane, each with its ray turned forward, n."""
+        return np.asarray((self.origins_m[:, 0] + 1j * self.origins_m[:, 1]) * self.back)
+
+    @cached_property
+    def heights(self) -> Array:
+        """Return how much higher than the origins the targets are, n."""
+        return np.asarray(self.targets_m[:, 2] - self.origins_m[:, 2], dtype=np.float64)
 
 
 def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     """Return how far the targets are from the rays, and how that changes with the pose.
 
-    The residual is the logarithmic map in the tangent plane of the measured ray, its elevation lowered by
-    the bias: its norm is the angle, so that it is regular straight up and down, where azimuths are not.
+    The residual is the stereographic map in the tangent plane of the measured ray, its elevation lowered by
+    the bias: its length is 2 tan(angle / 2), which is the angle but for 1 % at 20 degrees, regular straight
+    up and down, where azimuths are not, and larger the further behind a target is.
 
     Args:
         rays: n samples.
-        poses: k x 4, see `PARAMETERS`.
+        poses: k x 5, see `PARAMETERS`.
 
     Returns:
-        k x 2 x n angles, rad (to the left of the ray, above it), and their k x 4 x 2 x n derivatives.
+        k x 2 x n angles, rad (to the left of the ray, above it), and their k x 5 x 2 x n derivatives.
     """
-    x, y, yaw, bias = (poses[:, i, None] for i in range(PARAMETERS))
-    cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
-    dx, dy = rays.targets_m[:, 0] - x, rays.targets_m[:, 1] - y
-    seen_x, seen_y = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
-    # in {H} turned so that the ray lies in the x-z plane: forward, to the left, up
-    cos_az, sin_az = np.cos(rays.azimuths_rad), np.sin(rays.azimuths_rad)
-    east, north = seen_x - rays.origins_m[:, 0], seen_y - rays.origins_m[:, 1]
-    ahead = cos_az * east + sin_az * north
-    left = cos_az * north - sin_az * east
-    up = rays.targets_m[:, 2] - rays.origins_m[:, 2]
-    elevation = rays.elevations_rad - bias
-    cos_el, sin_el = np.cos(elevation), np.sin(elevation)
+    place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
+    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.back
+    seen = (rays.targets - place) * turn
+    flat = seen - rays.origins
+    ahead, left = flat.real, flat.imag
+    up = rays.heights - poses[:, 4, None]
+    tilt = rays.tilt * np.exp(-1j * poses[:, 3])[:, None]
+    cos_el, sin_el = tilt.real, tilt.imag
     along = cos_el * ahead + sin_el * up
     above = cos_el * up - sin_el * ahead
-
-    square = np.maximum(left * left + above * above, 1e-18)
-    across = np.sqrt(square)
-    gain = np.arctan2(across, along) / across
-    whole = square + along * along
-    bend = (along / whole - gain) / square
-    limit = -2.0 / 3.0 / np.maximum(np.abs(along), 1e-9) ** 3  # used only where `along` is far more than that
-    bend = np.where(square < 1e-8 * whole, limit, bend)  # free of noise
+    reach = np.sqrt(left * left + ahead * ahead + up * up)
+    gain = 2.0 / np.maximum(reach + along, _TINY)
     out = np.stack([gain * left, gain * above], axis=1)
 
-    # derivatives of (left, above, along) by each parameter, then the chain rule
-    turn = yaw + rays.azimuths_rad
-    cos_turn, sin_turn = np.cos(turn), np.sin(turn)
-    d_left = np.stack(
-        [sin_turn, -cos_turn, -(cos_az * seen_x + sin_az * seen_y), np.zeros_like(turn)], axis=1
-    )
-    d_ahead = np.stack([-cos_turn, -sin_turn, cos_az * seen_y - sin_az * seen_x, np.zeros_like(turn)], axis=1)
-    d_above = -sin_el[:, None] * d_ahead
-    d_along = cos_el[:, None] * d_ahead
-    d_above[:, 3] = along
-    d_along[:, 3] = -above
-    by_left = bend * left
-    by_above = bend * above
-    mixed = by_left * above
-    slope = np.empty((len(poses), PARAMETERS, 2, left.shape[1]))
-    slope[:, :, 0] = (
-        (gain + by_left * left)[:, None] * d_left
-        + mixed[:, None] * d_above
-        - (left / whole)[:, None] * d_along
-    )
-    slope[:, :, 1] = (
-        (gain + by_above * above)[:, None] * d_above
-        + mixed[:, None] * d_left
-        - (above / whole)[:, None] * d_along
-    )
+    # derivatives of (left, above, along + reach) by each parameter, then of the quotients
+    shape = (len(poses), PARAMETERS, left.shape[1])
+    d_left, d_above, d_reach = np.zeros(shape), np.empty(shape), np.zeros(shape)
+    d_left[:, 0], d_left[:, 1], d_left[:, 2] = -turn.imag, -turn.real, -seen.real
+    d_ahead = np.stack([-turn.real, turn.imag, seen.imag], axis=1)
+    d_above[:, :3] = -sin_el[:, None] * d_ahead
+    d_above[:, 3], d_above[:, 4] = along, -cos_el
+    d_reach[:, :3] = left[:, None] * d_left[:, :3] + ahead[:, None] * d_ahead
+    d_reach[:, 4] = -up
+    d_reach /= np.maximum(reach, _TINY)[:, None]
+    d_reach[:, :3] += cos_el[:, None] * d_ahead
+    d_reach[:, 3] -= above
+    d_reach[:, 4] -= sin_el
+    slope = np.stack([d_left, d_above], axis=2)
+    slope -= (0.5 * out)[:, None] * d_reach[:, :, None]
+    slope *= gain[:, None, None]
     return out, slope

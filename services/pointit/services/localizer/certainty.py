@@ -1,0 +1,95 @@
+"""How sure a pose is: what the rays tell, less what they cannot know (pointing.md §4).
+
+Three things are added to the inverse of the information: samples of a hold err together, so they count as
+few; residuals larger than was believed widen it; and what is wrong with everybody's eyes, fingers and
+measures is wrong all the time, so no number of rays takes it away.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.services.localizer.blocks import Blocks
+from pointit.services.localizer.descent import Weights, pull
+from pointit.services.localizer.sphere import PARAMETERS, Array, Rays, residuals
+
+BELIEF = 4.0
+"""Independent pointings that the stated sigmas of pointing are worth beside the residuals."""
+
+LEAST = 0.7
+"""Of the stated sigmas: residuals never make rays more certain than this."""
+
+GROSS = 3.0
+"""Sigmas beyond which a residual is of something else, and does not widen the rest."""
+
+STEEP = 0.2
+"""Cosine of the elevation beyond which a ray's azimuth is not told from its direction."""
+
+VAGUE = 1e6
+"""Variance of what nothing tells: m², rad²."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """What is believed about the errors of pointing."""
+
+    sigma_rad: Array
+    """2: of one pointing, sideways and upwards."""
+    independent_hz: float
+    """Independent pointings per second of a hold."""
+    body_sigma_m: float
+    """Of where the eyes are over the feet."""
+    model_sigma_rad: float
+    """Of what is wrong with the ray in a direction fixed in {H}: eyes or finger beside the model."""
+
+
+def independent(blocks: Blocks, rate_hz: float) -> Array:
+    """Return how many independent pointings each block is worth, m; a hold is worth one at least."""
+    worth = np.maximum(1.0, rate_hz * blocks.held_s)
+    hold = blocks.hold.astype(np.intp)
+    return np.asarray(worth[hold] / np.bincount(hold)[hold], dtype=np.float64)
+
+
+def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: Doubt) -> Array:
+    """Return the covariance (5 x 5) of `pose`, `VAGUE` where nothing is known.
+
+    The yaw is that of pointing: an error of the model that turns all rays alike is in the yaw when the
+    person points later, too, and does not count.
+
+    Args:
+        rays: m blocks.
+        pose: where the descent ended, 5.
+        worth: of each block, see `independent`.
+        weights: for the priors.
+        doubt: about the errors of pointing.
+    """
+    angles, jacobian = (values[0] for values in residuals(rays, pose[None]))
+    flat = jacobian.reshape(PARAMETERS, -1)
+    # what the descent did with an error of a ray, and how large such errors are
+    sizes = np.hypot(*(angles / weights.sigma_rad))
+    weighted = flat * (pull(sizes) / weights.sigma_rad**2).ravel()
+    answer = _inverse(weighted @ flat.T + np.diag(weights.prior))
+    told = max(float(worth.sum()) - 2.0, 0.0)  # two of the four that are sought are told by each angle
+    squares = (worth * np.minimum(angles**2, (GROSS * doubt.sigma_rad[:, None]) ** 2)).sum(axis=1)
+    variance = (BELIEF * doubt.sigma_rad**2 + squares) / (BELIEF + told)
+    variance = np.maximum(variance, (LEAST * doubt.sigma_rad) ** 2)
+    scattered = (weighted * (variance[:, None] / worth).ravel()) @ weighted.T
+    out = answer @ (scattered + np.diag(weights.prior)) @ answer
+    cos_az, sin_az = rays.back.real, -rays.back.imag
+    cos_el, sin_el = rays.tilt.real, rays.tilt.imag
+    # a constant shift of the finger forwards, or to the left, turns each ray by so much
+    turned = np.stack([-sin_az, cos_az])
+    lifted = -sin_el * np.stack([cos_az, sin_az])
+    moved = answer @ weighted @ np.concatenate([turned, lifted], axis=1).T
+    moved[2] += (turned / np.maximum(cos_el, STEEP)).mean(axis=1)
+    out = out + doubt.model_sigma_rad**2 * moved @ moved.T
+    out[[0, 1], [0, 1]] += doubt.body_sigma_m**2
+    return np.asarray(0.5 * (out + out.T), dtype=np.float64)
+
+
+def _inverse(information: Array) -> Array:
+    """Return the inverse of a symmetric matrix, with variances of at most `VAGUE` where it tells nothing."""
+    if not np.all(np.isfinite(information)):
+        return np.eye(PARAMETERS) * VAGUE
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray((vectors / np.maximum(values, 1.0 / VAGUE)) @ vectors.T, dtype=np.float64)

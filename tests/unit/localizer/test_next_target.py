@@ -97,9 +97,10 @@ def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> N
     eyes = (*place, EYES_M)
 
     def volume(index: int) -> float:
-        told: Array = information(np.array([lamps[0], lamps[1], lamps[index]]), np.array([eyes]), acuity)[0]
+        seen = np.array([lamps[0], lamps[1], lamps[index]])
+        told: Array = information(seen, np.array([eyes]), acuity)[0].sum(axis=0)
         prior = np.diag([1e-2, 1e-2, 1.0 / math.pi**2, acuity.bias_sigma_rad**-2])
-        return float(np.linalg.det(np.linalg.inv(told.sum(axis=0) + prior)[:3, :3]))
+        return float(np.linalg.det(np.linalg.inv(told + prior)[:3, :3]))
 
     assert volume(chosen) == pytest.approx(min(volume(index) for index in (2, 3, 4)), rel=1e-6)
 

@@ -63,7 +63,7 @@ def test_lamps_in_sequence_then_the_pose_and_darkness() -> None:
     assert not procedure.running
     (pose,) = [o for o in outputs if isinstance(o, UserPose)]
     assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
-    assert pose.position_m[2] == 0.0
+    assert abs(pose.position_m[2]) < 0.05  # the height of the eyes is not known better
     assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < 0.03
     assert pose.method == "static_targets"
     assert pose.covariance[0] > 0.0

@@ -15,37 +15,81 @@ from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.moving_target import Following
 from pointit.services.localizer.static_targets import Choice
 
+FREE_HEIGHT_M = 10.0
+"""One sigma of a height that is not known."""
+
+_TRUST = Trust()
+
+
+def _degrees(angle_rad: float) -> float:
+    return round(math.degrees(angle_rad), 6)
+
 
 class TrustConfig(Config):
     """How far rays are believed, and which poses are accepted."""
 
-    ray_sigma_deg: float = Field(default=2.0, gt=0, le=30, description="1 sigma of one pointing, degrees")
+    ray_sigma_deg: float = Field(
+        default=_degrees(_TRUST.ray_sigma_rad),
+        gt=0,
+        le=30,
+        description="1 sigma sideways of pointing at what moves, degrees",
+    )
+    elevation_sigma_deg: float = Field(
+        default=_degrees(_TRUST.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
+    )
+    act_sigma_deg: float = Field(
+        default=_degrees(_TRUST.act_sigma_rad),
+        gt=0,
+        le=30,
+        description="1 sigma sideways of one pointing at what stands still, degrees",
+    )
     bias_sigma_deg: float = Field(
-        default=10.0, gt=0, le=45, description="1 sigma of people's elevation bias, degrees; ~1 once known"
+        default=_degrees(_TRUST.bias_sigma_rad),
+        gt=0,
+        le=45,
+        description="1 sigma of people's elevation bias, degrees; ~1 once known",
     )
     body_sigma_m: float = Field(
-        default=0.1, ge=0, le=1, description="1 sigma of where the eyes are over the feet, m"
+        default=_TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of where the eyes are over the feet, m"
+    )
+    height_sigma_m: float = Field(
+        default=_TRUST.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
     )
     independent_hz: float = Field(
-        default=2.0, gt=0, le=100, description="independent pointings per second, Hz: a hold errs as one"
+        default=_TRUST.independent_hz,
+        gt=0,
+        le=100,
+        description="independent pointings per second, Hz: a hold errs as one",
     )
-    min_samples: int = Field(default=20, ge=4, le=8192, description="rays needed, count")
+    min_samples: int = Field(default=_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
     max_residual_deg: float = Field(
-        default=6.0, gt=0, le=90, description="rms angle above which the person did not point, degrees"
+        default=_degrees(_TRUST.max_residual_rad),
+        gt=0,
+        le=90,
+        description="rms angle above which the person did not point, degrees",
     )
     max_position_sigma_m: float = Field(
-        default=0.5, gt=0, le=10, description="poses less certain than this are refused, m"
+        default=_TRUST.max_position_sigma_m,
+        gt=0,
+        le=10,
+        description="poses less certain than this are refused, m",
     )
     max_yaw_sigma_deg: float = Field(
-        default=6.0, gt=0, le=90, description="poses less certain than this are refused, degrees"
+        default=_degrees(_TRUST.max_yaw_sigma_rad),
+        gt=0,
+        le=90,
+        description="poses less certain than this are refused, degrees",
     )
 
-    def trust(self) -> Trust:
+    def trust(self, *, free_height: bool = False) -> Trust:
         """Return it in radians, for the solver."""
         return Trust(
             ray_sigma_rad=math.radians(self.ray_sigma_deg),
+            elevation_sigma_rad=math.radians(self.elevation_sigma_deg),
+            act_sigma_rad=math.radians(self.act_sigma_deg),
             bias_sigma_rad=math.radians(self.bias_sigma_deg),
             body_sigma_m=self.body_sigma_m,
+            height_sigma_m=FREE_HEIGHT_M if free_height else self.height_sigma_m,
             independent_hz=self.independent_hz,
             min_samples=self.min_samples,
             max_residual_rad=math.radians(self.max_residual_deg),
@@ -150,6 +194,9 @@ class LocalizerConfig(Config):
         default=False, description="moving_target: begin at once and go on refining for ever"
     )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
+    free_height: bool = Field(
+        default=False, description="find out the height of the floor, too: where people stand on a platform"
+    )
     trust: TrustConfig = TrustConfig()
     track_drift: bool | None = Field(
         default=None,
@@ -160,6 +207,10 @@ class LocalizerConfig(Config):
     def fixed(self, stamp_ns: int) -> UserPose:
         """Return the pose that is given here."""
         return UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=math.radians(self.yaw_deg))
+
+    def believed(self) -> Trust:
+        """Return how far rays are believed, and which poses are accepted."""
+        return self.trust.trust(free_height=self.free_height)
 
     def timing(self) -> Timing:
         """Return how long each lamp takes."""

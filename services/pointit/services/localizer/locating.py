@@ -275,7 +275,7 @@ class Locating:
 
     def _following(self) -> MovingTarget:
         config = self._config
-        return MovingTarget(config.following(), config.trust.trust(), floor_m=config.floor_m)
+        return MovingTarget(config.following(), config.believed(), floor_m=config.floor_m)
 
     def _at_lamps(self, now_ns: int) -> StaticTargets | Refusal:
         config = self._config
@@ -285,7 +285,7 @@ class Locating:
         if others := self._turns.others({lamp.id for lamp in lamps}, now_ns):
             return Refusal(busy(others[0][1]))
         return StaticTargets(
-            lamps, config.timing(), config.trust.trust(), config.choice(), floor_m=config.floor_m
+            lamps, config.timing(), config.believed(), config.choice(), floor_m=config.floor_m
         )
 
     def _begin(self, procedure: Procedure, now_ns: int) -> list[Output]:

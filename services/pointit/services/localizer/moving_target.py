@@ -153,7 +153,7 @@ class MovingTarget:
         self._span_s = max(self._span_s, pointings.span_s)
         if pointings.span_s < self._following.min_span_s:
             return Refusal("keep following the robot with the arm straight")
-        return solve(pointings, trust, floor_m=self._floor_m)
+        return solve(pointings, trust, floor_m=self._floor_m, start=self._solution)
 
     def _missed(self, now_ns: int, refusal: Refusal) -> list[Output]:
         late = now_ns - self._started_ns >= self._following.give_up_s * NS_PER_S

@@ -41,13 +41,14 @@ def pose_message(
     c = [float(value) for value in solution.covariance.ravel()]
     return UserPose(
         stamp_ns=stamp_ns,
-        position_m=(solution.x_m, solution.y_m, floor_m),
+        position_m=(solution.x_m, solution.y_m, floor_m + solution.z_m),
         yaw_rad=solution.yaw_rad,
         covariance=(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
         method=method,
         elevation_bias_rad=solution.bias_rad,
         residual_rad=solution.residual_rad,
         samples=solution.samples,
+        z_sigma_m=solution.z_sigma_m,
     )
 
 

@@ -170,7 +170,8 @@ class StaticTargets:
             return len(self._holds)
         trust, rays, solution = self._trust, self._rays, self._solution
         acuity = Acuity(
-            ray_sigma_rad=trust.ray_sigma_rad,
+            ray_sigma_rad=max(trust.act_sigma_rad, trust.ray_sigma_rad),
+            elevation_sigma_rad=trust.elevation_sigma_rad,
             bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
             independent=max(1.0, trust.independent_hz * self._timing.hold_s),
             body_sigma_m=trust.body_sigma_m,

@@ -21,11 +21,12 @@ MOST_JOBS = 8
 """More processes take memory and bring little."""
 
 ABOUT_LOCALIZATION = (
-    "Errors are over accepted poses; n counts refused ones too. `2 sigma`: share of errors within twice the "
-    "stated sigma. `misled`: share of trials off by more than 1 m with a stated sigma below 0.5 m. `bound`: "
-    "median error of an ideal solver, linearized at the true pose, from the subject's own scatter with 2 "
-    "independent pointings a second. `ms`: processor time of a solve. Baselines solve at most {trials} "
-    "trials of a set and condition, evenly taken."
+    "Errors are over all poses; n counts refused trials too, which have none. `unsure`: poses whose stated "
+    "sigma is more than the localizer takes; it asks for another target then. `2 sigma`: share of errors "
+    "within twice the stated sigma. `misled`: share of trials off by more than 1 m with a stated sigma below "
+    "0.5 m. `bound`: median error of an ideal solver, linearized at the true pose, from the subject's own "
+    "scatter with 2 independent pointings a second. `ms`: processor time of a solve. Baselines solve at most "
+    "{trials} trials of a set and condition, evenly taken."
 )
 
 

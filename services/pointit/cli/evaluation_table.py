@@ -43,6 +43,7 @@ _WORDS = ("condition", "subject", "solver")
 _COLUMNS = (
     _Column(title="n", cell=lambda row: str(row.n)),
     _Column(title="refused", cell=lambda row: None if row.refused is None else str(row.refused)),
+    _Column(title="unsure", cell=lambda row: None if row.unsure is None else str(row.unsure)),
     _Column(title="m", cell=lambda row: _median(row.position_m, 3)),
     _Column(title="p90", cell=lambda row: _p90(row.position_m, 3)),
     _Column(title="bound", cell=lambda row: _number(row.bound_m, 3)),

@@ -12,14 +12,27 @@ from pointit.evaluation.parallel import spread
 from pointit.evaluation.row import Row
 from pointit.evaluation.scoring import Key, Outcome, rows_of
 from pointit.evaluation.trial import Trial
-from pointit.services.localizer.estimator import Pointings, Refusal, Solution, solve
+from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
 
 OURS = "pointit"
 
 Solver = Callable[[Pointings], Solution | Refusal | Guess]
 
+STATED = Trust(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+"""The localizer's own, but every pose is taken that states its sigma, however large: an error that is only
+met by poses that are sure would flatter."""
+
+ACCEPTED = Trust()
+"""The localizer's own limits."""
+
+
+def ours(pointings: Pointings) -> Solution | Refusal:
+    """Return what the localizer's solver finds."""
+    return solve(pointings, STATED)
+
+
 SOLVERS: dict[str, Solver] = {
-    OURS: solve,
+    OURS: ours,
     "mean-angle-4dof": mean_angle_4dof,
     "mean-angle-z0": mean_angle_z0,
 }
@@ -109,8 +122,12 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
     if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
     off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
-    sigma_m, yaw_sigma_deg = math.nan, math.nan
+    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
     if isinstance(found, Solution):
+        is_sure = (
+            found.position_sigma_m <= ACCEPTED.max_position_sigma_m
+            and found.yaw_sigma_rad <= ACCEPTED.max_yaw_sigma_rad
+        )
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
         key=key,
@@ -120,5 +137,6 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
         yaw_deg=yaw_deg,
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
+        is_sure=is_sure,
         bound_m=bound_m,
     )

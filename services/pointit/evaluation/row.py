@@ -55,6 +55,9 @@ class Row:
     """Share of true errors of the position within the stated 2 sigma."""
     yaw_within_2_sigma: float | None = None
     refused: int | None = None
+    """Trials without a pose."""
+    unsure: int | None = None
+    """Trials with a pose whose stated sigma is more than the localizer takes; their errors count."""
     solve_ms: Spread | None = None
     bound_m: float | None = None
     """Median position error that the data themselves allow, where it is known."""

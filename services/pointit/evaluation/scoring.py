@@ -48,6 +48,8 @@ class Outcome:
     position_sigma_m: float = math.nan
     """One sigma as stated, along the worse direction; NaN where none is stated."""
     yaw_sigma_deg: float = math.nan
+    is_sure: bool = True
+    """Whether the localizer would take it, with the sigma that is stated."""
     bound_m: float = math.nan
 
 
@@ -85,6 +87,7 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         if states and np.all(np.isfinite(turned))
         else None,
         refused=len(outcomes) - len(accepted),
+        unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
         solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes),
         bound_m=float(np.median(bounds)) if len(bounds) else None,
     )

@@ -1,5 +1,10 @@
-"""`vr_arm_pointing`: people in virtual reality point at static targets, seeing a hand but no cursor."""
+"""`vr_arm_pointing`: people in virtual reality point at static targets, seeing a hand but no cursor.
 
+The recorded rays are in the room's axes, whose origin is where people stood. An IMU's yaw origin and a map's
+origin may be anywhere: each trial has its own, or a solver that starts at zero would start at the truth.
+"""
+
+import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pointit.evaluation.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
 from pointit.evaluation.table_file import Table, read_table
@@ -26,6 +32,9 @@ SUBSETS = 100
 HOLD_S = 0.5
 HOLD_RAYS = 20
 """An act, of which only its end was recorded, is given as a hold: equal rays over so long."""
+
+ROOM_M = 3.0
+"""A map's origin is at most so far from where it was recorded, along each axis."""
 
 PAUSE_S = 2.0
 """Between two holds."""
@@ -107,28 +116,31 @@ def _add(acts: _Acts, count: int, reading: Reading) -> None:
         wanted = random.choice(kinds, size=count, replace=False)
         chosen = [int(random.choice(np.flatnonzero(acts.kinds == kind))) for kind in wanted]
         head = acts.heads_m[chosen].mean(axis=0)
+        yaw_rad = float(random.uniform(-math.pi, math.pi))
+        origin_m = random.uniform(-ROOM_M, ROOM_M, 2)
         reading.trials.append(
             Trial(
                 set=NAME,
                 subject=acts.subject,
                 condition=f"{count} targets",
-                pointings=_holds(acts, chosen),
+                pointings=_holds(acts, chosen, yaw_rad, origin_m),
                 eye_height_m=acts.eye_height_m,
-                x_m=float(head[0]),
-                y_m=float(head[1]),
-                yaw_rad=0.0,  # the rays are in the room's own axes
+                x_m=float(head[0] - origin_m[0]),
+                y_m=float(head[1] - origin_m[1]),
+                yaw_rad=yaw_rad,
             )
         )
 
 
-def _holds(acts: _Acts, chosen: Sequence[int]) -> Pointings:
-    """Return each act as a hold."""
+def _holds(acts: _Acts, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
+    """Return each act as a hold, for an IMU with its yaw origin at `yaw_rad`, on a map from `origin_m`."""
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
     which = np.repeat(chosen, HOLD_RAYS)
+    turn = Rotation.from_rotvec([0.0, 0.0, -yaw_rad])
     return Pointings(
         (starts_s[:, None] + within_s).reshape(-1),
-        acts.origins_m[which],
-        acts.directions[which],
-        acts.targets_m[which],
+        turn.apply(acts.origins_m[which]),
+        turn.apply(acts.directions[which]),
+        acts.targets_m[which] - np.append(origin_m, 0.0),
     )

@@ -117,10 +117,11 @@ def descend(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERAT
         diagonal = np.einsum("kii->ki", hessians)
         damped = hessians + (damping[:, None] * diagonal + _TINY)[:, :, None] * _EYE
         try:
-            steps: Array = np.linalg.solve(damped, -slopes[:, :, None])[:, :, 0].astype(np.float64)
+            solved = np.asarray(np.linalg.solve(damped, -slopes[:, :, None]), dtype=np.float64)
         except np.linalg.LinAlgError:  # one stands right in a target, where nothing has a slope
             break
-        tried = poses + steps
+        steps: Array = solved[:, :, 0]
+        tried: Array = poses + steps
         new_costs, new_slopes, new_hessians = _linearized(rays, tried, weights)
         better = new_costs <= costs
         if better.all():

@@ -59,7 +59,9 @@ class Trust:
     """Independent pointings per second: the samples of one hold err together."""
     min_samples: int = 20
     max_residual_rad: float = math.radians(9.0)
-    """Rms angle above which the person did not point at the targets."""
+    """Rms angle above which the person did not follow what moved."""
+    max_act_residual_rad: float = math.radians(12.0)
+    """The same of pointing at what stood still."""
     max_position_sigma_m: float = 0.6
     max_yaw_sigma_rad: float = math.radians(8.0)
 
@@ -78,6 +80,10 @@ class Trust:
             body_sigma_m=self.body_sigma_m,
             model_sigma_rad=self.model_sigma_rad,
         )
+
+    def residual_limit_rad(self, *, is_still: bool) -> float:
+        """Return the rms angle above which nobody pointed, the targets standing still or not."""
+        return max(self.max_act_residual_rad, self.max_residual_rad) if is_still else self.max_residual_rad
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +174,7 @@ def solve(
         residual_rad=_missing_rad(exact, minima.poses[0]),
         samples=count,
     )
-    return _accepted(solution, rays, trust)
+    return _accepted(solution, rays, trust, trust.residual_limit_rad(is_still=summary.is_still))
 
 
 def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Solution:
@@ -218,13 +224,13 @@ def _doubtful_costs(rays: Rays, poses: Array, worth: Array, weights: Weights, do
     return np.asarray(costs - costs[0], dtype=np.float64)
 
 
-def _accepted(solution: Solution, rays: Rays, trust: Trust) -> Solution | Refusal:
+def _accepted(solution: Solution, rays: Rays, trust: Trust, limit_rad: float) -> Solution | Refusal:
     """Return `solution`, or why it is not good enough."""
     residual_rad = solution.residual_rad
     if max(abs(solution.x_m), abs(solution.y_m)) > FARTHEST or not math.isfinite(residual_rad):
         return Refusal("these rays meet nowhere in the world; point at each target, arm straight")
-    if residual_rad > trust.max_residual_rad:
-        return Refusal(_missed(solution, rays, trust), residual_rad)
+    if residual_rad > limit_rad:
+        return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
     if abs(solution.bias_rad) > MAX_BIAS_SIGMAS * trust.bias_sigma_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is no "
@@ -237,7 +243,7 @@ def _accepted(solution: Solution, rays: Rays, trust: Trust) -> Solution | Refusa
     return solution
 
 
-def _missed(solution: Solution, rays: Rays, trust: Trust) -> str:
+def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     """Return what is wrong with rays that miss the targets."""
     if _is_one_view(rays):
         return (
@@ -245,8 +251,8 @@ def _missed(solution: Solution, rays: Rays, trust: Trust) -> str:
             "point at each target, arm straight, until it changes"
         )
     return (
-        f"the rays miss the targets by {math.degrees(solution.residual_rad):.1f}° and at most "
-        f"{math.degrees(trust.max_residual_rad):.1f}° is accepted; point at each target, arm straight"
+        f"the rays miss the targets by {math.degrees(residual_rad):.1f}° and at most "
+        f"{math.degrees(limit_rad):.1f}° is accepted; point at each target, arm straight"
     )
 
 

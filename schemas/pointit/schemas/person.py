@@ -55,6 +55,10 @@ class PointingOffset(Part):
     azimuth: Terms = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     elevation: Terms = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     reference_rad: Annotated[Real, Field(description="azimuth in {W} in the midst of the anchors")] = 0.0
+    azimuth_range_rad: Annotated[
+        tuple[Real, Real], Field(description="least and greatest a of the anchors; held there beyond them")
+    ] = (0.0, 0.0)
+    elevation_range_rad: Annotated[tuple[Real, Real], Field(description="the same of e")] = (0.0, 0.0)
     sigma_rad: Annotated[Extent, Field(description="1 sigma of the elevation that is left, rad")] = 0.0
     anchors: Annotated[int, Field(ge=0, description="pointings it was fitted from")] = 0
     fitted_ns: Annotated[Ns, Field(description="when, Unix ns")] = 0

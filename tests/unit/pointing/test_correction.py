@@ -8,17 +8,21 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.schemas import PointingOffset
-from pointit.services.pointing.correction import FADE_RAD, LARGEST_RAD, REACH_RAD, apply
+from pointit.services.pointing.correction import FADE_RAD, LARGEST_RAD, apply
 
 angles = st.floats(-10.0, 10.0)
 elevations = st.floats(-math.pi / 2, math.pi / 2)
 terms = st.tuples(*[st.floats(-3.0, 3.0)] * 6)
+ranges = st.tuples(st.floats(-1.5, 0.0), st.floats(0.0, 1.5))
+AROUND = (-0.8, 0.8)
 offsets = st.builds(
     PointingOffset,
     rung=st.sampled_from(["pitch", "polynomial"]),
     azimuth=terms,
     elevation=terms,
     reference_rad=angles,
+    azimuth_range_rad=ranges,
+    elevation_range_rad=ranges,
 )
 
 
@@ -36,6 +40,8 @@ def test_the_polynomials_by_hand() -> None:
         elevation=(0.01, 0.02, 0.03, 0.04, 0.05, 0.06),
         azimuth=(-0.01, 0.1, 0.0, 0.0, 0.0, 0.0),
         reference_rad=3.0,
+        azimuth_range_rad=AROUND,
+        elevation_range_rad=AROUND,
     )
     a, e = 0.4, -0.5
     azimuth, elevation = apply(offset, 3.4 - math.tau, e)
@@ -49,6 +55,8 @@ def test_without_a_pose_only_the_elevation_is_corrected_as_in_the_midst_of_the_a
         elevation=(0.01, 0.5, 0.03, 0.5, 0.5, 0.0),
         azimuth=(0.1, 0.1, 0.0, 0.0, 0.0, 0.0),
         reference_rad=1.0,
+        azimuth_range_rad=AROUND,
+        elevation_range_rad=AROUND,
     )
     assert apply(offset, None, 0.2) == pytest.approx((0.0, 0.01 + 0.03 * 0.2))
 
@@ -63,10 +71,14 @@ def test_it_is_bounded_and_never_leads_over_the_pole(
     assert abs(elevation_rad + elevation) <= math.pi / 2 + 1e-12
 
 
-@given(offsets, elevations)
-def test_beyond_its_reach_it_stays(offset: PointingOffset, elevation_rad: float) -> None:
-    at_edge = apply(offset, offset.reference_rad + REACH_RAD, elevation_rad)
-    assert apply(offset, offset.reference_rad + 2.0 * REACH_RAD, elevation_rad) == pytest.approx(at_edge)
+@given(offsets, st.floats(-1.5, 1.5), st.floats(0.0, 1.5))
+def test_beyond_the_anchors_it_stays(offset: PointingOffset, elevation_rad: float, further: float) -> None:
+    edge = offset.azimuth_range_rad[1]
+    at_edge = apply(offset, offset.reference_rad + edge, elevation_rad)
+    assert apply(offset, offset.reference_rad + edge + further, elevation_rad) == pytest.approx(at_edge)
+    low = min(offset.elevation_range_rad[0], -0.1)
+    below = apply(offset, offset.reference_rad, low)
+    assert apply(offset, offset.reference_rad, max(low - further, -1.39)) == pytest.approx(below)
 
 
 @given(offsets, angles, st.sampled_from([-1.0, 1.0]))

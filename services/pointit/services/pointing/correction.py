@@ -7,8 +7,6 @@ from pointit.schemas import PointingOffset
 
 LARGEST_RAD = math.radians(30.0)
 """No correction is larger."""
-REACH_RAD = math.radians(45.0)
-"""A polynomial is held beyond this far from its reference azimuth, and from the horizon."""
 FADE_RAD = math.radians(10.0)
 """So near to straight up or down a correction fades: there azimuth and elevation are no coordinates."""
 
@@ -30,8 +28,8 @@ def apply(
         azimuth, elevation = 0.0, offset.elevation[0]
     else:
         a = 0.0 if azimuth_world_rad is None else vector.wrap(azimuth_world_rad - offset.reference_rad)
-        a = min(max(a, -REACH_RAD), REACH_RAD)
-        e = min(max(elevation_rad, -REACH_RAD), REACH_RAD)
+        a = _held(a, offset.azimuth_range_rad)
+        e = _held(elevation_rad, offset.elevation_range_rad)
         elevation = _value(offset.elevation, a, e)
         azimuth = 0.0 if azimuth_world_rad is None else _value(offset.azimuth, a, e)
     fade = min(1.0, math.cos(elevation_rad) / _LEVEL_AT_FADE)
@@ -39,6 +37,11 @@ def apply(
     elevation = fade * min(max(elevation, -LARGEST_RAD), LARGEST_RAD)
     lowest, highest = -math.pi / 2.0 - elevation_rad, math.pi / 2.0 - elevation_rad
     return azimuth, min(max(elevation, lowest), highest)
+
+
+def _held(angle_rad: float, bounds: tuple[float, float]) -> float:
+    """Return `angle_rad`, or the bound beyond which no anchor told anything."""
+    return min(max(angle_rad, bounds[0]), bounds[1])
 
 
 def _value(terms: tuple[float, float, float, float, float, float], a: float, e: float) -> float:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.schemas import Anchor, PointingOffset
-from pointit.services.pointing.correction import REACH_RAD
 
 Array = NDArray[np.float64]
 
@@ -45,10 +44,12 @@ SLOPE = 0.1
 """1 sigma of its coefficients but the constant: rad per rad, and per rad²."""
 WORTH = 0.9
 """It must leave less than this share of the squared errors that the constant leaves."""
+REACH_RAD = math.radians(90.0)
+"""Anchors further than this from their middle azimuth are all around, where a polynomial has a seam."""
 STRETCH = 2.0
 BENT_RAD = math.radians(5.0)
-"""Within its reach, but beyond the anchors, it must bend no further than so many times what it does at
-them, or this: the message does not tell where the anchors were."""
+"""In the corners of the anchors' ranges it must bend no further than so many times what it does at the
+anchors, or this; beyond the ranges it is held."""
 _HALVINGS = 6
 
 
@@ -120,10 +121,11 @@ def fit(
     constant, scatter, doubt = _pitch(off[:, 1])
     reference = _middle(rays[:, 2])
     azimuth_terms, elevation_terms = np.zeros(6), np.array([constant, 0.0, 0.0, 0.0, 0.0, 0.0])
-    polynomials = 0
+    polynomials, ranges = 0, ((0.0, 0.0), (0.0, 0.0))
     if len(rays) >= POLYNOMIAL_FROM and highest == "polynomial":
         where = np.stack([_wrapped(rays[:, 0] + heading - reference), rays[:, 1]], axis=1)
-        if np.abs(where).max() <= 2.0 * REACH_RAD:  # all around, a polynomial would have a seam
+        if np.abs(where[:, 0]).max() <= REACH_RAD:
+            ranges = (_range(where[:, 0]), _range(where[:, 1]))
             bent = _bent(where, off[:, 1], np.ones(len(rays)), scatter, PERSON_RAD)
             if bent is not None:
                 elevation_terms, left = bent
@@ -138,6 +140,8 @@ def fit(
         azimuth=_terms(azimuth_terms),
         elevation=_terms(elevation_terms),
         reference_rad=reference,
+        azimuth_range_rad=ranges[0],
+        elevation_range_rad=ranges[1],
         sigma_rad=math.hypot(scatter, doubt) * _unsure(len(rays)),
         anchors=len(rays),
         fitted_ns=fitted_ns,
@@ -195,11 +199,10 @@ def _bent(
         sigma: of one error.
         constant: 1 sigma of the polynomial's constant before anything is known.
     """
-    where = np.clip(where, -REACH_RAD, REACH_RAD)  # as when it is applied
     columns = weight[:, None] * _columns(where)
     flat, _ = _ridge(columns[:, :1], weight * off, sigma, np.array([constant]))
-    edge = np.linspace(-REACH_RAD, REACH_RAD, 7)
-    grid = _columns(np.stack(np.meshgrid(edge, edge), axis=-1).reshape(-1, 2))
+    edges = [np.linspace(*_range(where[:, axis]), 7) for axis in (0, 1)]
+    grid = _columns(np.stack(np.meshgrid(*edges), axis=-1).reshape(-1, 2))
     slope = SLOPE
     for _ in range(_HALVINGS):
         left, terms = _ridge(columns, weight * off, sigma, np.array([constant, *[slope] * 5]))
@@ -228,6 +231,10 @@ def _columns(where: Array) -> Array:
 def _terms(values: Array) -> tuple[float, float, float, float, float, float]:
     c, a, e, aa, ae, ee = (float(value) for value in values)
     return (c, a, e, aa, ae, ee)
+
+
+def _range(angles: Array) -> tuple[float, float]:
+    return float(angles.min()), float(angles.max())
 
 
 def _wrapped(angles: Array) -> Array:

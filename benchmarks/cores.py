@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pointit.evaluation.baselines import mean_angle_4dof, mean_angle_z0
 from pointit.geometry import vector
 from pointit.schemas import Environment
 from pointit.services.led_driver.render import CursorMark, ObjectMark, Renderer
@@ -37,8 +38,7 @@ def run() -> list[dict[str, Any]]:
             for method in ("exact", "kd_tree")
         ]
         rows.append({"core": "frame of all strips", "map": room.name, "us": round(_frame(room), 1)})
-    rows.append({"core": f"localization, {SAMPLES} samples", "map": "-", "us": round(_localization(), 1)})
-    return rows
+    return rows + _localizations()
 
 
 def _cursor(room: Environment, method: Any) -> float:
@@ -56,7 +56,8 @@ def _frame(room: Environment) -> float:
     return _median_us([lambda: renderer.render(objects, cursors)] * 200)
 
 
-def _localization() -> float:
+def _localizations() -> list[dict[str, Any]]:
+    """Return the times of ours, of all starts, and of the baselines, from one start, in turn."""
     random = np.random.default_rng(0)
     targets = np.repeat(np.array(TARGETS_M), SAMPLES // len(TARGETS_M), axis=0)
     origins = np.tile(np.array(EYES_M), (SAMPLES, 1))
@@ -67,7 +68,25 @@ def _localization() -> float:
     )
     if not isinstance(solve(pointings), Solution):
         raise TypeError("a refusal is no localization")
-    return _median_us([lambda: solve(pointings)] * 50)
+    solvers: dict[str, Callable[[Pointings], object]] = {
+        "ours": solve,
+        "mean angle, 4-DoF BFGS": mean_angle_4dof,
+        "mean angle, z = 0 BFGS": mean_angle_z0,
+    }
+    times_us: dict[str, list[float]] = {name: [] for name in solvers}
+    for _ in range(10):
+        for name, solver in solvers.items():
+            times_us[name].append(_median_us([partial(solver, pointings)] * 5))
+    ours_us = sorted(times_us["ours"])[5]
+    return [
+        {
+            "core": f"localization, {SAMPLES} samples, {name}",
+            "map": "-",
+            "us": round(sorted(times)[5], 1),
+            "times_ours": round(sorted(times)[5] / ours_us, 1),
+        }
+        for name, times in times_us.items()
+    ]
 
 
 def _median_us(calls: list[Callable[[], object]]) -> float:

@@ -116,6 +116,7 @@ async def test_the_offset_comes_with_the_profile_and_bends_with_the_pose() -> No
         elevation=(math.radians(2.0), 0.0, 0.0, 0.0, 0.0, 0.0),
         azimuth=(0.0, 0.1, 0.0, 0.0, 0.0, 0.0),
         reference_rad=0.5,
+        azimuth_range_rad=(-1.0, 1.0),
         sigma_rad=0.02,
     )
     async with memory_bench(clock) as bench:

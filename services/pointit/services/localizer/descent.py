@@ -9,7 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointit.services.localizer.sphere import PARAMETERS, Array, Complex, Rays, residuals
+from pointit.services.localizer.sphere import PARAMETERS, Array, Complex, Rays, misses, residuals
+
+PARALLEL = 1e-6
+"""Pull towards the targets, of that of rays across: it counts where the rays leave a direction open."""
 
 STARTS = 24
 """Yaws to look at first, evenly spread."""
@@ -85,13 +88,13 @@ def starts(rays: Rays, weights: Weights) -> Array:
     seen[:, 2] = rays.heights
     flat: Array = across[:, :2].reshape(len(biases), 2, -1)
     pulled = seen.reshape(STARTS, -1) @ flat.transpose(0, 2, 1)  # b x starts x 2
-    # the pseudo-inverse is for rays that are all parallel
     normal: Array = across[:, :2, :2].sum(axis=3)
-    place: Array = pulled @ np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
+    # when all rays are parallel, the place nearest to the targets
+    place: Array = pulled @ np.linalg.inv(normal + PARALLEL * len(rays.heights) * np.eye(2))
     spot: Complex = (place[..., 0] + 1j * place[..., 1]) * np.exp(1j * yaws)
     poses = np.zeros((len(biases), STARTS, PARAMETERS))
     poses[..., 0], poses[..., 1], poses[..., 2], poses[..., 3] = spot.real, spot.imag, yaws, biases[:, None]
-    costs = _costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
+    costs = costs_of(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
     best = np.argmin(costs, axis=0)
     column = np.arange(STARTS)
     lowest = costs[best, column]
@@ -169,26 +172,20 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     gradient = (weighted @ angles.reshape(len(poses), -1, 1))[:, :, 0]
     hessian += weights.prior * _EYE
     gradient += weights.prior * poses
-    return _loss(squares, weight) + _prior_cost(poses, weights), gradient, hessian
+    return _loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
 
 
-def _costs(rays: Rays, poses: Array, weights: Weights) -> Array:
-    """Return the costs (k) alone."""
-    seen = (rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None]) * (
-        np.exp(-1j * poses[:, 2])[:, None] * rays.back
-    ) - rays.origins
-    tilt = rays.tilt * np.exp(-1j * poses[:, 3])[:, None]
-    up = rays.heights
-    along = tilt.real * seen.real + tilt.imag * up
-    above = tilt.real * up - tilt.imag * seen.real
-    gain = 2.0 / np.maximum(np.sqrt(seen.imag**2 + seen.real**2 + up * up) + along, 1e-9)
-    squares = (gain * seen.imag / weights.sigma_rad[0]) ** 2 + (gain * above / weights.sigma_rad[1]) ** 2
-    return _loss(squares, pull(np.sqrt(squares))) + _prior_cost(poses, weights)
+def costs_of(rays: Rays, poses: Array, weights: Weights, worth: Array | float = 1.0) -> Array:
+    """Return the costs (k) of `poses` (k x 5), samples counting by `worth` (n)."""
+    left, above = misses(rays, poses)
+    squares = (left / weights.sigma_rad[0]) ** 2 + (above / weights.sigma_rad[1]) ** 2
+    losses = worth * _loss(squares, pull(np.sqrt(squares)))
+    return np.asarray(losses.sum(axis=1) + _prior_cost(poses, weights), dtype=np.float64)
 
 
 def _loss(squares: Array, weight: Array) -> Array:
-    """Return Huber's loss summed over samples: half the square, and straight on beyond `HUBER`."""
-    return np.asarray((weight * (1.0 - 0.5 * weight) * squares).sum(axis=1), dtype=np.float64)
+    """Return Huber's loss of each sample: half the square, and straight on beyond `HUBER`."""
+    return np.asarray(weight * (1.0 - 0.5 * weight) * squares, dtype=np.float64)
 
 
 def _prior_cost(poses: Array, weights: Weights) -> Array:

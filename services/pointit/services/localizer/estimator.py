@@ -13,8 +13,8 @@ import numpy as np
 from pointit.schemas import FARTHEST
 from pointit.services.localizer.blocks import GAP_S, Blocks, Pointings, blocks
 from pointit.services.localizer.certainty import Doubt, covariance, independent
-from pointit.services.localizer.descent import SAME_POSE, Weights, descend, pull, starts
-from pointit.services.localizer.sphere import Array, Rays, residuals
+from pointit.services.localizer.descent import SAME_POSE, Weights, costs_of, descend, starts
+from pointit.services.localizer.sphere import Array, Rays, misses
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "Trust", "solve"]
 
@@ -111,7 +111,8 @@ class Solution:
     @property
     def position_sigma_m(self) -> float:
         """Return one sigma along the worse horizontal direction."""
-        return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
+        (xx, xy), (_, yy) = self.covariance[:2, :2].tolist()
+        return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
 
     def is_near(self, other: "Solution") -> bool:
         """Return whether it makes no difference which of the two is taken."""
@@ -181,13 +182,12 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Soluti
     """Return the likeliest of `poses`, about the centre; the others that fit, too, are in its covariance."""
     weights, doubt = trust.weights(), trust.doubt(is_still=summary.is_still)
     worth = independent(summary, doubt.independent_hz)
-    odds = np.exp(-_doubtful_costs(rays, poses, worth, weights, doubt))
+    costs = costs_of(rays, poses, replace(weights, sigma_rad=doubt.sigma_rad), worth)
+    odds: Array = np.exp(costs.min() - costs)
     odds /= odds.sum()
     best = poses[0]
     spread = np.zeros((len(best), len(best)))
-    for pose, share in zip(poses, odds, strict=True):
-        if share < NEGLIGIBLE and pose is not best:
-            continue
+    for pose, share in zip(poses[odds >= NEGLIGIBLE], odds[odds >= NEGLIGIBLE], strict=True):
         off = pose - best
         off[2] = math.remainder(float(off[2]), math.tau)
         spread += share * (covariance(rays, pose, worth, weights, doubt) + np.outer(off, off))
@@ -209,19 +209,9 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Soluti
 
 def _missing_rad(rays: Rays, pose: Array) -> float:
     """Return the rms angle between `rays` and the targets as `pose` (5) would see them."""
-    angles, _ = residuals(rays, pose[None])
-    exact: Array = 2.0 * np.arctan(0.5 * np.hypot(angles[0, 0], angles[0, 1]))
+    left, above = misses(rays, pose[None])
+    exact: Array = 2.0 * np.arctan(0.5 * np.hypot(left, above))
     return math.sqrt(float(np.mean(exact * exact)))
-
-
-def _doubtful_costs(rays: Rays, poses: Array, worth: Array, weights: Weights, doubt: Doubt) -> Array:
-    """Return how much worse than the best each pose explains the independent pointings, k."""
-    angles, _ = residuals(rays, poses)
-    squares = (angles[:, 0] / doubt.sigma_rad[0]) ** 2 + (angles[:, 1] / doubt.sigma_rad[1]) ** 2
-    weight = pull(np.sqrt(squares))
-    costs: Array = (worth * weight * (1.0 - 0.5 * weight) * squares).sum(axis=1)
-    costs += 0.5 * (poses * poses) @ weights.prior
-    return np.asarray(costs - costs[0], dtype=np.float64)
 
 
 def _accepted(solution: Solution, rays: Rays, trust: Trust, limit_rad: float) -> Solution | Refusal:

@@ -70,6 +70,19 @@ class Rays:
         return np.asarray(self.targets_m[:, 2] - self.origins_m[:, 2], dtype=np.float64)
 
 
+def misses(rays: Rays, poses: Array) -> tuple[Array, Array]:
+    """Return the angles of `residuals` alone: to the left of the rays and above them, k x n each."""
+    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.back
+    flat = (rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None]) * turn - rays.origins
+    up = rays.heights - poses[:, 4, None]
+    tilt = rays.tilt * np.exp(-1j * poses[:, 3])[:, None]
+    ahead, left = flat.real, flat.imag
+    along = tilt.real * ahead + tilt.imag * up
+    above = tilt.real * up - tilt.imag * ahead
+    gain = 2.0 / np.maximum(np.sqrt(left * left + ahead * ahead + up * up) + along, _TINY)
+    return np.asarray(gain * left, dtype=np.float64), np.asarray(gain * above, dtype=np.float64)
+
+
 def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     """Return how far the targets are from the rays, and how that changes with the pose.
 

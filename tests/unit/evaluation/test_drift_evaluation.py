@@ -1,3 +1,5 @@
+"""Evaluation of drift: recordings in the right format give rows, simulated people meet the claim."""
+
 import math
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""The drift filter: anchors, headings, rests and new fixes, and what it refuses to believe."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""What holds for the drift filter whatever it is told."""
+
 import math
 from collections.abc import Callable
 from typing import Any

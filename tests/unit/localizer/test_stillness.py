@@ -1,3 +1,5 @@
+"""A resting arm tells the rate of drift, a moving one tells nothing."""
+
 import math
 import time
 from collections.abc import Callable, Iterable

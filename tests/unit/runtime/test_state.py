@@ -1,3 +1,5 @@
+"""What outlives a process: written whole, read again, one person's own, or refused by name."""
+
 import os
 import stat
 from pathlib import Path

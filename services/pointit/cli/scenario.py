@@ -9,7 +9,7 @@ from typing import Any, Self, cast
 
 from pydantic import Field, PrivateAttr
 
-from pointit.cli.person_options import REALISTIC, Pose, body_of
+from pointit.cli.person_options import NEVER_ENOUGH, REALISTIC, Pose, body_of
 from pointit.runtime import Config, ConfigError, Launch
 from pointit.runtime.config import Layers, read_yaml
 from pointit.runtime.environment import environment_prefix
@@ -187,7 +187,7 @@ def _person(
     if pose is not None:
         if choices.localize and not is_simulated:
             raise ConfigError(
-                f"--pose {pose.x_m:g},{pose.y_m:g}: --localize finds out where the wearer of a device stands; "
+                f"--pose {pose.x_m:g},{pose.y_m:g}: --localize finds out where who wears a device is; "
                 "leave one of the two out"
             )
         position_m = [pose.x_m, pose.y_m, 0.0]
@@ -196,7 +196,7 @@ def _person(
     if choices.localize:  # who localizes is told nothing
         localizer = {"method": "static_targets"}
         if choices.targets is not None:
-            localizer["targets"] = choices.targets
+            localizer |= {"targets": choices.targets, "enough": NEVER_ENOUGH}
     elif choices.targets is not None:
         raise ConfigError(f"--targets {choices.targets}: add --localize, which points at them")
     profile: dict[str, Any] = {"hand": choices.hand} if choices.hand else {}

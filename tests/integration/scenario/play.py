@@ -1,27 +1,65 @@
 """Plays a shipped scenario with its real services on a bus in memory, in virtual time."""
 
 import asyncio
-from collections.abc import Sequence
+import contextlib
+import math
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+from unittest import mock
 
+from pointit.cli.monitor import Monitor
 from pointit.cli.scenario import Choices, Scenario, read_scenario, site_launches, user_launches
+from pointit.cli.score import Score
 from pointit.runtime import Exchange, MemoryBus, run_services
 from pointit.schemas import (
+    NS_PER_S,
+    Anchor,
     Cursor,
     Hover,
+    ImuSample,
+    Interaction,
+    Localization,
     SelectionEvent,
     TrackedObjects,
+    UserPose,
 )
 from pointit.schemas.topics import (
+    ANCHOR,
     CURSOR,
     HOVER,
+    IMU,
     INTERACTION,
+    LOCALIZATION,
     OBJECTS,
+    POSE,
     SELECTION_EVENTS,
 )
+from pointit.services.user_sim import service as user_sim
+from pointit.services.user_sim.person import Person
 from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
+from tests.unit.cli_run.drawn import FRAME, shown
 
 USER = "anna"
+WIDTHS = (60, 80, 120)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A pose as it was said, and what was true then."""
+
+    at_s: float
+    pose: UserPose
+    truth_m: tuple[float, float, float]
+    true_yaw_rad: float
+
+    @property
+    def position_error_m(self) -> float:
+        return math.dist(self.pose.position_m[:2], self.truth_m[:2])
+
+    @property
+    def yaw_error_deg(self) -> float:
+        return abs(math.degrees(math.remainder(self.pose.yaw_rad - self.true_yaw_rad, math.tau)))
 
 
 @dataclass
@@ -33,6 +71,16 @@ class Outcome:
     events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
     cursors: list[Cursor] = field(default_factory=list[Cursor])
     states: list[str] = field(default_factory=list[str])
+    steps: list[Interaction] = field(default_factory=list[Interaction])
+    found: list[Found] = field(default_factory=list[Found])
+    """Poses, each as it was said; and in `followed` as it stood at each sample of the wrist."""
+    followed: list[Found] = field(default_factory=list[Found])
+    progress: list[Localization] = field(default_factory=list[Localization])
+    anchors: list[Anchor] = field(default_factory=list[Anchor])
+    monitor: Monitor | None = None
+    """What a run's view is drawn from."""
+    view: dict[int, str] = field(default_factory=dict[int, str])
+    """The words in it at the end, by the width of the terminal."""
     nearly: float = 0.0
     """How far the gauge of an object that is no target, or is selected already, ever came."""
 
@@ -63,6 +111,19 @@ class Outcome:
         return len(targets & chosen), len(targets - chosen), len(self.of("selected", kind, is_kind=False))
 
 
+@contextlib.contextmanager
+def watched_people(people: list[Person]) -> Generator[None]:
+    """Add to `people` the simulated ones who are born meanwhile: they know where they truly stand."""
+
+    class Watched(Person):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            people.append(self)
+
+    with mock.patch.object(user_sim, "Person", Watched):
+        yield
+
+
 def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = None) -> Outcome:
     """Run `scenario` for one person; the same choices give the same outcome."""
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
@@ -72,24 +133,54 @@ def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = 
     return run_virtually(_play(plan, choices, duration_s or plan.duration_s))
 
 
+def _words(monitor: Monitor, width: int) -> str:
+    """Return what the view shows, without its frame and line breaks."""
+    return " ".join(" ".join(line[FRAME:-FRAME] for line in shown(monitor, width)).split())
+
+
 async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
     launches = [*site_launches(plan, choices), *user_launches(plan, choices, USER)]
     bus = MemoryBus(Exchange())
     clock = VirtualClock()
     outcome = Outcome()
+    people: list[Person] = []
 
     def on_objects(message: TrackedObjects, _name: str) -> None:
         for thing in message.objects:
             outcome.kinds.setdefault(thing.id, thing.kind)
             outcome.fed_s.setdefault(thing.id, (message.stamp_ns - START_NS) / 1e9)
 
+    def on_interaction(now: Interaction, _name: str) -> None:
+        outcome.states.append(now.state)
+        outcome.steps.append(now)
+
+    def stands(pose: UserPose) -> Found:
+        person = people[-1]
+        at_s = (clock.now_ns() - START_NS) / NS_PER_S
+        return Found(at_s, pose, person.position_m, person.true_yaw_rad)
+
+    def on_pose(pose: UserPose, _name: str) -> None:
+        outcome.found.append(stands(pose))
+
+    def on_imu(_sample: ImuSample, _name: str) -> None:
+        if outcome.found:
+            outcome.followed.append(stands(outcome.found[-1].pose))
+
     bus.subscribe(OBJECTS, on_objects)
     bus.subscribe(SELECTION_EVENTS, lambda event, _name: outcome.events.append(event))
     bus.subscribe(HOVER, lambda hover, _name: outcome.on_hover(hover, plan.target_kinds), USER)
     bus.subscribe(CURSOR, lambda cursor, _name: outcome.cursors.append(cursor), USER)
-    bus.subscribe(INTERACTION, lambda now, _name: outcome.states.append(now.state), USER)
-    running = asyncio.create_task(run_services(launches, bus, clock))
-    await asyncio.wait({running}, timeout=duration_s)
+    bus.subscribe(INTERACTION, on_interaction, USER)
+    bus.subscribe(LOCALIZATION, lambda news, _name: outcome.progress.append(news), USER)
+    bus.subscribe(ANCHOR, lambda anchor, _name: outcome.anchors.append(anchor), USER)
+    bus.subscribe(POSE, on_pose, USER)
+    bus.subscribe(IMU, on_imu, USER)
+    outcome.monitor = Monitor(Score(plan.target_kinds), clock)
+    outcome.monitor.attach(bus)
+    with watched_people(people):
+        running = asyncio.create_task(run_services(launches, bus, clock))
+        await asyncio.wait({running}, timeout=duration_s)
+        outcome.view = {width: _words(outcome.monitor, width) for width in WIDTHS}
     if running.done():
         running.result()
     running.cancel()

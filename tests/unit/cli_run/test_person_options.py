@@ -84,6 +84,12 @@ def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
 
 def test_targets_go_to_the_localizer() -> None:
     assert person(Choices(localize=True, targets=3))["localizer"]["targets"] == 3
+    assert person(Choices(localize=True, targets=3))["localizer"]["enough"]["yaw_deg"] < 0.1  # no fewer
+    by_hand = Choices(
+        localize=True, targets=3, settings=("localizer.targets=2", "localizer.enough.yaw_deg=9")
+    )
+    assert person(by_hand)["localizer"]["targets"] == 2
+    assert person(by_hand)["localizer"]["enough"]["yaw_deg"] == 9.0
     with pytest.raises(ConfigError, match=r"--targets 3: add --localize"):
         person(Choices(targets=3))
 

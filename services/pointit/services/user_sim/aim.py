@@ -54,6 +54,7 @@ class Stance:
 
     def move(self, position_m: Vec3) -> None:
         """Stand at `position_m` from now on."""
+        self.position_m = position_m
         self.start_m: Vec3 = vector.add(position_m, self._to_start_m)
         """Where the line begins that the person brings onto things: eyes, shoulder or elbow."""
         self.eyes_m: Vec3 = vector.add(position_m, self._up_m)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
 from pointit.services.user_sim.aim import Aim, Stance
 from pointit.services.user_sim.arm import Arm
@@ -57,6 +58,16 @@ class Person:
     def goal(self) -> Goal:
         """Return what the hand is after."""
         return self._goal
+
+    @property
+    def true_yaw_rad(self) -> float:
+        """Return the azimuth of {H} in {W} now that the band has drifted; nobody is told."""
+        return self.yaw_rad - self._band.drift_rad
+
+    @property
+    def position_m(self) -> Vec3:
+        """Return where the person stands now, {W}."""
+        return self._stance.position_m
 
     def see(self, now_ns: int, message: Message, name: str = "") -> None:
         """Put a message before the person's eyes."""

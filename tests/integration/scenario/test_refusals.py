@@ -1,0 +1,110 @@
+"""What cannot be solved is refused with a sentence that says what to do: on the bus and in the view."""
+
+from pathlib import Path
+
+import pytest
+
+from pointit.cli.scenario import Choices, Scenario, read_scenario
+from tests.integration.scenario.play import Outcome, play
+
+EYES_M = 1.64
+ROOM = """\
+leds:
+{lamps}
+strips:
+  0: {{line: [[4.0, -2.0, 0.9], [4.0, 2.0, 0.9]], direction: 1, pixels: 60}}
+"""
+SCENARIO = """\
+about: a room
+places: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]
+site: {pui: {map: room.yaml, surfaces: [strip]}}
+user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.3, behaviour: strips}}
+"""
+
+Place = tuple[float, float, float]
+
+
+def room_with(folder: Path, *lamps: Place) -> Scenario:
+    """Return a scenario in a room with these lamps."""
+    lines = "\n".join(f"  led_{number}: {{position: {list(lamp)}}}" for number, lamp in enumerate(lamps))
+    (folder / "room.yaml").write_text(ROOM.format(lamps=lines))
+    (folder / "mine.yaml").write_text(SCENARIO)
+    return read_scenario(str(folder / "mine.yaml"))
+
+
+def refusals(outcome: Outcome) -> list[str]:
+    return [news.reason for news in outcome.progress if news.phase == "refused"]
+
+
+def assert_refused_and_shown(outcome: Outcome) -> str:
+    """Return the sentence, seen on the bus, told to the person and drawn; nothing was claimed."""
+    reason = refusals(outcome)[0]
+    assert "pointing" not in outcome.states
+    assert not [found for found in outcome.found if found.pose.method != "fixed"]
+    assert reason in {step.reason for step in outcome.steps}
+    for words in outcome.view.values():
+        assert f"anna: refused: {reason}" in words
+    return reason
+
+
+PATIENT = ("user-sim.press_pause_s=600",)
+"""They press once, so that the refusal is what is seen at the end."""
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_lamps_at_one_place(seed: int, tmp_path: Path) -> None:
+    room = room_with(tmp_path, (4.0, 1.0, 0.5), (4.0, 1.03, 0.5))
+    outcome = play(room, Choices(seed=seed, localize=True, targets=2, settings=PATIENT), 15.0)
+    reason = assert_refused_and_shown(outcome)
+    assert "place" in reason
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_lamps_at_eye_height(seed: int, tmp_path: Path) -> None:
+    room = room_with(tmp_path, (4.0, 1.0, EYES_M), (3.0, -3.0, EYES_M), (-1.0, -1.0, EYES_M))
+    outcome = play(room, Choices(seed=seed, localize=True, targets=2, settings=PATIENT), 15.0)
+    assert_refused_and_shown(outcome)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_somebody_who_does_not_point(seed: int) -> None:
+    settings = (*PATIENT, "user-sim.points_when_asked=false")
+    outcome = play("scenario_2", Choices(seed=seed, localize=True, targets=3, settings=settings), 15.0)
+    assert_refused_and_shown(outcome)
+
+
+def test_what_cannot_even_begin_is_told_as_well(tmp_path: Path) -> None:
+    room = room_with(tmp_path, (4.0, 1.0, 0.5), (4.0, 1.0, 0.5))
+    outcome = play(room, Choices(seed=1, localize=True, settings=PATIENT), 10.0)
+    assert outcome.states[-1] == "idle"
+    assert "two at different places" in outcome.steps[-1].reason
+    assert f"anna: refused: {outcome.steps[-1].reason}" in outcome.view[80]
+
+
+def test_a_refusal_is_gone_with_the_next_attempt() -> None:
+    settings = ("user-sim.points_when_asked=false", "user-sim.press_pause_s=1")
+    outcome = play("scenario_2", Choices(seed=1, localize=True, targets=3, settings=settings), 16.0)
+    assert refusals(outcome)
+    assert "anna localizing" in outcome.view[80]  # they have pressed again
+    assert "refused" not in outcome.view[80]
+    assert "samples" in outcome.view[80]
+
+
+def test_an_anchor_of_somebody_who_looks_elsewhere_is_refused_and_the_pose_stays() -> None:
+    """Localized by pointing, they let the arm hang when the lamp lights: that is beyond the gate."""
+    settings = (
+        "user-sim.points_when_asked=false",
+        "user-sim.anchor_every_s=5",
+        "user-sim.anchor_when_off_deg=0",
+        "localizer.method=fixed",
+        "supervisor.localize=false",
+        "localizer.position_m=[2.0, 0.5, 0]",
+        "localizer.yaw_deg=20",
+        "user-sim.yaw_deg=20",
+    )
+    outcome = play("scenario_2", Choices(seed=1, localize=True, settings=settings), 10.0)
+    (anchor,) = outcome.anchors
+    assert not anchor.accepted
+    assert anchor.reason in refusals(outcome)
+    assert f"refused: {anchor.reason}" in outcome.view[80]
+    assert "anna pointing" in outcome.view[80]

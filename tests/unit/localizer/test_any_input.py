@@ -5,9 +5,20 @@ import math
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pointit.schemas import FARTHEST, Lamp, PointingRay, TrackedObject, TrackedObjects
+from pointit.schemas import (
+    FARTHEST,
+    Environment,
+    Lamp,
+    PointingRay,
+    SetPose,
+    TrackedObject,
+    TrackedObjects,
+)
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.hold import Timing
+from pointit.services.localizer.locating import Locating
 from pointit.services.localizer.moving_target import Following, MovingTarget
-from pointit.services.localizer.static_targets import StaticTargets, Timing
+from pointit.services.localizer.static_targets import StaticTargets
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -66,3 +77,39 @@ def test_robots_and_rays_anywhere(
         )
         procedure.on_objects("x", TrackedObjects(stamp_ns=now_ns, objects=objects))
         procedure.step(now_ns)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.lists(places, min_size=2, max_size=4, unique=True),
+    st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
+    st.tuples(places, far),
+)
+def test_lamps_anchors_and_poses_anywhere(
+    lamps: list[tuple[float, float, float]],
+    rays: list[tuple[tuple[float, float, float], float, float]],
+    given_pose: tuple[tuple[float, float, float], float],
+) -> None:
+    """Informative lamps, a pose from anywhere, anchors and headings on top: whatever comes out can travel."""
+    config = LocalizerConfig(method="static_targets", reaction_s=0.0, hold_s=0.2, patience_s=0.4)
+    locating = Locating("anna", config)
+    locating.begin(START_NS)
+    room = Environment(
+        stamp_ns=0,
+        name="x",
+        lamps=tuple(Lamp(id=f"led_{index}", position_m=place) for index, place in enumerate(lamps)),
+    )
+    locating.on_map(room, START_NS)
+    locating.start(None, START_NS)
+    for tick in range(400):
+        now_ns = START_NS + (tick + 1) * S // 50
+        locating.on_ray(ray(*rays[tick // 15 % len(rays)], now_ns), now_ns)
+        locating.step(now_ns)
+        locating.due(now_ns)
+        if tick == 200:
+            position_m, yaw_rad = given_pose
+            locating.set_pose(SetPose(position_m=position_m, yaw_rad=yaw_rad), now_ns)
+        if tick >= 210 and not locating.is_busy:
+            locating.set_heading(rays[0][1], now_ns)
+            locating.point_anchor("", now_ns)
+    assert list(locating.figures(START_NS + 9 * S))

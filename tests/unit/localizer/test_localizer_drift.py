@@ -2,12 +2,12 @@
 
 import asyncio
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
 from pointit.geometry import rotation, vector
-from pointit.runtime import RefusedError, SimulatedClock, sleep
+from pointit.runtime import Publisher, RefusedError, SimulatedClock, sleep
 from pointit.schemas import (
     CancelLocalization,
     Environment,
@@ -38,6 +38,7 @@ from pointit.schemas.topics import (
     SET_HEADING,
     SET_POSE,
     START_LOCALIZATION,
+    Topic,
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
@@ -304,6 +305,31 @@ async def test_where_a_tracker_gives_the_pose_the_localizer_stands_back() -> Non
         assert wearer.poses[-1].position_m == (5.0, 5.0, 0.0)
         assert wearer.poses[-1].method == "fixed"
         await until(lambda: wearer.figure("external pose") is None, what="the figure to go")
+
+
+async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a real network each writer keeps its last value, and who joins late would get both."""
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        closed: list[str] = []
+        declare = bench.bus.publisher
+
+        def publisher(topic: Topic[Any], name: str = "") -> Publisher[Any]:
+            inner = declare(topic, name)
+            close = inner.close
+
+            def noted() -> None:
+                closed.append(topic.at(name))
+                close()
+
+            monkeypatch.setattr(inner, "close", noted)
+            return inner
+
+        monkeypatch.setattr(bench.bus, "publisher", publisher)
+        await ready(bench, FIXED)
+        assert closed == []
+        bench.put(POSE, tracked(clock), USER)
+        await until(lambda: closed == [POSE.at(USER)], what="taking back")
 
 
 async def test_who_has_nothing_to_do_says_that_it_stands_back() -> None:

@@ -150,9 +150,21 @@ def test_lamps_anywhere_give_an_answer() -> None:
 
 def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:
     lamps: list[Vec3] = [(0.1, 0.0, 0.0), (1.0, 0.0, 1.6), (6.0, 0.0, 1.6), (1.0, 1.0, 5.0)]
-    certain = np.zeros((2, 2))
-    assert best_for_yaw(lamps, (0.0, 0.0), np.eye(2) * 0.04, Acuity()) == 2
-    assert best_for_yaw(lamps[:2], (0.0, 0.0), certain, Acuity()) == 1  # never the one at the feet
-    across = np.diag([0.0, 0.25])  # uncertain sideways for the lamps ahead
+    vague = np.diag([0.04, 0.04, 0.3])
+    assert best_for_yaw(lamps, (0.0, 0.0), vague, Acuity()) == 2
+    assert best_for_yaw(lamps[:2], (0.0, 0.0), np.diag([0.0, 0.0, 0.3]), Acuity()) == 1  # not at the feet
+    assert best_for_yaw(lamps[:1], (0.0, 0.0), vague, Acuity()) == 0
+    across = np.diag([0.0, 0.25, 0.3])  # uncertain sideways for the lamps ahead
     beside: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 4.0, 1.6)]
     assert best_for_yaw(beside, (0.0, 0.0), across, Acuity()) == 1
+
+
+def test_after_one_lamp_another_direction_tells_more() -> None:
+    """What the first anchor has left is a place and a yaw that hang together."""
+    lamps: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 3.5, 1.6)]
+    known = np.diag([0.09, 0.09, 0.3])
+    first = best_for_yaw(lamps, (0.0, 0.0), known, Acuity())
+    told: Array = information(np.array([lamps[first]]), np.array([[0.0, 0.0, EYES_M]]), Acuity())[0, 0]
+    left = np.linalg.inv(np.linalg.inv(known) + told[:3, :3]).astype(np.float64)
+    assert first == 0
+    assert best_for_yaw(lamps, (0.0, 0.0), left, Acuity()) == 1

@@ -206,6 +206,16 @@ def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
     assert ours.stamp_ns >= at(11.0)
 
 
+def test_the_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
+    tracking = localized()
+    for t_s in (20.0, 40.0, 60.0):
+        tracking.anchor(LAMP, pointing(t_s))  # the drift is known by now
+    mean_yaw = found(66.0).model_copy(update={"stamp_ns": at(70.0)})
+    published = tracking.found(mean_yaw, at(62.0), at(66.0), at(70.0))
+    assert published.stamp_ns == at(70.0)
+    assert abs(yaw_difference(published.yaw_rad, person(70.0).yaw_rad)) < 0.3 * DEGREE
+
+
 def test_every_pose_is_newer_than_the_ones_before() -> None:
     tracking = localized()
     later = tracking.due(at(5.0))

@@ -266,9 +266,13 @@ class Locating:
 
     def _telling(self, lamps: Sequence[Lamp], now_ns: int) -> Lamp:
         """Return the lamp that tells most about the yaw."""
-        place, covariance = self._tracking.place(now_ns)
+        place, covariance = self._tracking.uncertainty(now_ns)
+        drift = self._config.drift.settings()
         acuity = Acuity(
-            ray_sigma_rad=self._config.drift.settings().anchor_sigma_rad, eyes_m=self._facing.eyes_m
+            ray_sigma_rad=drift.anchor_sigma_rad,
+            elevation_sigma_rad=drift.elevation_sigma_rad,
+            independent=1.0,
+            eyes_m=self._facing.eyes_m,
         )
         places = [lamp.position_m for lamp in lamps]
         return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]

@@ -159,24 +159,23 @@ def best_for_yaw(
     *,
     floor_m: float = 0.0,
 ) -> int:
-    """Return the index of the lamp that tells most about the yaw of somebody whose place is known.
+    """Return the index of the lamp after which the yaw of a known pose is known best.
 
-    That is the one whose azimuth is seen best: far away, for what is uncertain of the place turns it less,
-    and not steeply above or below.
+    Mostly that is a far one at the height of the eyes, for what is uncertain of the place turns it less; but
+    when the last one was that, one in another direction tells the place and the yaw apart.
 
     Args:
         lamps_m: where the lamps are, {W}, at least one.
         place_m: x and y of the person.
-        covariance: 2 x 2, of the place, m².
+        covariance: 3 x 3, of x, y, yaw.
         acuity: how well a hold tells.
         floor_m: height of the floor in {W}.
     """
     lamps = np.array(lamps_m, dtype=np.float64)
-    reach = lamps[:, :2] - np.array(place_m)
-    level = np.maximum(np.linalg.norm(reach, axis=1), 1e-3)
-    across = np.column_stack([-reach[:, 1], reach[:, 0]]) / level[:, None]
-    place = covariance + np.eye(2) * acuity.body_sigma_m**2
-    steep = 1.0 + ((lamps[:, 2] - floor_m - acuity.eyes_m) / level) ** 2  # 1 / cos²
-    turned: Array = np.einsum("ni,ij,nj->n", across, place, across) / level**2
-    variance: Array = acuity.ray_sigma_rad**2 * steep + turned
-    return int(np.argmin(np.where(level >= NEAREST_M, variance, variance + 1e6)))
+    eyes = np.array([[*place_m, floor_m + acuity.eyes_m]])
+    told: Array = information(lamps, eyes, acuity)[0][:, :3, :3]
+    left = np.linalg.solve(np.eye(3) + covariance @ told, np.broadcast_to(covariance, told.shape))
+    near: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
+    return (
+        int(np.argmin(np.where(near >= NEAREST_M, left[:, 2, 2], np.inf))) if near.max() >= NEAREST_M else 0
+    )

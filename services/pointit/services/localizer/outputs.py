@@ -41,7 +41,7 @@ def pose_message(
     c = [float(value) for value in solution.covariance.ravel()]
     return UserPose(
         stamp_ns=stamp_ns,
-        position_m=(solution.x_m, solution.y_m, floor_m + solution.z_m),
+        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(floor_m + solution.z_m)),
         yaw_rad=solution.yaw_rad,
         covariance=(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
         method=method,
@@ -50,6 +50,11 @@ def pose_message(
         samples=solution.samples,
         z_sigma_m=solution.z_sigma_m,
     )
+
+
+def bounded(value: float) -> float:
+    """Return the coordinate nearest to `value` that may travel."""
+    return max(-FARTHEST, min(FARTHEST, value))
 
 
 def extent(value: float) -> float | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import PointingRay
+from pointit.schemas import FARTHEST, PointingRay
 from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.sphere import Array
 
@@ -82,7 +82,7 @@ def mean(rays: Sequence[PointingRay]) -> Mean | None:
     across = np.linalg.norm(np.cross(all_directions, middle), axis=1)
     angles = np.arctan2(across, all_directions @ middle)
     return Mean(
-        origin_m=_vec3(origins(rays).mean(axis=0)),
+        origin_m=_vec3(np.clip(origins(rays).mean(axis=0), -FARTHEST, FARTHEST)),
         direction=_vec3(middle),
         raw_direction=_vec3(raw),
         spread_rad=float(np.sqrt(np.mean(angles**2))),

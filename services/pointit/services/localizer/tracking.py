@@ -13,7 +13,7 @@ import numpy as np
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, Anchor, Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
-from pointit.services.localizer.outputs import MEASURED, anchor_message, covariance_of
+from pointit.services.localizer.outputs import MEASURED, anchor_message, bounded, covariance_of
 from pointit.services.localizer.pace import Pace
 from pointit.services.localizer.rays import Mean
 from pointit.services.localizer.sphere import Array
@@ -22,6 +22,8 @@ from pointit.services.localizer.stillness import Stillness
 GIVEN_SIGMA_M = 0.05
 GIVEN_SIGMA_RAD = math.radians(15.0)
 """How well a pose that was given is believed once pointing is to set it right."""
+
+_DOUBT: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
 
 HEADING_SIGMA_RAD = math.radians(3.0)
 """One sigma of pointing in a known direction."""
@@ -202,8 +204,8 @@ class Tracking:
         """Return when to ask again whether it is due, s."""
         return math.inf if self._filter is None else self._pace.wait_s(now_ns, self._filter.at)
 
-    def place(self, now_ns: int) -> tuple[tuple[float, float], Array]:
-        """Return x and y with their covariance (2 x 2).
+    def uncertainty(self, now_ns: int) -> tuple[tuple[float, float], Array]:
+        """Return x and y, and the covariance of (x, y, yaw) with what is doubted of a pose that was given.
 
         Raises:
             ValueError: no pose is known.
@@ -211,7 +213,7 @@ class Tracking:
         if self._base is None:
             raise ValueError(NO_POSE)
         now = self._at(self._base, now_ns)
-        return now.position_m[:2], covariance_of(now)[:2, :2]
+        return now.position_m[:2], covariance_of(now) + (0.0 if self._is_told else _DOUBT)
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
         """Yield name, value and unit of what health shows; no value where nothing is estimated."""
@@ -246,8 +248,7 @@ class Tracking:
 
     def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
         """Return a filter that believes `pose` only so far."""
-        doubt = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
-        return DriftFilter(_fix(pose, covariance_of(pose) + doubt, stamp_ns), self._settings)
+        return DriftFilter(_fix(pose, covariance_of(pose) + _DOUBT, stamp_ns), self._settings)
 
     def _believe(self) -> None:
         self._is_told = True
@@ -262,7 +263,7 @@ class Tracking:
         return base.model_copy(
             update={
                 "stamp_ns": now.stamp_ns,
-                "position_m": (now.x_m, now.y_m, base.position_m[2]),
+                "position_m": (bounded(now.x_m), bounded(now.y_m), base.position_m[2]),
                 "yaw_rad": now.yaw_rad,
                 "covariance": (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
                 "yaw_rate_radps": now.yaw_rate_radps,

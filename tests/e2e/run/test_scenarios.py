@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from pointit.schemas import Localization, UserPose
+from pointit.schemas.topics import LOCALIZATION, POSE
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Commands, onlooker, summary_of
@@ -165,3 +167,32 @@ async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Co
     summary = summary_of(ended)
     assert summary["selected"] == 0
     assert summary["missed"] + summary["pending"] > 0
+
+
+async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Commands) -> None:
+    """With a bias and a drift, on real Zenoh: progress, pose with its sigma, cursors, and what came of it."""
+    option, endpoint = listen()
+    person_errs = ("user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=15")
+    settings = [part for setting in person_errs for part in ("--set", setting)]
+    run = commands.start(
+        *("run", "scenario_2", "--localize", "--targets", "3", "--seed", "2", "--speed", "4"),
+        *("--no-view", "--json", *settings, option, endpoint),
+    )
+    async with onlooker(endpoint) as seen:
+        progress: list[Localization] = []
+        poses: list[UserPose] = []
+        seen.bus.subscribe(LOCALIZATION, lambda news, _user: progress.append(news))
+        seen.bus.subscribe(POSE, lambda pose, _user: poses.append(pose))
+        await until(lambda: "static_targets" in {pose.method for pose in poses}, 40, "a pose")
+        await seen.sees_cursors("user1")
+    ended = await run.stop()
+    assert ended.code == 0, ended.err
+    assert {news.target_index for news in progress if news.phase == "sampling"} >= {2}
+    assert max(news.target_count for news in progress) == 3
+    found = next(pose for pose in poses if pose.method == "static_targets")
+    assert found.elevation_bias_rad > 0.05
+    assert 0.0 < found.covariance[0] < 0.5**2
+    told = summary_of(ended)["people"]["user1"]
+    assert told["method"] == "static_targets"
+    assert told["position_error_m"] < 1.0
+    assert 0.0 < told["position_sigma_m"] < 0.5

@@ -142,6 +142,24 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
         assert "of" in shown.text.rpartition("Selected ")[2]
 
 
+async def test_a_localization_and_a_refusal_are_seen_in_80_columns(endpoint: str) -> None:
+    """Three lamps, then where the person stands; who does not point sees why it came to nothing."""
+    localize = ("run", "scenario_2", "--localize", "--targets", "3", "--speed", "4", "--listen", endpoint)
+    with terminal(80, 40, *localize, "--seed", "2") as shown:
+        await shown.shows("1 of 3", "3 of 3", "samples", "stands at", "lamps", "°/min", "user1: pointing.")
+        for frame in frames(shown.text):
+            assert {len(line) for line in frame} == {80}, frame
+        shown.press_ctrl_c()
+        assert await shown.end() == 0
+        assert "user1 was found at" in shown.text.rpartition("╯")[2]
+    idle = ("--set", "user-sim.points_when_asked=false", "--set", "user-sim.press_pause_s=600")
+    with terminal(80, 40, *localize, *idle) as shown:
+        await shown.shows("user1: refused: ")
+        assert "\x1b[1;31mrefused: " in shown.read()  # red
+        shown.press_ctrl_c()
+        await shown.end()
+
+
 @pytest.mark.parametrize("key", [b" ", b"\r"])
 async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes) -> None:
     with terminal(100, 40, "run", "scenario_2", "--listen", endpoint) as shown:

@@ -40,7 +40,8 @@ def final_error_deg(outcome: Outcome) -> float:
 
 
 def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> None:
-    held, left = [], []
+    held: list[float] = []
+    left: list[float] = []
     for seed in (1, 2, 3):
         outcome = three_minutes(seed, *STEADY, *EVERY_MINUTE)
         assert len(outcome.anchors) == 3

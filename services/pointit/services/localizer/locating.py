@@ -21,6 +21,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserPose,
 )
+from pointit.schemas.topics import SET_POSE, START_LOCALIZATION
 from pointit.services.localizer import lamps as lamp_choice
 from pointit.services.localizer.anchoring import Anchoring
 from pointit.services.localizer.config import LocalizerConfig
@@ -325,8 +326,8 @@ class Locating:
     def _nowhere(self) -> str:
         user = self._user
         return (
-            f"no pose of {user} is known; localize first (`pointit call localizer/{user}/start`), or set it "
-            f"(`pointit call localizer/{user}/set_pose`)"
+            f"no pose of {user} is known; localize first (`pointit call {START_LOCALIZATION.at(user)}`), or set "
+            f"it (`pointit call {SET_POSE.at(user)}`)"
         )
 
     def _silent(self, now_ns: int) -> str:

@@ -326,8 +326,8 @@ class Locating:
     def _nowhere(self) -> str:
         user = self._user
         return (
-            f"no pose of {user} is known; localize first (`pointit call {START_LOCALIZATION.at(user)}`), or set "
-            f"it (`pointit call {SET_POSE.at(user)}`)"
+            f"no pose of {user} is known; localize first (`pointit call {START_LOCALIZATION.at(user)}`), or "
+            f"set it (`pointit call {SET_POSE.at(user)}`)"
         )
 
     def _silent(self, now_ns: int) -> str:

@@ -20,6 +20,9 @@ from pointit.schemas.topics import TOPICS, Delivery
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand."""
 
+UNCERTAIN = "uncertain"
+"""A word of the localizer's own warnings about the pose."""
+
 _EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.EVENT)
 
 
@@ -170,15 +173,17 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     """Find a pose that cannot be trusted any more, and what sets it right."""
     where_m, yaw_deg = figure(health, POSITION_SIGMA), figure(health, YAW_SIGMA)
     age_s = figure(health, ANCHOR_AGE)
-    press = f"`pointit press {health.user or 'NAME'} --gesture"
+    if any(UNCERTAIN in sentence for sentence in health.warnings):
+        return  # it says so itself, and what to do
+    who = health.user or "NAME"
     if where_m is not None and where_m > UNSURE_M:
         yield Finding(
             severity="warning",
             code="unsure",
             service=instance,
             sentence=f"the person's place is uncertain by {where_m:.2f} m (1 sigma; {UNSURE_M:g} m is much)",
-            remedy=f"have them localize anew: hold the button, or {press} hold`; point at more lamps with "
-            "--targets",
+            remedy=f"have them localize anew: hold the button, or `pointit press {who} --gesture hold`; point at "
+            "more lamps with --targets",
         )
     elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
         yield Finding(
@@ -187,7 +192,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             service=instance,
             sentence=f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma; {UNSURE_DEG:g}° is much)"
             + ("" if age_s is None else f", the last anchor is {age_s:.0f} s old"),
-            remedy=f"have them point at one lamp: press the button twice, or {press} double`",
+            remedy=f"have them point at one lamp: `pointit anchor {who}`, or press the button twice",
         )
     elif age_s is not None and age_s > OLD_ANCHOR_S and (yaw_deg is None or yaw_deg > SURE_DEG):
         yield Finding(
@@ -195,7 +200,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             code="old-anchor",
             service=instance,
             sentence=f"the last anchor is {age_s / 60:.0f} min old, and the IMU's yaw drifts",
-            remedy=f"have them point at one lamp: press the button twice, or {press} double`",
+            remedy=f"have them point at one lamp: `pointit anchor {who}`, or press the button twice",
         )
 
 

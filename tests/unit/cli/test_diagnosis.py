@@ -256,14 +256,14 @@ def certainty(**figures: float) -> Health:
     [
         ({"place": 0.51, "yaw": 2.0}, "unsure", "place is uncertain by 0.51 m", "press anna --gesture hold"),
         ({"place": 0.9, "yaw": 60.0}, "unsure", "place is uncertain by 0.90 m", "localize anew"),
-        ({"place": 0.2, "yaw": 6.1}, "unsure", "yaw is uncertain by 6.1°", "press anna --gesture double"),
+        ({"place": 0.2, "yaw": 6.1}, "unsure", "yaw is uncertain by 6.1°", "`pointit anchor anna`"),
         (
             {"yaw": 20.0, "age": 400.0},
             "unsure",
             "the last anchor is 400 s old",
-            "point at one lamp: press the button twice",
+            "press the button twice",
         ),
-        ({"yaw": 4.0, "age": 400.0}, "old-anchor", "anchor is 7 min old", "press anna --gesture double"),
+        ({"yaw": 4.0, "age": 400.0}, "old-anchor", "anchor is 7 min old", "`pointit anchor anna`"),
         ({"age": 181.0}, "old-anchor", "anchor is 3 min old", "point at one lamp"),
     ],
 )
@@ -282,6 +282,12 @@ def test_a_pose_that_cannot_be_trusted_any_more(
 )
 def test_a_pose_that_can(figures: dict[str, float]) -> None:
     assert not diagnose(observation(certainty(**figures)))
+
+
+def test_what_the_localizer_says_itself_is_not_said_twice() -> None:
+    sentence = "the yaw of anna is uncertain by 14° because the IMU drifts; have them point at a lamp once"
+    warned = certainty(yaw=14.0).model_copy(update={"warnings": (sentence,), "status": "degraded"})
+    assert only(observation(warned)).sentence == sentence
 
 
 def test_the_worst_comes_first() -> None:

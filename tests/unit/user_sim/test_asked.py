@@ -168,3 +168,12 @@ def test_a_given_bias_is_the_persons_whatever_their_skill() -> None:
         azimuth, elevation = life.error(life.run(3.0), LED_2)
         assert azimuth == pytest.approx(0.0, abs=0.01)
         assert elevation == pytest.approx(10.0, abs=0.01)
+
+
+def test_an_anchor_may_be_a_thing_that_moves() -> None:
+    life = Life(STRIPS)
+    life.state("pointing")
+    life.before_step = lambda: life.objects(thing("robot", "robot", 2.0))
+    life.localization("robot", purpose="anchor")
+    life.run(1.0)
+    assert life.person.goal.key == "object robot"

@@ -6,8 +6,8 @@ import numpy as np
 
 from pointit.schemas import Health, UserPose
 
-UNSURE_M = 0.5
-UNSURE_DEG = 6.0
+UNSURE_M = 0.6
+UNSURE_DEG = 8.0
 """1 sigma; a pose less certain than one of these is one that the localizer would refuse."""
 
 OLD_ANCHOR_S = 180.0

@@ -182,8 +182,8 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             code="unsure",
             service=instance,
             sentence=f"the person's place is uncertain by {where_m:.2f} m (1 sigma; {UNSURE_M:g} m is much)",
-            remedy=f"have them localize anew: hold the button, or `pointit press {who} --gesture hold`; point at "
-            "more lamps with --targets",
+            remedy=f"have them localize anew: hold the button, or `pointit press {who} --gesture hold`; "
+            "point at more lamps with --targets",
         )
     elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
         yield Finding(

@@ -254,9 +254,9 @@ def certainty(**figures: float) -> Health:
 @pytest.mark.parametrize(
     ("figures", "code", "sentence", "remedy"),
     [
-        ({"place": 0.51, "yaw": 2.0}, "unsure", "place is uncertain by 0.51 m", "press anna --gesture hold"),
+        ({"place": 0.61, "yaw": 2.0}, "unsure", "place is uncertain by 0.61 m", "press anna --gesture hold"),
         ({"place": 0.9, "yaw": 60.0}, "unsure", "place is uncertain by 0.90 m", "localize anew"),
-        ({"place": 0.2, "yaw": 6.1}, "unsure", "yaw is uncertain by 6.1°", "`pointit anchor anna`"),
+        ({"place": 0.2, "yaw": 8.1}, "unsure", "yaw is uncertain by 8.1°", "`pointit anchor anna`"),
         (
             {"yaw": 20.0, "age": 400.0},
             "unsure",
@@ -278,7 +278,7 @@ def test_a_pose_that_cannot_be_trusted_any_more(
 
 @pytest.mark.parametrize(
     "figures",
-    [{}, {"place": 0.5, "yaw": 6.0, "age": 10.0}, {"yaw": 2.9, "age": 4000.0}, {"age": 179.0}],
+    [{}, {"place": 0.6, "yaw": 8.0, "age": 10.0}, {"yaw": 2.9, "age": 4000.0}, {"age": 179.0}],
 )
 def test_a_pose_that_can(figures: dict[str, float]) -> None:
     assert not diagnose(observation(certainty(**figures)))

@@ -86,7 +86,7 @@ def test_what_is_not_known_is_not_claimed() -> None:
 
 @pytest.mark.parametrize(
     ("sigma_m", "sigma_deg", "yellow"),
-    [(0.12, 2.1, []), (0.6, 2.1, ["±0.60"]), (0.1, 7.0, ["±7.0°"]), (0.6, 7.0, ["±0.60", "±7.0°"])],
+    [(0.12, 2.1, []), (0.7, 2.1, ["±0.70"]), (0.1, 9.0, ["±9.0°"]), (0.7, 9.0, ["±0.70", "±9.0°"])],
 )
 def test_an_uncertain_pose_is_yellow(sigma_m: float, sigma_deg: float, yellow: list[str]) -> None:
     monitor = localized()

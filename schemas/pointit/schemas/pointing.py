@@ -21,6 +21,12 @@ from pointit.schemas.base import (
 
 _Cov = Annotated[float, Field(ge=-(FARTHEST**2), le=FARTHEST**2)]
 
+Covariance = Annotated[
+    tuple[_Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov],
+    Field(description="of (x, y, yaw), row by row, m², m·rad, rad²"),
+]
+"""Of a pose on the floor."""
+
 SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
 """What a cursor can be on; `none` when the ray passes everything by."""
 
@@ -52,10 +58,7 @@ class UserPose(Message):
 
     position_m: Vec3
     yaw_rad: Annotated[Real, Field(description="azimuth of {H}'s x axis in {W}")]
-    covariance: Annotated[
-        tuple[_Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov],
-        Field(description="of (x, y, yaw), row by row, m², m·rad, rad²"),
-    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    covariance: Covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     method: Literal["fixed", "static_targets", "moving_target", "external"] = "fixed"
     elevation_bias_rad: Annotated[
         Real, Field(description="the person's rays lie higher by it: subtract it before casting")

@@ -1,11 +1,12 @@
 """What can be asked of a service, and what it answers."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from pointit.schemas.base import Fraction, QuaternionXyzw, Query, Real, Reply, Vec3
 from pointit.schemas.person import PointingOffset
+from pointit.schemas.pointing import Covariance
 
 
 class AddPackage(Query):
@@ -47,8 +48,16 @@ class CancelLocalization(Query):
 class SetPose(Query):
     """Say where the person stands."""
 
+    version: ClassVar[int] = 2
+
     position_m: Vec3
     yaw_rad: Real = 0.0
+    method: Annotated[
+        Literal["fixed", "static_targets", "moving_target"],
+        Field(description="fixed: it is exact; otherwise how it was found, and it is followed as it drifts"),
+    ] = "fixed"
+    covariance: Annotated[Covariance | None, Field(description="of a pose that was found")] = None
+    elevation_bias_rad: Annotated[Real, Field(description="found with it, see UserPose")] = 0.0
 
 
 class SetHeading(Query):

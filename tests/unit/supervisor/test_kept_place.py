@@ -28,8 +28,25 @@ ANNA = "anna"
 Method = Literal["fixed", "static_targets", "moving_target", "external"]
 
 
+COVARIANCE = (0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.01)
+BACK = SetPose(
+    position_m=(1.0, 2.0, 0.0),
+    yaw_rad=0.5,
+    method="static_targets",
+    covariance=COVARIANCE,
+    elevation_bias_rad=0.1,
+)
+
+
 def pose(now_s: float, method: Method = "static_targets") -> UserPose:
-    return UserPose(stamp_ns=round(now_s * S), position_m=(1.0, 2.0, 0.0), yaw_rad=0.5, method=method)
+    return UserPose(
+        stamp_ns=round(now_s * S),
+        position_m=(1.0, 2.0, 0.0),
+        yaw_rad=0.5,
+        method=method,
+        covariance=COVARIANCE,
+        elevation_bias_rad=0.1,
+    )
 
 
 def idle(now_s: float) -> tuple[Localization, int]:
@@ -45,10 +62,17 @@ def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
     place.localization(*idle(10))
     assert place.deadline_ns == 11 * S
     assert place.due(11 * S - 1) is None
-    assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+    assert place.due(11 * S) == BACK
     assert place.due(20 * S) is None
     place.not_taken(20 * S)
     assert place.due(21 * S) is not None
+
+
+def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
+    place = KeptPlace()
+    place.pose(pose(2, "fixed"))
+    place.localization(*idle(10))
+    assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
 
 
 def test_a_localizer_that_was_away_gets_it_back() -> None:
@@ -111,7 +135,7 @@ async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken
         bench.bus.announce(SERVICE_ALIVE, "localizer.ben")
         bench.bus.announce(SERVICE_ALIVE, "localizer.anna")
         await until(lambda: len(given) == 2)  # refused, and again
-        assert given == [SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)] * 2
+        assert given == [BACK] * 2
 
 
 async def test_two_restarts_leave_nobody_without_a_place() -> None:

@@ -41,6 +41,8 @@ SAY_NS = NS_PER_S
 IDLE_S = 2.0
 """How long nothing need be looked at while nothing is followed."""
 
+NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
 Procedure = StaticTargets | MovingTarget | Anchoring
 Method = Literal["fixed", "static_targets", "moving_target"]
 
@@ -212,8 +214,18 @@ class Locating:
             return Refusal(taken)
         out = self._stop(now_ns)
         self._outside.take_over()
-        pose = UserPose(stamp_ns=now_ns, position_m=query.position_m, yaw_rad=query.yaw_rad)
-        out.append(self._tracking.given(pose, now_ns))
+        pose = UserPose(
+            stamp_ns=now_ns,
+            position_m=query.position_m,
+            yaw_rad=query.yaw_rad,
+            method=query.method,
+            covariance=query.covariance or NO_COVARIANCE,
+            elevation_bias_rad=query.elevation_bias_rad,
+        )
+        if query.method == "fixed" or query.covariance is None:
+            out.append(self._tracking.given(pose, now_ns))
+        else:  # it was found once, and its localizer died
+            out.append(self._tracking.found(pose, now_ns, now_ns, now_ns))
         return Answer(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
 
     def set_heading(self, azimuth_rad: float, now_ns: int) -> Answer | Refusal:

@@ -54,10 +54,19 @@ class KeptPlace:
     def due(self, now_ns: int) -> SetPose | None:
         """Return what the localizer is to be told now, once."""
         deadline_ns = self.deadline_ns
-        if self._pose is None or deadline_ns is None or now_ns < deadline_ns:
+        pose = self._pose
+        if pose is None or pose.method == "external" or deadline_ns is None or now_ns < deadline_ns:
             return None
         self._new_ns = None
-        return SetPose(position_m=self._pose.position_m, yaw_rad=self._pose.yaw_rad)
+        if pose.method == "fixed":
+            return SetPose(position_m=pose.position_m, yaw_rad=pose.yaw_rad)
+        return SetPose(
+            position_m=pose.position_m,
+            yaw_rad=pose.yaw_rad,
+            method=pose.method,
+            covariance=pose.covariance,
+            elevation_bias_rad=pose.elevation_bias_rad,
+        )
 
     def not_taken(self, now_ns: int) -> None:
         """Take note that the localizer did not take the pose: it will be due again."""

@@ -89,7 +89,9 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
     if "cores" in wanted:
         result["cores"] = cores.run()
         for row in result["cores"]:
-            console.print(f"{row['core']:<28} {row['map']:<10} {row['us']:>8} µs")
+            core, room, us, times = row["core"], row["map"], row["us"], row.get("times_ours", 1.0)
+            ratio = f", {times} x ours" if times != 1.0 else ""
+            console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
     result["after"] = machine()
     console.print(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"

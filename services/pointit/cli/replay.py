@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from pointit.cli.output import Section, console, print_json, print_table, to_json
+from pointit.evaluation.arm_rays import OPERATOR
 from pointit.runtime import ConfigError, Launch, SimulatedClock, run_services, sleep
 from pointit.runtime.config import Layers
 from pointit.runtime.zenoh_bus import ZenohBus
@@ -28,11 +29,6 @@ from pointit.sim.accuracy import Accuracy, Measured, reference_yaw_deg
 from pointit.sim.recordings import ImuRecording, read_imu_csv
 
 log = logging.getLogger(__name__)
-
-OPERATOR = BodyMeasures(
-    footprint_to_neck_m=1.47, neck_to_eyes_m=0.22, shoulder_to_wrist_m=0.52, wrist_to_finger_m=0.17
-)
-"""Shoulder 1.47 m, eyes 1.69 m, arm 0.69 m: the operator of the published recordings, 1.83 m tall."""
 
 LEAD_S = 0.3
 """Time of the wall for all services to be up before the first sample."""

@@ -23,7 +23,7 @@ _Cov = Annotated[float, Field(ge=-(FARTHEST**2), le=FARTHEST**2)]
 
 Covariance = Annotated[
     tuple[_Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov],
-    Field(description="of (x, y, yaw), row by row, m², m·rad, rad²"),
+    Field(description="of (x, y, yaw of pointing), row by row, m², m·rad, rad²"),
 ]
 """Of a pose on the floor."""
 

@@ -21,12 +21,14 @@ MOST_JOBS = 8
 """More processes take memory and bring little."""
 
 ABOUT_LOCALIZATION = (
-    "Errors are over all poses; n counts refused trials too, which have none. `unsure`: poses whose stated "
-    "sigma is more than the localizer takes; it asks for another target then. `2 sigma`: share of errors "
-    "within twice the stated sigma. `misled`: share of trials off by more than 1 m with a stated sigma below "
-    "0.5 m. `bound`: median error of an ideal solver, linearized at the true pose, from the subject's own "
-    "scatter with 2 independent pointings a second. `ms`: processor time of a solve. Baselines solve at most "
-    "{trials} trials of a set and condition, evenly taken."
+    "`m`: error of the poses that were stated; n counts refused trials too, and `all m` is the error with "
+    "the best pose of these. `unsure`: poses with a larger stated sigma than the localizer takes; it asks "
+    "for another target then. `2 sigma`: share of errors within twice the stated sigma. `misled`: share of "
+    "poses off by more than 1 m with a stated sigma below 0.5 m. `linear`: median error of an unbiased, "
+    "linear estimate from the subject's own scatter with 2 independent pointings a second; who knows more of "
+    "people beforehand, or whose errors are more alike, can do better. `ms`: processor time of a solve. "
+    "Baselines solve at most {trials} trials of a set and condition, evenly taken. In vr_arm_pointing each "
+    "trial has a random map origin and yaw origin; the true yaw is, as in the other sets, the arm's mean one."
 )
 
 
@@ -101,8 +103,8 @@ def localization(
     """Where people stand: errors, honesty and time of our solver and of two baselines.
 
     People follow a moving robot with the finger for 1 to 20 s (motion_relloc, proximity_waypoints), or point
-    once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of 20 equal
-    rays in 0.5 s); synth_two_led is simulated. With the baselines it takes minutes.
+    once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of equal rays,
+    2 s long); synth_two_led is simulated. With the baselines it takes minutes.
 
     Example: pointit evaluate localization --only-ours --set vr_arm_pointing --json rows.json
     """

@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pointit.evaluation.baselines import Guess, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.bound import median_bounds_m
@@ -21,6 +21,9 @@ Solver = Callable[[Pointings], Solution | Refusal | Guess]
 STATED = Trust(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 """The localizer's own, but every pose is taken that states its sigma, however large: an error that is only
 met by poses that are sure would flatter."""
+
+ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
+"""Takes whatever fits best, as the baselines do."""
 
 ACCEPTED = Trust()
 """The localizer's own limits."""
@@ -117,11 +120,18 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
     solve_ms = (time.process_time_ns() - began_ns) / 1e6
     key = Key.of(trial)
     if isinstance(found, Refusal):
-        return Outcome(key=key, solver=name, solve_ms=solve_ms, refused=found.reason, bound_m=bound_m)
+        best = solve(trial.pointings, ANY)
+        return Outcome(
+            key=key,
+            solver=name,
+            solve_ms=solve_ms,
+            refused=found.reason,
+            position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
+            bound_m=bound_m,
+        )
     yaw_deg = math.nan
     if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
-    off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
     sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
     if isinstance(found, Solution):
         is_sure = (
@@ -133,10 +143,15 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
         key=key,
         solver=name,
         solve_ms=solve_ms,
-        position_m=min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M,
+        position_m=_off_m(found, trial),
         yaw_deg=yaw_deg,
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
         is_sure=is_sure,
         bound_m=bound_m,
     )
+
+
+def _off_m(found: Solution | Guess, trial: Trial) -> float:
+    off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
+    return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M

@@ -44,13 +44,16 @@ class Row:
     n: int
     """Trials, refused ones among them."""
     position_m: Spread | None = None
+    """Of the poses that were stated."""
+    every_m: Spread | None = None
+    """Of all trials: where it was refused, of the pose that fits best."""
     yaw_deg: Spread | None = None
     pitch_deg: Spread | None = None
     angle_deg: Spread | None = None
     """Between ray and target."""
     share_above_1m: float | None = None
     misled: float | None = None
-    """Share of trials that were off by more than 1 m with a stated sigma below 0.5 m."""
+    """Share of stated poses that were off by more than 1 m with a sigma below 0.5 m."""
     within_2_sigma: float | None = None
     """Share of true errors of the position within the stated 2 sigma."""
     yaw_within_2_sigma: float | None = None
@@ -60,7 +63,7 @@ class Row:
     """Trials with a pose whose stated sigma is more than the localizer takes; their errors count."""
     solve_ms: Spread | None = None
     bound_m: float | None = None
-    """Median position error that the data themselves allow, where it is known."""
+    """Median position error of an unbiased linear estimate under the assumptions that are stated."""
 
     def as_json(self) -> dict[str, Any]:
         """Return it as it stands in a JSON file."""

@@ -40,9 +40,9 @@ class Outcome:
     solve_ms: float
     """Processor time."""
     refused: str = ""
-    """Why, where it was; there are no errors then."""
+    """Why, where it was."""
     position_m: float = math.nan
-    """Error, horizontal."""
+    """Error, horizontal; of what was refused, that of the pose that fits best, if there is one."""
     yaw_deg: float = math.nan
     """Error, signed; NaN where the truth is not known."""
     position_sigma_m: float = math.nan
@@ -66,6 +66,7 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
 def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
     accepted = [outcome for outcome in outcomes if not outcome.refused]
     errors = np.array([outcome.position_m for outcome in accepted])
+    everything = np.array([outcome.position_m for outcome in outcomes])
     sigmas = np.array([outcome.position_sigma_m for outcome in accepted])
     turned = np.array([outcome.yaw_deg for outcome in accepted])
     yaw_sigmas = np.array([outcome.yaw_sigma_deg for outcome in accepted])
@@ -79,9 +80,10 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         solver=solver,
         n=len(outcomes),
         position_m=Spread.of(errors),
+        every_m=Spread.of(everything[np.isfinite(everything)]),
         yaw_deg=Spread.of(turned[np.isfinite(turned)]),
         share_above_1m=_share(errors > WRONG_M),
-        misled=float(np.sum((errors > WRONG_M) & (sigmas < SURE_M))) / len(outcomes) if states else None,
+        misled=float(np.sum((errors > WRONG_M) & (sigmas < SURE_M))) / len(accepted) if states else None,
         within_2_sigma=_share(errors <= 2.0 * sigmas) if states else None,
         yaw_within_2_sigma=_share(np.abs(turned) <= 2.0 * yaw_sigmas)
         if states and np.all(np.isfinite(turned))

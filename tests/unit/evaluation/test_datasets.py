@@ -101,7 +101,7 @@ def test_acts_give_rays_at_different_targets(tmp_path: Path) -> None:
         assert miss_rad(trial) < 1e-6
         targets = np.unique(trial.pointings.targets_m, axis=0)
         assert f"{len(targets)} targets" == trial.condition
-        assert trial.pointings.span_s < 0.5 * len(targets)  # pauses between the holds
+        assert trial.pointings.span_s < 2.0 * len(targets)  # pauses between the holds
     yaws = [trial.yaw_rad for trial in trials if trial.yaw_rad is not None]
     assert len(set(yaws)) == len(trials)  # nobody starts at the truth by chance
     assert {round(trial.eye_height_m, 3) for trial in trials} == {

@@ -1,5 +1,6 @@
 """Solvers beside each other: what the rows say, and that other processes do the work."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -66,12 +67,23 @@ def test_a_row_sums_up_what_was_accepted() -> None:
     assert only.yaw_deg is not None
     assert only.yaw_deg.median == pytest.approx(2.0)
     assert only.share_above_1m == pytest.approx(1 / 4)
-    assert only.misled == pytest.approx(1 / 5)
+    assert only.misled == pytest.approx(1 / 4)
+    assert only.every_m is not None
+    assert only.every_m.median == pytest.approx(0.4)  # the refused one had no pose at all
     assert only.within_2_sigma == pytest.approx(2 / 4)
     assert only.yaw_within_2_sigma == pytest.approx(3 / 4)
     assert only.bound_m == pytest.approx(0.25)
     assert only.solve_ms is not None
     assert only.solve_ms.median == 3.0
+
+
+def test_what_is_refused_counts_among_all() -> None:
+    kept, refused = outcome(0.2), dataclasses.replace(outcome(3.0), refused="the rays miss the targets")
+    only = rows_of([kept, refused])[0]
+    assert (only.n, only.refused) == (2, 1)
+    assert only.position_m is not None
+    assert only.every_m is not None
+    assert (only.position_m.median, only.every_m.median) == (pytest.approx(0.2), pytest.approx(1.6))
 
 
 def test_who_is_unsure_does_not_mislead() -> None:

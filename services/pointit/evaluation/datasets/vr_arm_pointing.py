@@ -29,9 +29,9 @@ TARGETS = (2, 3, 4, 6)
 SUBSETS = 100
 """Trials of each subject and number of targets: random targets, of each a random one of its acts."""
 
-HOLD_S = 0.5
-HOLD_RAYS = 20
-"""An act, of which only its end was recorded, is given as a hold: equal rays over so long."""
+HOLD_S = 2.0
+HOLD_RAYS = 40
+"""An act, of which only its end was recorded, is given as a hold of equal rays, as long as at a lamp."""
 
 ROOM_M = 3.0
 """A map's origin is at most so far from where it was recorded, along each axis."""
@@ -58,6 +58,8 @@ class _Acts:
     """n x 2."""
     kinds: NDArray[np.int64]
     """n: number of the target."""
+    lean_rad: float
+    """How far to the left of the targets the person's rays are on average: forearms do not lie along them."""
 
 
 def read(folder: Path, reading: Reading) -> None:
@@ -93,14 +95,18 @@ def _acts(table: Table, subject: str, rows: NDArray[np.bool_]) -> _Acts:
         raise ConfigError(f"{table.path}, subject {subject}: hand and forearm are at one place in a row")
     origins_m, directions = eye_finger_rays((along(row) for row in forearms.tolist()), body)
     targets_m = table.vectors(*_TARGET)[rows]
+    heads_m = table.vectors("hmd_x", "hmd_y")[rows]
+    ways = targets_m[:, :2] - heads_m
+    turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(ways[:, 1], ways[:, 0])
     return _Acts(
         subject=subject,
         eye_height_m=eye_height_m(body),
         origins_m=origins_m,
         directions=directions,
         targets_m=targets_m,
-        heads_m=table.vectors("hmd_x", "hmd_y")[rows],
+        heads_m=heads_m,
         kinds=np.unique(targets_m, axis=0, return_inverse=True)[1].reshape(-1),
+        lean_rad=float(np.angle(np.exp(1j * turns).mean())),
     )
 
 
@@ -127,7 +133,8 @@ def _add(acts: _Acts, count: int, reading: Reading) -> None:
                 eye_height_m=acts.eye_height_m,
                 x_m=float(head[0] - origin_m[0]),
                 y_m=float(head[1] - origin_m[1]),
-                yaw_rad=yaw_rad,
+                yaw_rad=math.remainder(yaw_rad - acts.lean_rad, math.tau),
+                independent_hz=1.0 / HOLD_S,
             )
         )
 

@@ -2,7 +2,9 @@
 
 Maximum a posteriori on angles for x, y, yaw, the person's own elevation bias and, within what body measures
 leave open, the height of the eyes, the feet on the floor; from many starts, because reflected poses are
-minima too. How sure it is comes from `certainty`.
+minima too. The weights are those of the unrest within a hold, one measurement each 0.15 s: what errs all
+hold long goes into yaw and bias, and weighing it heavier made recorded people's places worse. How sure the
+pose is comes from `certainty`, where all of the errors count.
 """
 
 import math
@@ -17,9 +19,6 @@ from pointit.services.localizer.descent import SAME_POSE, Weights, costs_of, des
 from pointit.services.localizer.sphere import Array, Rays, misses
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "Trust", "solve"]
-
-MAX_BIAS_SIGMAS = 2.5
-"""An elevation bias beyond it is no way of pointing, but of doing something else."""
 
 AMBIGUOUS_COST = 2.0
 """Two refined minima whose costs differ by less (a factor e² in likelihood) cannot be told apart."""
@@ -56,14 +55,16 @@ class Trust:
     model_sigma_rad: float = 0.1
     """One sigma of a ray's constant error: eyes or finger 7 cm beside the model, over an arm of 0.7 m."""
     independent_hz: float = 2.0
-    """Independent pointings per second: the samples of one hold err together."""
+    """Independent pointings per second of following; a hold at a thing that stands still is one."""
     min_samples: int = 20
     max_residual_rad: float = math.radians(9.0)
     """Rms angle above which the person did not follow what moved."""
     max_act_residual_rad: float = math.radians(12.0)
     """The same of pointing at what stood still."""
-    max_position_sigma_m: float = 0.6
-    max_yaw_sigma_rad: float = math.radians(8.0)
+    bias_sigma_limit: float = 2.5
+    """Sigmas of the elevation bias beyond which it is no way of pointing, but of doing something else."""
+    max_position_sigma_m: float = 0.7
+    max_yaw_sigma_rad: float = math.radians(12.0)
 
     def weights(self) -> Weights:
         """Return what the descent needs of it."""
@@ -73,17 +74,17 @@ class Trust:
 
     def doubt(self, *, is_still: bool) -> Doubt:
         """Return what is believed about errors, the targets standing still or not."""
-        sideways = max(self.act_sigma_rad, self.ray_sigma_rad) if is_still else self.ray_sigma_rad
+        sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
         return Doubt(
             sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
-            independent_hz=self.independent_hz,
+            independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
             body_sigma_m=self.body_sigma_m,
             model_sigma_rad=self.model_sigma_rad,
         )
 
     def residual_limit_rad(self, *, is_still: bool) -> float:
         """Return the rms angle above which nobody pointed, the targets standing still or not."""
-        return max(self.max_act_residual_rad, self.max_residual_rad) if is_still else self.max_residual_rad
+        return self.max_act_residual_rad if is_still else self.max_residual_rad
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +98,10 @@ class Solution:
     bias_rad: float
     """How much higher than the targets the person's rays are."""
     covariance: Array
-    """3 x 3, of x, y, yaw: what the rays cannot know is in it, and other places that fit about as well."""
+    """3 x 3, of x, y, yaw: what the rays cannot know is in it, and other places that fit about as well.
+
+    The yaw is that of pointing: an error that turns all of a person's rays alike is in it, and harmless.
+    """
     residual_rad: float
     """Rms angle between rays and targets."""
     samples: int
@@ -221,7 +225,7 @@ def _accepted(solution: Solution, rays: Rays, trust: Trust, limit_rad: float) ->
         return Refusal("these rays meet nowhere in the world; point at each target, arm straight")
     if residual_rad > limit_rad:
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
-    if abs(solution.bias_rad) > MAX_BIAS_SIGMAS * trust.bias_sigma_rad:
+    if abs(solution.bias_rad) > trust.bias_sigma_limit * trust.bias_sigma_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is no "
             "pointing; point at each target, arm straight",

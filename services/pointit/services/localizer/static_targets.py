@@ -173,7 +173,7 @@ class StaticTargets:
             ray_sigma_rad=max(trust.act_sigma_rad, trust.ray_sigma_rad),
             elevation_sigma_rad=trust.elevation_sigma_rad,
             bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
-            independent=max(1.0, trust.independent_hz * self._timing.hold_s),
+            independent=1.0,  # a reach errs until the next one, however long the hold
             body_sigma_m=trust.body_sigma_m,
             eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
         )

@@ -258,6 +258,38 @@ def test_an_arm_that_rests_while_targets_change_is_named() -> None:
     assert "held in one direction" in sentence or "too high" in sentence
 
 
+@settings(deadline=None)
+@given(coordinates, coordinates, angles, st.floats(0.3, 3.0), st.sampled_from([0.0, 1e-9, 1e-4, 0.02]))
+def test_targets_above_one_another_tell_no_direction(
+    x: float, y: float, yaw_rad: float, height_m: float, noise_rad: float
+) -> None:
+    assume(math.hypot(x, y) > 0.3)
+    pole = ((0.0, 0.0, 0.1), (0.0, 0.0, 0.1 + height_m))
+    sentence = refused(pointings(Person(x, y, yaw_rad), pole, noise_rad=noise_rad), LAX)
+    assert "above one another" in sentence
+
+
+@settings(deadline=None)
+@given(coordinates, coordinates, angles, st.floats(0.06, 0.5))
+def test_where_little_is_told_little_is_stated(x: float, y: float, yaw_rad: float, apart_m: float) -> None:
+    """Nearly a pole: whatever is found, its covariance is positive and covers the error."""
+    assume(math.hypot(x, y) > 0.5)
+    pole = ((0.0, 0.0, 0.1), (apart_m, 0.0, 2.1))
+    person = Person(x, y, yaw_rad)
+    result = solve(pointings(person, pole, noise_rad=0.02), UNLIMITED)
+    if isinstance(result, Solution):
+        assert float(np.linalg.eigvalsh(result.covariance)[0]) > 0.0
+        assert position_error_m(result, person) < 4.0 * result.position_sigma_m
+
+
+def test_a_target_straight_above_turns_with_the_imu() -> None:
+    targets: tuple[Vec3, ...] = ((0.5, 0.3, 2.6), (3.0, 2.0, 0.1), (-2.0, 2.5, 0.9))
+    a = solved(pointings(Person(0.5, 0.3, 0.2), targets), UNLIMITED)
+    b = solved(pointings(Person(0.5, 0.3, 1.9), targets), UNLIMITED)
+    assert a.x_m == pytest.approx(b.x_m, abs=1e-6)
+    assert a.position_sigma_m == pytest.approx(b.position_sigma_m, rel=1e-6)
+
+
 def test_targets_in_one_direction_are_named() -> None:
     line = tuple((2.0 + far, 0.0, 1.64 - 0.5 * (2.0 + far)) for far in (0.0, 0.3, 0.6))
     assert "in one direction" in refused(pointings(Person(), line))

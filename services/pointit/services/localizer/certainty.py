@@ -25,6 +25,9 @@ GROSS = 3.0
 STEEP = 0.2
 """Cosine of the elevation beyond which a ray's azimuth is not told from its direction."""
 
+NOTHING = 1e-3
+"""Information (1/m², 1/rad²) below which a direction is not told; rounding stays far below."""
+
 VAGUE = 1e6
 """Variance of what nothing tells: m², rad²."""
 
@@ -68,7 +71,7 @@ def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: D
     # what the descent did with an error of a ray, and how large such errors are
     sizes = np.hypot(*(angles / weights.sigma_rad))
     weighted = flat * (pull(sizes) / weights.sigma_rad**2).ravel()
-    answer = _inverse(weighted @ flat.T + np.diag(weights.prior))
+    answer, untold = _inverse(weighted @ flat.T + np.diag(weights.prior))
     told = max(float(worth.sum()) - 2.0, 0.0)  # two of the four that are sought are told by each angle
     squares = (worth * np.minimum(angles**2, (GROSS * doubt.sigma_rad[:, None]) ** 2)).sum(axis=1)
     variance = (BELIEF * doubt.sigma_rad**2 + squares) / (BELIEF + told)
@@ -83,13 +86,20 @@ def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: D
     moved = answer @ weighted @ np.concatenate([turned, lifted], axis=1).T
     moved[2] += (turned / np.maximum(cos_el, STEEP)).mean(axis=1)
     out = out + doubt.model_sigma_rad**2 * moved @ moved.T
+    out += VAGUE * untold @ untold.T
     out[[0, 1], [0, 1]] += doubt.body_sigma_m**2
     return np.asarray(0.5 * (out + out.T), dtype=np.float64)
 
 
-def _inverse(information: Array) -> Array:
-    """Return the inverse of a symmetric matrix, with variances of at most `VAGUE` where it tells nothing."""
+def _inverse(information: Array) -> tuple[Array, Array]:
+    """Return the inverse of a symmetric matrix along what it tells, and the directions that it does not tell.
+
+    Returns:
+        5 x 5, 0 along the others; 5 x j, of length 1.
+    """
     if not np.all(np.isfinite(information)):
-        return np.eye(PARAMETERS) * VAGUE
+        return np.zeros_like(information), np.eye(PARAMETERS)
     values, vectors = np.linalg.eigh(information)
-    return np.asarray((vectors / np.maximum(values, 1.0 / VAGUE)) @ vectors.T, dtype=np.float64)
+    told = values > NOTHING
+    known = vectors[:, told]
+    return np.asarray((known / values[told]) @ known.T, dtype=np.float64), vectors[:, ~told]

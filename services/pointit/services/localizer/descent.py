@@ -41,8 +41,8 @@ NEARLY = 3e-3
 """The same for rivals, of which only the cost is wanted."""
 
 _DAMPING = 1e-3
-_LEAST, _AGAIN = 1e-6, 1e-2
-"""Damping after many good steps, and at least after a bad one."""
+_LEAST, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
+"""Damping after many good steps, at least after a bad one, and when no step is of use any more."""
 _TINY = 1e-9
 _EYE = np.eye(PARAMETERS)
 
@@ -80,8 +80,9 @@ def starts(rays: Rays, weights: Weights) -> Array:
         [level * np.cos(rays.azimuths_rad), level * np.sin(rays.azimuths_rad), np.sin(elevations)], axis=1
     )
     across = np.eye(3)[None, :, :, None] - directions[:, :, None] * directions[:, None, :]  # b x 3 x 3 x n
-    # counted from a ray, so that an IMU with another yaw origin takes the very same ways
-    yaws = np.arange(STARTS) * (math.tau / STARTS) - rays.azimuths_rad[0]
+    # counted from the ray that has an azimuth most of all: an IMU turned otherwise takes the very same ways
+    first = float(rays.azimuths_rad[np.argmax(rays.tilt.real)])
+    yaws = np.arange(STARTS) * (math.tau / STARTS) - first
     turned = np.exp(-1j * yaws)[:, None] * rays.targets
     seen = np.empty((STARTS, 3, len(rays.heights)))
     seen[:, 0], seen[:, 1] = turned.real - rays.origins_m[:, 0], turned.imag - rays.origins_m[:, 1]
@@ -134,8 +135,9 @@ def descend(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERAT
             costs = np.where(better, new_costs, costs)
             slopes = np.where(better[:, None], new_slopes, slopes)
             hessians = np.where(better[:, None, None], new_hessians, hessians)
+        # a step that was of no use is no arrival, however small; where none is of use, damping ends it
+        sizes = np.where(better | (damping > _STUCK), np.abs(steps).max(axis=1), np.inf)
         damping = np.where(better, np.maximum(damping * 0.1, _LEAST), np.maximum(damping * 10.0, _AGAIN))
-        sizes = np.abs(steps).max(axis=1)
         if number >= SETTLED and sizes[np.argmin(costs)] < CONVERGED and sizes.max() < NEARLY:
             break
     order = _apart(poses, costs)

@@ -4,6 +4,7 @@ Everything is batched over poses (k) and samples (n): the solver tries several p
 plane is the complex one, where turning is one product.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +17,9 @@ Complex = NDArray[np.complex128]
 PARAMETERS = 5
 """x (m), y (m) and yaw (rad) of {H} in {W}; elevation bias (rad) of the person's rays; z (m) of {H} over the
 floor, or how much higher the eyes are than the body measures say."""
+
+PLUMB_RAD = 0.5 * math.pi - 1e-6
+"""A ray steeper than this has no azimuth."""
 
 _TINY = 1e-9
 
@@ -35,12 +39,11 @@ class Rays:
     def of(cls, origins_m: Array, directions: Array, targets_m: Array) -> "Rays":
         """Return the rays with `directions` (n x 3) of any length."""
         level = np.hypot(directions[:, 0], directions[:, 1])
-        return cls(
-            origins_m,
-            np.arctan2(directions[:, 1], directions[:, 0]),
-            np.arctan2(directions[:, 2], level),
-            targets_m,
-        )
+        azimuths = np.arctan2(directions[:, 1], directions[:, 0])
+        elevations = np.arctan2(directions[:, 2], level)
+        # straight up or down only rounding tells an azimuth: any will do, but one that turns with the others
+        azimuths[np.abs(elevations) > PLUMB_RAD] = azimuths[np.argmin(np.abs(elevations))]
+        return cls(origins_m, azimuths, elevations, targets_m)
 
     @cached_property
     def back(self) -> Complex:

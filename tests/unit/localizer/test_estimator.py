@@ -141,7 +141,7 @@ def test_no_reflected_pose_with_three_targets(seed: int) -> None:
 
 
 def test_the_stated_uncertainty_is_honest() -> None:
-    """Errors as large as is believed, constant while a lamp is lit: the covariance must be that of them."""
+    """Errors constant while a lamp is lit, of people who scatter more or less about what is believed."""
     generator = np.random.default_rng(7)
     distances: list[float] = []
     turned: list[float] = []
@@ -151,7 +151,8 @@ def test_the_stated_uncertainty_is_honest() -> None:
         person = Person(float(x), float(y), float(trial))
         gathered = pointings(person, CORNERS, each=48, rate_hz=24.0)
         rays = Rays.of(gathered.origins_m, gathered.directions, gathered.targets_m)
-        sigmas = (trust.act_sigma_rad, trust.elevation_sigma_rad)
+        sigmas = np.array([trust.act_sigma_rad, trust.elevation_sigma_rad])
+        sigmas *= math.sqrt(4.0 / generator.chisquare(4.0))
         off = np.repeat(generator.normal(0.0, sigmas, (4, 2)), 48, axis=0)
         azimuths, elevations = rays.azimuths_rad + off[:, 0], rays.elevations_rad + off[:, 1]
         level = np.cos(elevations)
@@ -160,9 +161,9 @@ def test_the_stated_uncertainty_is_honest() -> None:
         error = np.array([solution.x_m - person.x, solution.y_m - person.y])
         distances.append(float(error @ np.linalg.solve(solution.covariance[:2, :2], error)) / 2.0)
         turned.append(abs(yaw_difference(solution.yaw_rad, person.yaw_rad)) / solution.yaw_sigma_rad)
-    assert 0.75 < math.sqrt(float(np.mean(distances))) < 1.3  # 1: exactly right
-    assert 0.8 < float(np.mean(np.array(distances) < 2.0)) < 0.97  # within 2 sigma: 0.86
-    assert 0.9 < float(np.mean(np.array(turned) < 2.0)) < 0.995  # within 2 sigma: 0.95
+    assert 0.6 < math.sqrt(float(np.median(distances)) / math.log(2.0)) < 1.2
+    assert 0.85 < float(np.mean(np.array(distances) < 2.0)) < 0.97
+    assert 0.9 < float(np.mean(np.array(turned) < 2.0)) < 0.995
 
 
 def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> None:
@@ -174,7 +175,7 @@ def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> No
     again = solved(pointings(person, CORNERS * 4, each=50, rate_hz=25.0), trust)
     assert denser.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert longer.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
-    assert again.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad / 2.0, rel=0.25)
+    assert again.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad / 2.3, rel=0.25)
     path = [
         (2.5 * math.cos(a), 2.5 * math.sin(a), 0.5 + 0.3 * math.sin(3.0 * a)) for a in np.arange(100) / 16
     ]

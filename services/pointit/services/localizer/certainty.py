@@ -74,7 +74,8 @@ def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: D
     answer, untold = _inverse(weighted @ flat.T + np.diag(weights.prior))
     told = max(float(worth.sum()) - 2.0, 0.0)  # two of the four that are sought are told by each angle
     squares = (worth * np.minimum(angles**2, (GROSS * doubt.sigma_rad[:, None]) ** 2)).sum(axis=1)
-    variance = (BELIEF * doubt.sigma_rad**2 + squares) / (BELIEF + told)
+    freedom = BELIEF + told - 2.0  # the scatter itself is only estimated: Student's variance, not Gauss's
+    variance = (BELIEF * doubt.sigma_rad**2 + squares) / freedom
     variance = np.maximum(variance, (LEAST * doubt.sigma_rad) ** 2)
     scattered = (weighted * (variance[:, None] / worth).ravel()) @ weighted.T
     out = answer @ (scattered + np.diag(weights.prior)) @ answer

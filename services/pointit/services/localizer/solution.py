@@ -37,8 +37,8 @@ class Trust:
     """The same of pointing at what stood still."""
     bias_sigma_limit: float = 2.5
     """Sigmas of the elevation bias beyond which it is no way of pointing, but of doing something else."""
-    max_position_sigma_m: float = 0.7
-    max_yaw_sigma_rad: float = math.radians(12.0)
+    max_position_sigma_m: float = 0.8
+    max_yaw_sigma_rad: float = math.radians(14.0)
 
     def weights(self) -> Weights:
         """Return what the descent needs of it."""

@@ -8,34 +8,42 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from pointit.cli.evaluation_table import print_rows
-from pointit.cli.output import console, to_json
+from pointit.cli.evaluation_progress import progress
+from pointit.cli.evaluation_table import evaluation_console, print_rows
+from pointit.cli.output import to_json
 from pointit.evaluation.data_folder import VARIABLE, recordings_folder
 from pointit.evaluation.row import ALL, Row, document
 from pointit.runtime.errors import ConfigError
 
+OURS = "pointit"
+
 MOST_JOBS = 8
 """More processes take memory and bring little."""
 
-ABOUT_LOCALIZATION = (
-    "`m`: error of the poses that were stated; n counts refused trials too, and `all m` is the error with "
-    "the best pose of these. `unsure`: poses with a larger stated sigma than the localizer takes; it asks "
-    "for another target then. `2 sigma`: share of errors within twice the stated sigma. `misled`: share of "
-    "poses off by more than 1 m with a stated sigma below 0.5 m. `linear`: median error of an unbiased, "
-    "linear estimate from the subject's own scatter with 2 independent pointings a second; who knows more of "
-    "people beforehand, or whose errors are more alike, can do better. `ms`: processor time of a solve. "
-    "Baselines solve at most {trials} trials of a set and condition, evenly taken. In vr_arm_pointing each "
-    "trial has a random map origin and yaw origin; the true yaw is, as in the other sets, the arm's mean one."
+BASELINES_REMARK = "Baselines solve at most {trials} trials of a set and condition, evenly taken."
+ACTS_REMARK = (
+    "In vr_arm_pointing each trial has a random map origin and yaw origin; the true yaw is, as in the other "
+    "sets, the arm's mean one."
 )
+UNCORRECTED_REMARK = "`none`, `raw`: not corrected."
+BOUND_REMARK = "`bound`: as well as these recordings allow."
 
 
-ABOUT_POINTING = (
-    "Spreads are of the errors' sizes: median, p90, rms. `none`, `raw`: not corrected; `bound`: as well as "
-    "these recordings allow. `2 sigma`: share of errors within twice the stated sigma."
-)
+def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str]:
+    """Return what must be known of `rows` beside what their columns are."""
+    remarks: list[str] = []
+    if any(row.solver != OURS for row in rows):
+        remarks.append(BASELINES_REMARK.format(trials=baseline_trials))
+    if any(row.set == "vr_arm_pointing" for row in rows):
+        remarks.append(ACTS_REMARK)
+    return remarks
+
+
+def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
+    solvers = {row.solver for row in rows}
+    remarks = [UNCORRECTED_REMARK] if solvers & {"none", "raw"} else []
+    return [*remarks, BOUND_REMARK] if "bound" in solvers else remarks
 
 
 def _options(command: Callable[..., None]) -> Callable[..., None]:
@@ -117,15 +125,15 @@ def localization(
         reading = read_trials(recordings_folder(data), sets, subjects)
         for note in reading.notes:
             click.echo(f"note: {note}", err=True)
-        with _progress() as progress:
-            task = progress.add_task("localizations", total=len(reading.trials))
+        total = len(reading.trials)
+        with progress(total) as tell_progress:
             rows = localization_rows(
                 reading.trials,
                 baselines=baselines,
                 jobs=jobs if jobs is not None else min(MOST_JOBS, len(os.sched_getaffinity(0))),
-                tick=lambda done, _: progress.update(task, completed=done),
+                tick=lambda done, _: tell_progress("localizations", done),
             )
-        tell(rows, json_file, ABOUT_LOCALIZATION.format(trials=BASELINE_TRIALS), brief=brief)
+        tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
 
 
 @command.command("pointing")
@@ -155,12 +163,9 @@ def pointing(
         for name in sets or RECORDED:
             if name in RECORDED and not (recordings / name).is_dir():
                 click.echo(f"note: {recordings / name} is skipped: there is no such folder", err=True)
-        with _progress() as progress:
-            task = progress.add_task("reading", total=None)
-            rows = pointing_rows(
-                recordings, sets, subjects, tick=lambda what: progress.update(task, description=what)
-            )
-        tell(rows, json_file, ABOUT_POINTING, brief=brief)
+        with progress() as tell_progress:
+            rows = pointing_rows(recordings, sets, subjects, tick=tell_progress)
+        tell(rows, json_file, _pointing_remarks(rows), brief=brief)
 
 
 def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
@@ -189,15 +194,14 @@ def check_writable(json_file: Path | None) -> None:
         raise ConfigError(f"--json {json_file}: cannot be written; give a file in a folder that is yours")
 
 
-def tell(rows: Sequence[Row], json_file: Path | None, about: str, *, brief: bool) -> None:
+def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
     """Print `rows` as tables and write them where asked."""
     text = to_json(document(rows), indent=2)
     if json_file is not None and str(json_file) == "-":
         click.echo(text)
         return
-    screen = console()
-    print_rows(screen, [row for row in rows if row.subject == ALL] if brief else rows)
-    click.echo(about)
+    shown = [row for row in rows if row.subject == ALL] if brief else rows
+    print_rows(evaluation_console(), shown, remarks)
     if json_file is not None:
         try:
             json_file.write_text(text + "\n", encoding="utf-8")
@@ -215,16 +219,3 @@ def interruptible() -> Generator[None]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
-
-
-def _progress() -> Progress:
-    screen = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=screen,
-        transient=True,
-        disable=not screen.is_terminal,
-    )

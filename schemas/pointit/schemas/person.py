@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Extent, Fraction, Message, Ns, Part, QuaternionXyzw, Real, Rgb, Vec3
+from pointit.schemas.base import Count, Extent, Fraction, Message, Ns, Part, QuaternionXyzw, Real, Rgb, Vec3
 
 
 class ImuSample(Message):
@@ -14,11 +14,20 @@ class ImuSample(Message):
     already taken out by whoever publishes.
     """
 
+    version: ClassVar[int] = 2
+
     orientation_xyzw: QuaternionXyzw
     angular_velocity_radps: Annotated[Vec3 | None, Field(description="in the arm frame, rad/s")] = None
     acceleration_mps2: Annotated[Vec3 | None, Field(description="in the arm frame, m/s²")] = None
     device_time_ns: Annotated[Ns | None, Field(description="the device's own clock, ns")] = None
     battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
+    yaw_epoch: Annotated[
+        Count,
+        Field(
+            description="counts how often the yaw origin was set anew, by a request, a new mounting or a "
+            "restarted device"
+        ),
+    ] = 0
 
 
 class ButtonEvent(Message):

@@ -25,7 +25,14 @@ class Press:
     gesture: Literal["press", "double", "hold"] = "press"
 
 
-Deliver = Callable[[Reading | Press], None]
+@dataclass(frozen=True, slots=True)
+class Reconnected:
+    """The device is there, perhaps again: it may have been restarted, or be another one."""
+
+
+Item = Reading | Press | Reconnected
+
+Deliver = Callable[[Item], None]
 """Takes what came, in the loop."""
 
 

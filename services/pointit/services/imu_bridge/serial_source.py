@@ -10,7 +10,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.health import Warnings
 from pointit.runtime.serial_port import PortSettings, SerialThread
 from pointit.services.imu_bridge.config import SerialConfig
-from pointit.services.imu_bridge.reading import Deliver, Press, Reading
+from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected
 from pointit.services.imu_bridge.text_line import ButtonLine, LineError, LineParser, LineSplitter
 
 CAPACITY = 1024
@@ -34,7 +34,7 @@ class SerialSource:
         self._thread = SerialThread(
             PortSettings(port=config.port, baud=config.baud), self._read, self._on_change
         )
-        self._ready: collections.deque[Reading | Press] = collections.deque(maxlen=CAPACITY)
+        self._ready: collections.deque[Item] = collections.deque(maxlen=CAPACITY)
         self._awake = False
         self._bad_s: float | None = None
         self._bad_reason = ""
@@ -56,6 +56,7 @@ class SerialSource:
 
     def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
         """Read until asked to stop; in the port's thread."""
+        self._hand_over(Reconnected())
         splitter = LineSplitter()
         watch = _SilenceWatch(self._config)
         while not stopping.is_set():
@@ -84,13 +85,17 @@ class SerialSource:
         if parsed is None:
             return False
         if isinstance(parsed, ButtonLine):
-            self._ready.append(Press(stamp_ns, parsed.gesture))
+            self._hand_over(Press(stamp_ns, parsed.gesture))
         else:
-            self._ready.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+            self._hand_over(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+        return True
+
+    def _hand_over(self, item: Item) -> None:
+        """Have the loop deliver `item`; in the port's thread."""
+        self._ready.append(item)
         if not self._awake:
             self._awake = True
             self._thread.post(self._drain)
-        return True
 
     def _drain(self) -> None:
         self._awake = False  # first: what is appended from here on wakes the loop again

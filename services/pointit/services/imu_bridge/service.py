@@ -20,10 +20,11 @@ from pointit.schemas.topics import BUTTON, IMU, SET_MOUNTING, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings, Wearing
-from pointit.services.imu_bridge.reading import Press, Reading, Source
+from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
 from pointit.services.imu_bridge.simulated import SimulatedSource
+from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 from pointit.sim.recordings import read_imu_csv
 
 
@@ -47,6 +48,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._wearing = Wearing(config, self._read_state())
         self._tell("mounting", self._wearing.warning)
         self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
+        self._epoch = YawEpoch()
         self._newest: Reading | None = None
         self._sample_count = 0
         self._button_count = 0
@@ -75,7 +77,10 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return ReplaySource(config.replay, self.clock)
         return SimulatedSource(config.simulated, config.configured_mounting, self.clock)
 
-    def _deliver(self, item: Reading | Press) -> None:
+    def _deliver(self, item: Item) -> None:
+        if isinstance(item, Reconnected):
+            self._epoch.reconnected()
+            return
         if isinstance(item, Press):
             self._button_count += 1
             self._buttons.put(
@@ -84,12 +89,14 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return
         self._newest = item
         self._sample_count += 1
+        device_time_ns = self._epoch.read(item.device_time_ns)
         self._samples.put(
             ImuSample(
                 stamp_ns=item.stamp_ns,
                 seq=self._sample_count,
                 orientation_xyzw=self._frame.orientation(item.world_from_sensor),
-                device_time_ns=item.device_time_ns,
+                device_time_ns=device_time_ns,
+                yaw_epoch=self._epoch.count,
             )
         )
 
@@ -100,12 +107,16 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._frame.turn_to(query.yaw_rad, self._newest.world_from_sensor)
         except ValueError as error:
             raise RefusedError(str(error)) from error
+        self._epoch.set_anew()
         return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
 
     async def _set_mounting(self, query: SetMounting, _user: str) -> SetMountingReply:
         async with self._setting:  # what is kept is what was set last
+            before = self._wearing.sensor_from_arm
             kept = self._wearing.set(query, self.clock.now_ns())
             self._frame.set_mounting(self._wearing.sensor_from_arm)
+            if self._wearing.sensor_from_arm != before:
+                self._epoch.set_anew()
             self._tell("mounting", self._wearing.warning)
             trouble = "" if kept is None else await self._keep(kept)
         message = self._wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")

@@ -2,7 +2,8 @@
 
 import csv
 import math
-from collections.abc import Sequence
+import stat
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,12 +20,23 @@ MAX_BYTES = 64_000_000
 FARTHEST = 1e9
 """No value of a recording is beyond, in SI units."""
 
+MOST_COLUMNS = 1000
+"""A header with more is no recording's."""
+
+MOST_CHARACTERS = 255
+"""Of a name or another text."""
+
+RESERVED = "all"
+"""Rows of a result over all subjects are called so, hence nobody else."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
     """The columns that were asked for."""
 
     path: Path
+    lines: list[int]
+    """n: where in the file each row is."""
     numbers: dict[str, Array]
     """n each; NaN where the cell is empty and may be."""
     texts: dict[str, list[str]]
@@ -32,12 +44,102 @@ class Table:
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        numbers, texts = map(len, self.numbers.values()), map(len, self.texts.values())
-        return max((*numbers, *texts), default=0)
+        return len(self.lines)
 
     def vectors(self, *names: str) -> Array:
         """Return the columns `names` side by side, n x k."""
         return np.stack([self.numbers[name] for name in names], axis=1)
+
+    def only(self, rows: Sequence[int]) -> "Table":
+        """Return the table of these `rows`."""
+        return Table(
+            path=self.path,
+            lines=[self.lines[row] for row in rows],
+            numbers={name: values[rows] for name, values in self.numbers.items()},
+            texts={name: [values[row] for row in rows] for name, values in self.texts.items()},
+        )
+
+    def rows_by(self, *names: str) -> dict[tuple[str, ...], list[int]]:
+        """Return the rows that have the same texts in the columns `names`, in the order of the file."""
+        groups: dict[tuple[str, ...], list[int]] = {}
+        for row, key in enumerate(zip(*(self.texts[name] for name in names), strict=True)):
+            groups.setdefault(key, []).append(row)
+        return groups
+
+    def refuse(self, row: int, what: str) -> ConfigError:
+        """Return the error that says what is wrong with `row`; `what` names column, value and what to do."""
+        return ConfigError(f"{self.path}, line {self.lines[row]}, {what}")
+
+
+def is_file(path: Path) -> bool:
+    """Return whether there is a file at `path`.
+
+    Raises:
+        ConfigError: it cannot be told, or something else is there, as a folder or a pipe.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        what = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(
+            f"{shown_path(path)}: cannot be looked at ({what}); give it another name"
+        ) from error
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no file but a device or a pipe"
+        raise ConfigError(f"{path}: a file was expected, and this is {kind}; put the recording there")
+    return True
+
+
+def check_file(path: Path, most_bytes: int = MAX_BYTES) -> None:
+    """Refuse what cannot be read as a whole.
+
+    Raises:
+        ConfigError: there is no file at `path`, or it is too long.
+    """
+    if not is_file(path):
+        raise ConfigError(f"{path}: cannot be read (there is no such file)")
+    size = path.stat().st_size
+    if size > most_bytes:
+        raise ConfigError(
+            f"{path}: has {size / 1e6:.0f} MB and at most {most_bytes / 1e6:.0f} MB are read; "
+            "cut it into pieces"
+        )
+
+
+def shown_path(path: Path) -> str:
+    """Return `path` for a sentence: of a name that is too long, the beginning."""
+    text = str(path)
+    return text if len(text) <= 2 * MOST_CHARACTERS else f"{text[:MOST_CHARACTERS]}..."
+
+
+def shown(value: object) -> str:
+    """Return `value` for a sentence, at most some sixty characters of it."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write out thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}... ({len(text)} characters)"
+
+
+def check_text(where: str, name: str) -> str:
+    """Return `name`, which is printed, and told from others by.
+
+    Args:
+        where: file, and line or key, for the sentence; where it ends in 'subject', the name is a subject's.
+        name: to be refused or not.
+
+    Raises:
+        ConfigError: it is empty, too long, does not print, or is a subject with the name of all together.
+    """
+    if not name or len(name) > MOST_CHARACTERS or not name.isprintable():
+        raise ConfigError(
+            f"{where}: a text of 1 to {MOST_CHARACTERS} printable characters was expected, got {shown(name)}"
+        )
+    if name == RESERVED and where.endswith("'subject'"):
+        raise ConfigError(f"{where}: {name!r} is the name of all together; give this one another")
+    return name
 
 
 def read_table(
@@ -48,60 +150,87 @@ def read_table(
     Args:
         path: has a header.
         numbers: columns of finite numbers.
-        texts: columns taken as they are.
+        texts: columns of texts that print.
         gaps: those of `numbers` whose cells may be empty.
 
     Raises:
         ConfigError: names file, line, column and value: it cannot be read, is too long, has no rows, a column
-            is missing, a cell is no number within bounds.
+            is missing, a row has other cells than the header, a cell is no number within bounds or no text.
     """
+    check_file(path)
     try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ConfigError(
-                f"{path}: has {size / 1e6:.0f} MB and at most {MAX_BYTES / 1e6:.0f} MB are read; "
-                "cut it into pieces"
-            )
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file))
+            reader = csv.reader(file)
+            header = [name.strip() for name in next(reader, ())]
+            wanted = _columns(path, header, (*numbers, *texts))
+            lines, cells = _rows(path, header, wanted, ((reader.line_num, row) for row in reader))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
-    header = [name.strip() for name in rows[0]] if rows else []
-    for name in (*numbers, *texts):
-        if header.count(name) != 1:
-            found = ", ".join(header) or "nothing"
-            raise ConfigError(f"{path}, line 1: one column {name!r} was expected, found {found}")
-    body = [(line, row) for line, row in enumerate(rows[1:], start=2) if row]
-    if not body:
-        raise ConfigError(f"{path}, line {max(1, len(rows))}: there is a header but no rows")
-    return Table(
+    if not lines:
+        raise ConfigError(f"{path}, line {max(1, reader.line_num)}: there is a header but no rows")
+    table = Table(
         path=path,
-        numbers={
-            name: _numbers(path, name, header.index(name), body, may_be_empty=name in gaps)
-            for name in numbers
-        },
-        texts={
-            name: [row[index].strip() if index < len(row) else "" for _, row in body]
-            for name, index in ((name, header.index(name)) for name in texts)
-        },
+        lines=lines,
+        numbers={name: np.empty(0) for name in numbers},
+        texts={name: cells[name] for name in texts},
     )
+    for name in numbers:
+        table.numbers[name] = _numbers(table, name, cells[name], may_be_empty=name in gaps)
+    for name, values in table.texts.items():
+        for text in dict.fromkeys(values):
+            check_text(f"{path}, line {lines[values.index(text)]}, column {name!r}", text)
+    return table
 
 
-def _numbers(
-    path: Path, name: str, index: int, body: Sequence[tuple[int, list[str]]], *, may_be_empty: bool
-) -> Array:
-    values = np.empty(len(body))
-    for i, (line, row) in enumerate(body):
-        text = row[index].strip() if index < len(row) else ""
+def _columns(path: Path, header: Sequence[str], names: Sequence[str]) -> dict[str, int]:
+    """Return where the columns `names` are."""
+    if len(header) > MOST_COLUMNS:
+        raise ConfigError(
+            f"{path}, line 1: has {len(header)} columns, and at most {MOST_COLUMNS} were expected; "
+            "is it a table with a header?"
+        )
+    for name in names:
+        if header.count(name) != 1:
+            found = ", ".join(shown(each) for each in header[:40]) or "nothing"
+            raise ConfigError(f"{path}, line 1: one column {name!r} was expected, found {found}")
+    return {name: header.index(name) for name in names}
+
+
+def _rows(
+    path: Path, header: Sequence[str], wanted: dict[str, int], rows: Iterator[tuple[int, list[str]]]
+) -> tuple[list[int], dict[str, list[str]]]:
+    """Return line numbers and cells of the columns `wanted`; empty lines are passed over."""
+    lines: list[int] = []
+    cells: dict[str, list[str]] = {name: [] for name in wanted}
+    for line, row in rows:
+        if not row:
+            continue
+        if len(row) < len(header) or any(cell.strip() for cell in row[len(header) :]):
+            raise ConfigError(
+                f"{path}, line {line}: {len(header)} cells were expected, as in the header, got {len(row)}; "
+                "is the line cut off, or are there decimal commas?"
+            )
+        lines.append(line)
+        for name, index in wanted.items():
+            cells[name].append(row[index].strip())
+    return lines, cells
+
+
+def _numbers(table: Table, name: str, cells: Sequence[str], *, may_be_empty: bool) -> Array:
+    values = np.empty(len(cells))
+    for row, text in enumerate(cells):
         if may_be_empty and not text:
-            values[i] = math.nan
+            values[row] = math.nan
             continue
         try:
-            values[i] = float(text)
+            values[row] = math.inf if "_" in text else float(text)  # Python's 1_5 is nobody's 15
         except ValueError:
-            values[i] = math.inf
-        if not abs(values[i]) <= FARTHEST:
-            raise ConfigError(f"{path}, line {line}, column {name!r}: a number was expected, got {text!r}")
+            values[row] = math.inf
+        if not abs(values[row]) <= FARTHEST:
+            raise table.refuse(
+                row,
+                f"column {name!r}: a number was expected, within {FARTHEST:g} either way, got {shown(text)}",
+            )
     return values

@@ -1,5 +1,6 @@
 """One localization to try: what a person pointed, at what, and where they really stood."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,13 +56,19 @@ class Following:
     yaw_rad: float | None
 
     def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[Trial]:
-        """Yield windows of each length, one every `STRIDE_S`; the truth is where the head was on average."""
+        """Yield windows of each length, one every `STRIDE_S`; the truth is where the head was on average.
+
+        Windows with less than two samples, as in a gap, are stepped over, however long the gap is.
+        """
         stamps_s = self.pointings.stamps_s
         for length_s in windows_s:
             last_s = float(stamps_s[-1]) - length_s + SLACK_S
-            for start_s in np.arange(0.0, max(0.0, last_s + 1e-9), STRIDE_S):
-                part = slice(*np.searchsorted(stamps_s, (start_s, start_s + length_s)))
-                if part.stop - part.start < 2:  # a gap
+            starts_s = _starts(stamps_s, length_s)
+            starts_s = starts_s[starts_s < last_s + 1e-9]
+            begins, ends = np.searchsorted(stamps_s, (starts_s, starts_s + length_s))
+            for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+                part = slice(begin, end)
+                if end - begin < 2:
                     continue
                 head = self.heads_m[part].mean(axis=0)
                 yield Trial(
@@ -81,6 +88,14 @@ class Following:
                 )
 
 
+def _starts(stamps_s: Array, length_s: float) -> Array:
+    """Return the multiples of `STRIDE_S` at which a window of `length_s` can begin that holds a sample."""
+    last = np.unique(np.floor(stamps_s / STRIDE_S))
+    back = np.arange(math.ceil(length_s / STRIDE_S) + 1)
+    starts = np.unique(last[:, None] - back) * STRIDE_S
+    return np.asarray(starts[starts >= 0.0], dtype=np.float64)
+
+
 @dataclass
 class Reading:
     """What was found in the recordings."""
@@ -92,3 +107,15 @@ class Reading:
     def skip(self, path: Path, why: str) -> None:
         """Note that `path` was passed over."""
         self.notes.append(f"{path} is skipped: {why}")
+
+    def follow(self, path: Path, following: Following) -> None:
+        """Add the trials of `following`, read from `path`; note where there are none."""
+        before = len(self.trials)
+        self.trials.extend(following.trials())
+        if len(self.trials) == before:
+            length_s = float(following.pointings.stamps_s[-1])
+            self.skip(
+                path,
+                f"its {len(following.pointings)} different samples within {length_s:g} s fill no window of "
+                f"{min(WINDOWS_S)} s",
+            )

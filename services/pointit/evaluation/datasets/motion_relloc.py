@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from pointit.evaluation.arm_rays import OPERATOR, eye_finger_rays, eye_height_m
-from pointit.evaluation.data_folder import read_index, text_of, yaw_of
+from pointit.evaluation.data_folder import file_of, read_index, text_of, yaw_of
+from pointit.evaluation.datasets.plausible import check_reach, check_times
 from pointit.evaluation.trial import Following, Reading
 from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
@@ -26,18 +27,22 @@ def read(folder: Path, reading: Reading) -> None:
     """
     for entry in read_index(folder):
         if entry.get("kind") == KIND:
-            path = folder / text_of(folder, entry, "file")
-            _add(path, text_of(folder, entry, "subject"), yaw_of(folder, entry), reading)
+            path = file_of(folder, entry)
+            if path is None:
+                reading.skip(
+                    folder / text_of(folder, entry, "file"), "the index lists it, but it is not there"
+                )
+            else:
+                _add(path, text_of(folder, entry, "subject"), yaw_of(folder, entry), reading)
 
 
 def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> None:
-    if not path.exists():
-        reading.skip(path, "the index lists it, but it is not there")
-        return
     recorded = read_imu_csv(path)
     if recorded.robot_m is None or recorded.head_m is None:
         reading.skip(path, "it does not say where robot and head were")
         return
+    check_times(path, recorded.t_s)
+    check_reach(path, recorded.robot_m, recorded.head_m, "robot ('robot_x', …) and head ('head_x', …)")
     arm = ArmFrame(MOUNTINGS[MOUNTING])
     # the radio came at 50 Hz with gaps and was resampled to 30 Hz: what is repeated is old
     fresh = np.append(True, np.any(np.diff(recorded.orientation_xyzw, axis=0) != 0.0, axis=1))
@@ -51,4 +56,4 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> N
         eye_height_m=eye_height_m(OPERATOR),
         yaw_rad=yaw_rad,
     )
-    reading.trials.extend(following.trials())
+    reading.follow(path, following)

@@ -9,7 +9,8 @@ from typing import Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.evaluation.table_file import Table, read_table
+from pointit.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
+from pointit.evaluation.table_file import Table, check_text, read_table, shown
 from pointit.runtime.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -22,6 +23,16 @@ Phase = Literal["open_loop_reach", "open_loop_hold", "feedback_reach", "feedback
 """In this order; the spot is seen in the last two only."""
 
 PHASES: tuple[Phase, ...] = get_args(Phase)
+
+
+NEAREST_M = 0.1
+"""A target at the feet is in no direction."""
+
+MOST_RUNS = 6
+"""Of one person; their orders are 720."""
+
+_SAME = ("target_x", "target_y", "trial_len_samples")
+"""What each row says of its trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,53 +68,129 @@ def read_floor_trials(folder: Path) -> list[FloorTrial]:
     paths = sorted(folder.glob(f"{PREFIX}*.csv"))
     if not paths:
         raise ConfigError(f"{folder}: has no files {PREFIX}*.csv")
-    return [trial for path in paths for trial in _trials(path)]
+    trials: list[FloorTrial] = []
+    for path in paths:
+        mine = list(_trials(path))
+        runs, seen = 1, set[str]()
+        for trial in mine:
+            if trial.target_id in seen:
+                runs += 1
+                seen.clear()
+            seen.add(trial.target_id)
+        if runs > MOST_RUNS:
+            raise ConfigError(
+                f"{path}, column 'target_id': the targets begin anew {runs - 1} times, and at most "
+                f"{MOST_RUNS} runs are read, which are chained in every order; cut the file into people"
+            )
+        trials += mine
+    return trials
 
 
 def _trials(path: Path) -> Iterator[FloorTrial]:
+    subject = check_text(f"{path}, name of the 'subject'", path.stem.removeprefix(PREFIX))
     table = read_table(
         path,
-        numbers=("trial", "target_x", "target_y", "t", "x", "y", "trial_len_samples"),
+        numbers=("trial", *_SAME, "t", "x", "y"),
         texts=("target_id", "phase"),
     )
+    points_m = table.vectors("x", "y")
+    check_floor(path, points_m, "columns 'x', 'y'")
     numbers = table.numbers["trial"]
     edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
+    seen: set[int] = set()
     start_s = 0.0
     for first, end in pairwise(edges):
-        length_s = float(table.numbers["trial_len_samples"][first]) / SAMPLE_HZ
-        if length_s <= 0.0:
-            raise ConfigError(f"{path}, line {first + 2}, column 'trial_len_samples': must be above 0")
+        number = int(numbers[first])
+        if number != numbers[first] or number in seen:
+            raise table.refuse(
+                first,
+                f"column 'trial': {numbers[first]:g} is no whole number, or its rows are in several places; "
+                "number the trials, and keep the rows of each together",
+            )
+        seen.add(number)
+        length_s = _length_s(table, first, end)
+        phases, recorded_s = _phases(table, points_m, range(first, end), start_s)
+        if recorded_s > length_s + 1.0:
+            raise table.refuse(
+                first,
+                f"column 'trial_len_samples': {length_s * SAMPLE_HZ:g} samples last {length_s:g} s, but the "
+                f"phases of the trial last {recorded_s:g} s by column 't'; is it in seconds?",
+            )
         yield FloorTrial(
-            subject=path.stem.removeprefix(PREFIX),
-            number=int(numbers[first]),
+            subject=subject,
+            number=number,
             target_id=table.texts["target_id"][first],
             target_m=(float(table.numbers["target_x"][first]), float(table.numbers["target_y"][first])),
             start_s=start_s,
-            phases=_phases(table, first, end, start_s),
+            phases=phases,
         )
         start_s += length_s
 
 
-def _phases(table: Table, first: int, end: int, start_s: float) -> dict[Phase, Stretch]:
-    """Return the phases of rows `first` to `end`, one after the other."""
-    names = table.texts["phase"][first:end]
-    strange = next((i for i, name in enumerate(names) if name not in PHASES), None)
-    if strange is not None:
-        raise ConfigError(
-            f"{table.path}, line {first + strange + 2}, column 'phase': one of {', '.join(PHASES)} was "
-            f"expected, got {names[strange]!r}"
+def _length_s(table: Table, first: int, end: int) -> float:
+    """Return how long the trial of rows `first` to `end` was, which all say the same of it."""
+    for name, values in (*((name, table.numbers[name]) for name in _SAME), ("target_id", None)):
+        row = np.array(table.texts[name][first:end]) if values is None else values[first:end]
+        others = np.flatnonzero(row != row[0])
+        if len(others):
+            raise table.refuse(
+                first + int(others[0]),
+                f"column {name!r}: {row[others[0]]} was expected to be {row[0]}, as in the other rows of the "
+                "trial",
+            )
+    target_m = np.hypot(table.numbers["target_x"][first], table.numbers["target_y"][first])
+    if not NEAREST_M <= target_m <= FARTHEST_M:
+        raise table.refuse(
+            first,
+            f"columns 'target_x', 'target_y': the target is {target_m:g} m from the feet, and {NEAREST_M:g} "
+            f"to {FARTHEST_M:g} m were expected; is it in metres?",
         )
+    samples = float(table.numbers["trial_len_samples"][first])
+    if not 0.0 < samples <= LONGEST_S * SAMPLE_HZ:
+        raise table.refuse(
+            first,
+            f"column 'trial_len_samples': must be above 0 and at most {LONGEST_S * SAMPLE_HZ:g}, a day, got "
+            f"{samples:g}",
+        )
+    return samples / SAMPLE_HZ
+
+
+def _phases(
+    table: Table, points_m: Array, trial: range, start_s: float
+) -> tuple[dict[Phase, Stretch], float]:
+    """Return the phases of the rows of a `trial`, one after the other, and how long they lasted."""
+    first = trial.start
+    names = table.texts["phase"][first : trial.stop]
+    last = 0
+    for i, name in enumerate(names):
+        if name not in PHASES:
+            raise table.refuse(
+                first + i,
+                f"column 'phase': one of {', '.join(PHASES)} was expected, got {shown(name)}",
+            )
+        rank = PHASES.index(name)
+        if rank < last:
+            raise table.refuse(
+                first + i,
+                f"column 'phase': {name} comes after {PHASES[last]}; keep the order {', '.join(PHASES)}",
+            )
+        last = rank
     out: dict[Phase, Stretch] = {}
     begins_s = start_s
     for phase in dict.fromkeys(names):
         rows = first + np.flatnonzero(np.array(names) == phase)
         times = table.numbers["t"][rows]
-        if len(times) > 1 and not np.all(np.diff(times) > 0.0):
-            raise ConfigError(
-                f"{table.path}, trial {table.numbers['trial'][first]:.0f}, {phase}: column 't' must increase"
+        back = np.flatnonzero(np.diff(times) <= 0.0)
+        if len(back):
+            raise table.refuse(
+                int(rows[back[0] + 1]),
+                f"column 't' must increase within {phase} of trial {table.numbers['trial'][first]:.0f}, got "
+                f"{times[back[0] + 1]:g} after {times[back[0]]:g}",
             )
-        out[cast("Phase", phase)] = Stretch(
-            times_s=begins_s + times, points_m=table.vectors("x", "y")[rows].astype(np.float64)
-        )
+        if times[0] < 0.0:
+            raise table.refuse(
+                int(rows[0]), f"column 't': seconds since {phase} began were expected, got {times[0]:g}"
+            )
+        out[cast("Phase", phase)] = Stretch(times_s=begins_s + times, points_m=points_m[rows])
         begins_s += float(times[-1]) + 1.0 / SAMPLE_HZ
-    return out
+    return out, begins_s - start_s

@@ -1,11 +1,17 @@
 """`synth_two_led`: simulated people point at two lamps, three seconds at each."""
 
-import zipfile
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.evaluation.data_folder import EYE_HEIGHTS_M, MOST_YAW_DEG
+from pointit.evaluation.datasets.array_file import Kind, read_arrays
+from pointit.evaluation.datasets.plausible import check_reach, check_times
+from pointit.evaluation.table_file import FARTHEST, check_text, is_file
 from pointit.evaluation.trial import Array, Reading, Trial
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimator import Pointings
@@ -14,8 +20,8 @@ NAME = "synth_two_led"
 FILE = "trials.npz"
 SUBJECT = "simulated"
 
-MAX_VALUES = 50_000_000
-"""More does not fit the memory that an evaluation should take."""
+MAX_TRIALS = 100_000
+"""More take hours."""
 
 PAUSE_S = 2.0
 """Put between the lamps where the times of the file have none: the arm moves, and that is not pointing."""
@@ -33,7 +39,7 @@ def read(folder: Path, reading: Reading) -> None:
         ConfigError: the file is damaged.
     """
     path = folder / FILE
-    if not path.exists():
+    if not is_file(path):
         reading.skip(path, "it is not there")
         return
     data, names = _load(path)
@@ -67,23 +73,32 @@ def _with_pauses(times_s: Array, lamps: NDArray[np.int64]) -> Array:
 
 
 def _load(path: Path) -> tuple[dict[str, Array], list[str]]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [name for name in (*_NUMBERS, "scenario_names") if name not in file]
-            if missing:
-                raise ConfigError(f"{path}: array {missing[0]!r} is missing")
-            data = {name: np.asarray(file[name], dtype=np.float64) for name in _NUMBERS}
-            names = [str(name) for name in np.asarray(file["scenario_names"]).reshape(-1)]
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"{path}: is no readable file of arrays ({error})") from error
-    _check(path, data, names)
+    kinds: dict[str, Kind] = dict.fromkeys(_NUMBERS, "number")
+    arrays = read_arrays(path, {**kinds, "scenario_names": "text"})
+    texts = arrays.pop("scenario_names")
+    if texts.ndim != 1 or not len(texts):
+        raise ConfigError(
+            f"{path}, array 'scenario_names': a row of names was expected, got the shape {texts.shape}"
+        )
+    names = [check_text(f"{path}, array 'scenario_names'", str(name)) for name in texts.tolist()]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{path}, array 'scenario_names': a name is there twice; give each its own")
+    _check_shapes(path, arrays)
+    with np.errstate(over="ignore"):  # of long doubles: what is then infinite is beyond every bound
+        data = {name: values.astype(np.float64) for name, values in arrays.items()}
+    _check_values(path, data, names)
     return data, names
 
 
-def _check(path: Path, data: dict[str, Array], names: list[str]) -> None:
-    shape = data["ray_az_rad"].shape
-    n, samples = shape if len(shape) == 2 else (0, 0)
-    lamps = data["led_xyz"].shape[0] if data["led_xyz"].ndim == 2 else 0
+def _check_shapes(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    shape = arrays["ray_az_rad"].shape
+    if len(shape) != 2 or not 0 < shape[0] <= MAX_TRIALS or shape[1] < 2:
+        raise ConfigError(
+            f"{path}, array 'ray_az_rad': 1 to {MAX_TRIALS} trials of at least 2 samples each were expected, "
+            f"got the shape {shape}"
+        )
+    n, samples = shape
+    lamps = arrays["led_xyz"].shape[0] if arrays["led_xyz"].ndim == 2 else 2
     wanted: dict[str, tuple[int, ...]] = {
         "ray_az_rad": (n, samples),
         "ray_el_rad": (n, samples),
@@ -95,12 +110,36 @@ def _check(path: Path, data: dict[str, Array], names: list[str]) -> None:
         "truth_yaw_rad": (n,),
         "scenario": (n,),
     }
-    for name, values in data.items():
-        if values.shape != wanted[name] or not np.all(np.isfinite(values)) or values.size > MAX_VALUES:
+    for name, values in arrays.items():
+        if values.shape != wanted[name]:
             raise ConfigError(
-                f"{path}, array {name!r}: finite numbers of shape {wanted[name]} were expected, "
-                f"got shape {values.shape}"
+                f"{path}, array {name!r}: the shape {wanted[name]} was expected beside {n} trials of "
+                f"{samples} samples, got {values.shape}"
             )
-    for name, most in (("led_of_sample", lamps), ("scenario", len(names))):
-        if np.any((data[name] < 0) | (data[name] >= most)):
-            raise ConfigError(f"{path}, array {name!r}: numbers from 0 to {most - 1} were expected")
+
+
+def _check_values(path: Path, data: Mapping[str, Array], names: Sequence[str]) -> None:
+    turns_rad = math.radians(MOST_YAW_DEG)
+    bounds: dict[str, tuple[float, float, str]] = {
+        "ray_az_rad": (-turns_rad, turns_rad, "radians"),
+        "ray_el_rad": (-math.pi / 2.0 - 1e-6, math.pi / 2.0 + 1e-6, "radians"),
+        "truth_yaw_rad": (-turns_rad, turns_rad, "radians"),
+        "eye_height_m": (*EYE_HEIGHTS_M, "metres"),
+        "led_xyz": (-FARTHEST, FARTHEST, "metres"),
+        "truth_user_xy": (-FARTHEST, FARTHEST, "metres"),
+        "led_of_sample": (0, len(data["led_xyz"]) - 1, "that count the lamps"),
+        "scenario": (0, len(names) - 1, "that count 'scenario_names'"),
+    }
+    for name, (least, most, unit) in bounds.items():
+        values = data[name].reshape(-1)
+        counts = unit.startswith("that")
+        wrong = (values < least) | (values > most) | (counts & (values != np.floor(values)))
+        if np.any(wrong):
+            raise ConfigError(
+                f"{path}, array {name!r}: numbers from {least:.4g} to {most:.4g} {unit} were expected, "
+                f"got {values[wrong][0]:g}"
+            )
+    check_times(path, data["t_s"], "array 't_s'")
+    for lamp in data["led_xyz"][np.unique(data["led_of_sample"]).astype(np.int64)]:
+        people_m = np.column_stack([data["truth_user_xy"], np.zeros(len(data["truth_user_xy"]))])
+        check_reach(path, lamp, people_m, "a lamp of 'led_xyz' and a person of 'truth_user_xy'")

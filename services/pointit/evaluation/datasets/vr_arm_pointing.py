@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pointit.evaluation.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
-from pointit.evaluation.table_file import Table, read_table
+from pointit.evaluation.datasets.plausible import check_reach
+from pointit.evaluation.table_file import Table, is_file, read_table
 from pointit.evaluation.trial import Array, Reading, Trial
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimator import Pointings
@@ -40,6 +41,11 @@ PAUSE_S = 2.0
 """Between two holds."""
 
 STATURES_M = (0.5, 2.5)
+
+FOREARMS_M = (0.01, 1.0)
+
+MOST_SUBJECTS = 100
+"""Of more, the trials do not fit the memory that an evaluation should take."""
 
 _ACTED = ("hmd_x", "hmd_y", "forearm_x", "forearm_y", "forearm_z", "hand_x", "hand_y", "hand_z")
 _TARGET = ("target_x", "target_y", "target_z")
@@ -69,33 +75,54 @@ def read(folder: Path, reading: Reading) -> None:
         ConfigError: the file is damaged.
     """
     path = folder / FILE
-    if not path.exists():
+    if not is_file(path):
         reading.skip(path, "it is not there")
         return
     table = read_table(path, numbers=("stature", *_TARGET, *_ACTED), texts=("subject",))
-    names = np.array(table.texts["subject"])
-    for subject in dict.fromkeys(table.texts["subject"]):
-        acts = _acts(table, subject, names == subject)
+    groups = table.rows_by("subject")
+    if len(groups) > MOST_SUBJECTS:
+        raise ConfigError(
+            f"{path}, column 'subject': has {len(groups)} subjects, and at most {MOST_SUBJECTS} are read; is "
+            "it the subject? then cut the file into pieces"
+        )
+    for (subject,), rows in groups.items():
+        acts = _acts(table.only(rows), subject)
         for count in TARGETS:
             _add(acts, count, reading)
 
 
-def _acts(table: Table, subject: str, rows: NDArray[np.bool_]) -> _Acts:
-    stature_m = float(np.median(table.numbers["stature"][rows]))
-    if not STATURES_M[0] <= stature_m <= STATURES_M[1]:
-        raise ConfigError(
-            f"{table.path}, subject {subject}, column 'stature': metres were expected, got {stature_m:g}"
+def _acts(table: Table, subject: str) -> _Acts:
+    """Return the acts of `subject`, of whom all rows are."""
+    statures_m = table.numbers["stature"]
+    strange = np.flatnonzero((statures_m < STATURES_M[0]) | (statures_m > STATURES_M[1]))
+    if len(strange):
+        raise table.refuse(
+            int(strange[0]),
+            f"column 'stature': metres were expected, got {statures_m[strange[0]]:g}; give "
+            f"{STATURES_M[0]:g} to {STATURES_M[1]:g}",
         )
-    body = scaled_body(stature_m)
+    body = scaled_body(float(np.median(statures_m)))
     forearms = table.vectors("hand_x", "hand_y", "hand_z") - table.vectors(
         "forearm_x", "forearm_y", "forearm_z"
     )
-    forearms = forearms[rows]
-    if np.any(np.linalg.norm(forearms, axis=1) < 1e-6):
-        raise ConfigError(f"{table.path}, subject {subject}: hand and forearm are at one place in a row")
+    lengths_m = np.linalg.norm(forearms, axis=1)
+    strange = np.flatnonzero((lengths_m < FOREARMS_M[0]) | (lengths_m > FOREARMS_M[1]))
+    if len(strange):
+        raise table.refuse(
+            int(strange[0]),
+            f"columns 'hand_…', 'forearm_…': they are {lengths_m[strange[0]]:g} m apart, and "
+            f"{FOREARMS_M[0]:g} to {FOREARMS_M[1]:g} m were expected; are they in metres?",
+        )
     origins_m, directions = eye_finger_rays((along(row) for row in forearms.tolist()), body)
-    targets_m = table.vectors(*_TARGET)[rows]
-    heads_m = table.vectors("hmd_x", "hmd_y")[rows]
+    targets_m = table.vectors(*_TARGET)
+    heads_m = table.vectors("hmd_x", "hmd_y")
+    check_reach(
+        table.path,
+        targets_m,
+        np.column_stack([heads_m, np.zeros(len(table))]),
+        "target ('target_x', …) and head ('hmd_x', …)",
+        table.lines,
+    )
     ways = targets_m[:, :2] - heads_m
     turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(ways[:, 1], ways[:, 0])
     return _Acts(

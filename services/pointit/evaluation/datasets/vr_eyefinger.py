@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.evaluation.table_file import Table, read_table
-from pointit.runtime.errors import ConfigError
+from pointit.evaluation.datasets.plausible import check_reach
+from pointit.evaluation.table_file import Table, read_table, shown
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,11 @@ WALL_M = 2.0
 """Where the wall is, ahead."""
 FEEDBACKS = ("none", "hand", "cursor")
 """What the person saw: nothing of the hand, the hand, the place pointed at."""
+
+REACH_M = 3.0
+"""No fingertip is farther from the eyes."""
+NEAREST_M = 0.1
+"""The eyes are at least so far before the wall."""
 
 _LEAST_ROWS = 4
 """Rays that tell where the eyes are."""
@@ -59,30 +64,32 @@ def read_wall_trials(folder: Path) -> list[WallTrials]:
     )
     strange = next((i for i, text in enumerate(table.texts["feedback"]) if text not in FEEDBACKS), None)
     if strange is not None:
-        raise ConfigError(
-            f"{table.path}, line {strange + 2}, column 'feedback': one of {', '.join(FEEDBACKS)} was "
-            f"expected, got {table.texts['feedback'][strange]!r}"
+        raise table.refuse(
+            strange,
+            f"column 'feedback': one of {', '.join(FEEDBACKS)} was expected, got "
+            f"{shown(table.texts['feedback'][strange])}",
         )
     directions = _ours(table.vectors("efrc_dir_x", "efrc_dir_y", "efrc_dir_z"))
     lengths = np.linalg.norm(directions, axis=1)
     wrong = np.flatnonzero(np.abs(lengths - 1.0) > 0.01)
     if len(wrong):
-        raise ConfigError(
-            f"{table.path}, line {wrong[0] + 2}, columns 'efrc_dir_…': a unit vector was expected, its norm "
-            f"is {lengths[wrong[0]]:.3g}"
+        raise table.refuse(
+            int(wrong[0]),
+            f"columns 'efrc_dir_…': a unit vector was expected, its norm is {lengths[wrong[0]]:.3g}",
         )
     directions = directions / lengths[:, None]
     fingers_m = _ours(table.vectors("index_x", "index_y", "index_z"))
     places_m = np.stack(
         [np.full(len(table), WALL_M), -table.numbers["tar_x"], table.numbers["tar_y"]], axis=1
     )
+    check_reach(
+        table.path, places_m, fingers_m, "target ('tar_x', …) and fingertip ('index_x', …)", table.lines
+    )
     ways = places_m - _eyes(table, directions, fingers_m)
     ways = ways / np.linalg.norm(ways, axis=1)[:, None]
     kinds = np.unique(places_m, axis=0, return_inverse=True)[1].reshape(-1)
-    names = list(zip(table.texts["subject"], table.texts["feedback"], strict=True))
     trials: list[WallTrials] = []
-    for name in dict.fromkeys(names):
-        rows = [index for index, other in enumerate(names) if other == name]
+    for name, rows in table.rows_by("subject", "feedback").items():
         trials.append(
             WallTrials(
                 subject=name[0],
@@ -103,21 +110,30 @@ def _ours(rows: Array) -> Array:
 def _eyes(table: Table, directions: Array, points_m: Array) -> Array:
     """Return where each ray starts, given a point on it."""
     eyes_m = np.empty_like(points_m)
-    subjects = table.texts["subject"]
-    blocks = list(zip(subjects, table.texts["session"], table.texts["feedback"], strict=True))
-    for block in dict.fromkeys(blocks):
-        rows = [index for index, other in enumerate(blocks) if other == block]
+    subjects = table.rows_by("subject")
+    for (subject, *_), rows in table.rows_by("subject", "session", "feedback").items():
         head_m = _meeting(directions[rows], points_m[rows])
         if head_m is None:  # the hand hung all the time, or its tracker stood still: as in other blocks
-            whole = [index for index, other in enumerate(subjects) if other == block[0]]
+            whole = subjects[subject,]
             head_m = _meeting(directions[whole], points_m[whole])
         if head_m is None:
-            raise ConfigError(
-                f"{table.path}, line {rows[0] + 2}: the rays of subject {block[0]} are too few, or too much "
-                "alike, to tell where the eyes are"
+            raise table.refuse(
+                rows[0],
+                f"columns 'efrc_dir_…': the rays of subject {subject} are too few, or too much alike, to "
+                "tell where the eyes are; leave the subject out",
             )
         along, points = directions[rows], points_m[rows]
-        eyes_m[rows] = points + along * np.einsum("ni,ni->n", along, head_m - points)[:, None]
+        reach_m = np.einsum("ni,ni->n", along, points - head_m)
+        eyes_m[rows] = points - along * reach_m[:, None]
+        strange = np.flatnonzero((np.abs(reach_m) > REACH_M) | (eyes_m[rows, 0] > WALL_M - NEAREST_M))
+        if len(strange):
+            i = int(strange[0])
+            raise table.refuse(
+                rows[i],
+                f"columns 'index_…': the eyes would be {reach_m[i]:.3g} m behind the fingertip and "
+                f"{WALL_M - eyes_m[rows[i], 0]:.3g} m before the wall, and at most {REACH_M:g} m and at "
+                f"least {NEAREST_M:g} m were expected; are they in metres?",
+            )
     return eyes_m
 
 

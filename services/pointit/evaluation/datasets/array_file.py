@@ -1,0 +1,99 @@
+"""Files of named arrays (`.npz`), of which nothing is unpacked before its header was found harmless."""
+
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from pointit.evaluation.table_file import MOST_CHARACTERS, check_file, shown
+from pointit.runtime.errors import ConfigError
+
+Kind = Literal["number", "text"]
+
+MAX_VALUES = 10_000_000
+"""Of all arrays together; more does not fit the memory that an evaluation should take."""
+
+_DTYPES: dict[Kind, str] = {"number": "iuf", "text": "U"}
+
+
+def read_arrays(path: Path, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]]:
+    """Return the arrays `kinds` of the file at `path`, as they are stored; others are ignored.
+
+    Raises:
+        ConfigError: it is no such file, an array is missing, damaged, too large or of another kind, or a
+            number is not finite.
+    """
+    check_file(path)
+    try:
+        with zipfile.ZipFile(path) as file:
+            return _arrays(path, file, kinds)
+    except ConfigError:
+        raise
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds on damaged bytes
+        raise ConfigError(
+            f"{path}: is no readable file of arrays ({_told(error)}); save it with numpy.savez"
+        ) from error
+
+
+def _arrays(path: Path, file: zipfile.ZipFile, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]]:
+    members = {info.filename: info for info in file.infolist()}
+    arrays: dict[str, NDArray[Any]] = {}
+    left = MAX_VALUES
+    for name, kind in kinds.items():
+        info = members.get(f"{name}.npy")
+        if info is None:
+            raise ConfigError(f"{path}: array {name!r} is missing; save it with the others")
+        try:
+            arrays[name] = _array(f"{path}, array {name!r}", file, info, kind, left)
+        except ConfigError:
+            raise
+        except Exception as error:  # as above
+            raise ConfigError(
+                f"{path}, array {name!r}: is damaged ({_told(error)}); save the file anew"
+            ) from error
+        left -= arrays[name].size
+    return arrays
+
+
+def _array(where: str, file: zipfile.ZipFile, info: zipfile.ZipInfo, kind: Kind, most: int) -> NDArray[Any]:
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ConfigError(f"{where}: is packed in a way that is not read; save it with numpy.savez")
+    with file.open(info) as stream:
+        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(
+            npy.read_magic(stream)
+        )
+        if read_header is None:
+            raise ConfigError(f"{where}: is of another version of the format; save it with numpy.savez")
+        shape, is_fortran, dtype = read_header(stream)
+        if dtype.kind not in _DTYPES[kind] or (kind == "text" and dtype.itemsize > 4 * MOST_CHARACTERS):
+            wanted = "real numbers" if kind == "number" else f"texts of at most {MOST_CHARACTERS} characters"
+            raise ConfigError(f"{where}: {wanted} were expected, got {shown(str(dtype))}; convert them")
+        count = math.prod(shape)
+        if min(shape, default=0) < 0 or count > most:
+            raise ConfigError(
+                f"{where}: has the shape {shown(shape)} and at most {MAX_VALUES:g} values are read from one "
+                "file; cut it into pieces"
+            )
+        size = count * dtype.itemsize
+        raw = stream.read(size + 1)  # up to the end, where the sum of all bytes is checked
+    if len(raw) != size:
+        less = "less" if len(raw) < size else "more"
+        raise ConfigError(f"{where}: {size} bytes were expected, and there are {less}; save the file anew")
+    values: NDArray[Any] = np.frombuffer(raw, dtype).reshape(shape, order="F" if is_fortran else "C")
+    if kind == "number" and not np.all(np.isfinite(values)):
+        at = [int(i) for i in np.argwhere(~np.isfinite(values))[0]]
+        raise ConfigError(f"{where}: finite numbers were expected, got {values[tuple(at)]} at {at}; mend it")
+    return values
+
+
+def _told(error: Exception) -> str:
+    """Return the first line of `error`, which may be long, or empty."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 120 else f"{text[:117]}..."

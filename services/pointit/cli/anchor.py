@@ -17,6 +17,8 @@ from pointit.schemas.topics import POSE, check_name
 
 SHORT_S = 0.2
 """How long to wait for the pose of before."""
+LESS_M = 0.01
+"""A sigma that grew by less need not be told."""
 
 
 def timeout_option(default_s: float = 30.0) -> click.Option:
@@ -90,10 +92,23 @@ def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) ->
         sigma_radps = after.yaw_rate_sigma_radps
         if sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps:  # else it may be none
             text += f" (the IMU's drift turns the pose by {pose_text.drift_degpmin(after):.1f} °/min)"
-        text += f" and is set right; the pose is known {pose_text.sigma_text(after)} now"
-    if before is not None:
-        text += f", before {pose_text.sigma_text(before)}"
+        text += " and is set right; " + _certainty(anchor, before, after)
     return f"{text}."
+
+
+def _certainty(anchor: Anchor, before: UserPose | None, after: UserPose) -> str:
+    """Return how well the pose is known, and why the place may be known less well than before."""
+    text = f"the pose is known {pose_text.sigma_text(after)} now"
+    if before is None:
+        return text
+    (place_before_m, yaw_before_rad), (place_m, _) = pose_text.sigmas(before), pose_text.sigmas(after)
+    if place_before_m == yaw_before_rad == 0.0:
+        return f"{text}; before, it was taken as exact, as it was given"
+    text += f", before {pose_text.sigma_text(before)}"
+    if place_m > place_before_m + LESS_M:
+        why = anchor.reason or "the direction did not fit it"
+        text += f"; the place is known less well than before, {why}: localize anew if the person has moved"
+    return text
 
 
 def _fields(user: str, anchor: Anchor, before: UserPose | None, after: UserPose | None) -> dict[str, object]:

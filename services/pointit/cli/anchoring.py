@@ -4,8 +4,8 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-from pointit.cli.link import PATIENCE_S
-from pointit.cli.writers import why_silent
+from pointit.cli.link import PATIENCE_S, telling
+from pointit.cli.whereabouts import missing
 from pointit.runtime import NoAnswerError, RefusedError, RequestError
 from pointit.runtime.bus import Bus
 from pointit.runtime.presence import present
@@ -23,6 +23,12 @@ LATE_S = 1.0
 CANCEL_PATIENCE_S = 0.5
 LISTEN_S = 0.3
 """How long to listen for who is present, for a complaint."""
+RETRY_S = 0.5
+"""How long to wait at least before a localizer that was busy is asked again."""
+
+
+class NotBegunError(RefusedError):
+    """The localizer does not even begin; says why."""
 
 
 class Anchoring:
@@ -31,11 +37,30 @@ class Anchoring:
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
         self._user = user
-        self._news: Localization | None = None
+        self._everybody: dict[str, Localization] = {}
+        """What everybody's localizers said last."""
         self._anchor: Anchor | None = None
         self._changed = asyncio.Event()
-        bus.subscribe(LOCALIZATION, self._on_news, user)
+        bus.subscribe(LOCALIZATION, self._on_news)
         bus.subscribe(ANCHOR, self._on_anchor, user)
+
+    @property
+    def _news(self) -> Localization | None:
+        return self._everybody.get(self._user)
+
+    @property
+    def is_busy(self) -> bool:
+        """Return whether somebody is being localized, or points at a lamp: this person or another."""
+        return any(news.phase == "sampling" for news in self._everybody.values())
+
+    async def free(self, patience_s: float) -> bool:
+        """Wait until nobody is localized any more; return whether that was within `patience_s`."""
+        await asyncio.sleep(RETRY_S)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while self.is_busy:
+                    await self._change()
+        return not self.is_busy
 
     async def point(self, lamp: str, timeout_s: float, tell: Callable[[str], None]) -> Anchor:
         """Return the anchor that came of pointing at `lamp`; it may be one that was not accepted.
@@ -46,12 +71,16 @@ class Anchoring:
             tell: shown what to do now.
 
         Raises:
+            NotBegunError: it did not begin; says why.
             RefusedError: it came to nothing; says why.
             NoAnswerError: there is no localizer, or it came to no end in time.
         """
         before_ns = await self._before()
         self._anchor = None
-        await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
+        try:
+            await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
+        except RefusedError as error:
+            raise NotBegunError(str(error)) from error
         try:
             async with asyncio.timeout(timeout_s):
                 return await self._result(before_ns, tell)
@@ -67,14 +96,15 @@ class Anchoring:
 
     async def _before(self) -> int:
         """Return the stamp of the newest news so far: what is newer is of what is asked for next."""
-        with contextlib.suppress(TimeoutError):
+        with contextlib.suppress(TimeoutError), telling(f"waiting for the localizer of {self._user} …"):
             async with asyncio.timeout(PATIENCE_S):
                 while self._news is None:
                     await self._change()
         if self._news is None:
             there = await present(self._bus, SERVICE_ALIVE, LISTEN_S)
-            why = why_silent(LOCALIZATION, self._user, there)
-            raise NoAnswerError(f"no localizer of {self._user} is heard: {why}")
+            raise NoAnswerError(
+                f"no localizer of {self._user} is heard: {missing(LOCALIZATION, self._user, there)}"
+            )
         return self._news.stamp_ns
 
     async def _result(self, before_ns: int, tell: Callable[[str], None]) -> Anchor:
@@ -105,8 +135,8 @@ class Anchoring:
                 CANCEL_LOCALIZATION, CancelLocalization(), self._user, timeout_s=CANCEL_PATIENCE_S
             )
 
-    def _on_news(self, news: Localization, _user: str) -> None:
-        self._news = news
+    def _on_news(self, news: Localization, user: str) -> None:
+        self._everybody[user] = news
         self._changed.set()
 
     def _on_anchor(self, anchor: Anchor, _user: str) -> None:

@@ -2,21 +2,22 @@
 
 import asyncio
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import click
 
 from pointit.cli.anchor import timeout_option
-from pointit.cli.anchoring import LISTEN_S, Anchoring
+from pointit.cli.anchoring import LISTEN_S, Anchoring, NotBegunError
 from pointit.cli.kept import erase_here, kept_here, reached
 from pointit.cli.lazy import Mistake, nearest
-from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.newest import Newest
-from pointit.cli.offset_report import Pointing, assess, describe, table_row
+from pointit.cli.offset_report import Pointing, assess, describe, doubt, shown_row, table_row
 from pointit.cli.output import INTERRUPTED, Section, console, json_option, print_json, print_table
-from pointit.cli.prompt import changing_line
+from pointit.cli.pose import found
+from pointit.cli.prompt import ChangingLine, changing_line
 from pointit.cli.writers import why_silent
 from pointit.runtime import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.bus import AnyTopic, Bus
@@ -25,8 +26,8 @@ from pointit.runtime.presence import present
 from pointit.runtime.process import run_async
 from pointit.runtime.state import StateFile
 from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
-from pointit.schemas.topics import MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
-from pointit.services.supervisor.service import OFFSET_PURPOSE
+from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
+from pointit.services.supervisor.offset_words import OFFSET_PURPOSE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,35 +110,43 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         except asyncio.CancelledError:
             return INTERRUPTED
         fitted, rows = assess(anchors, clock.now_ns())
+        worry = doubt(rows)
+        if worry:
+            worry = (
+                f"the pose looks wrong, {worry}: localize first, or `pointit pose {user} X Y`, then "
+                "calibrate again"
+            )
+        if not wanted.keeps and not as_json:
+            _show(user, rows)
+        if worry and wanted.keeps:
+            raise PointItError(f"{user}: nothing is kept: {worry}")
         if fitted.offset is None:
             why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
             raise PointItError(f"{user}: no pointing was of use, everything is as before: {why}")
-        said = "nothing is changed (--dry-run)"
+        said = ". ".join(filter(None, (worry, "nothing is changed (--dry-run)")))
         if wanted.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
-            said = reply.message
+            said = reply.message + untold_address(site, connect)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
-        print_json(
-            {"user": user, "offset": offset, "anchors": [table_row(r) for r in rows], "missed": missed}
-        )
+        told = [table_row(row) for row in rows]
+        print_json({"user": user, "offset": offset, "doubt": worry, "anchors": told, "missed": missed})
     else:
-        _show(user, fitted.offset, rows)
+        if wanted.keeps:
+            _show(user, rows)
+        click.echo(f"{user}: {describe(fitted.offset)}")
         click.echo(f"{user}: {said}")
     return 0
 
 
 async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
     """Return the lamps to point at; the person's place must be known as well."""
-    room, pose = Newest(bus, MAP), Newest(bus, POSE, user)
-    environment = await room.wait(PATIENCE_S)
+    room, pose, news = Newest(bus, MAP), Newest(bus, POSE, user), Newest(bus, LOCALIZATION, user)
+    with telling("waiting for the map …"):
+        environment = await room.wait(PATIENCE_S)
     if environment is None:
         raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
-    if await pose.wait(PATIENCE_S) is None:
-        raise NoAnswerError(
-            f"where {user} stands is not known: {await _why(bus, POSE, user)}; say it with "
-            f"`pointit pose {user} X Y`, or localize first"
-        )
+    await found(bus, user, pose, news)
     known = [lamp.id for lamp in environment.lamps]
     if not known:
         raise PointItError(f"map {environment.name!r} has no lamps to point at; add `leds` to it")
@@ -154,31 +163,52 @@ async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
 async def _point(
     anchoring: Anchoring, user: str, lamps: Sequence[str], timeout_s: float
 ) -> tuple[list[Anchor], list[str]]:
-    """Return the anchors, and why others came to nothing."""
+    """Return the anchors, and why others came to nothing.
+
+    Raises:
+        NotBegunError: the localizer does not let the person point, and waiting did not help.
+    """
     anchors: list[Anchor] = []
     missed: list[str] = []
-    with changing_line() as show:
+    with changing_line() as line:
         for number, lamp in enumerate(lamps, start=1):
             which = f"{user}: {number} of {len(lamps)}"
             try:
-                anchor = await anchoring.point(lamp, timeout_s, _tell(show, which))
+                anchor = await _begun(anchoring, lamp, timeout_s, which, line)
+            except NotBegunError as error:
+                raise NotBegunError(f"{user}: everything is as before: {error}") from error
             except RefusedError as error:
                 missed.append(f"{lamp}: {error}")
-                click.echo(f"{which}: {lamp}: {error}", err=True)
+                line.say(f"{which}: {lamp}: {error}")
             else:
                 anchors.append(anchor)
-                click.echo(f"{which}: pointed at {lamp}", err=True)
+                line.say(f"{which}: pointed at {lamp}")
     return anchors, missed
 
 
-def _tell(show: Callable[[str], None], which: str) -> Callable[[str], None]:
-    return lambda text: show(f"{which}: {text}")
+async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, line: ChangingLine) -> Anchor:
+    """Return what came of pointing at `lamp`; wait once while somebody else has the lamps."""
+
+    def tell(text: str) -> None:
+        line(f"{which}: {text}")
+
+    try:
+        return await anchoring.point(lamp, timeout_s, tell)
+    except NotBegunError as error:
+        if not anchoring.is_busy:
+            raise
+        line.say(f"{which}: {error}; waiting for up to {timeout_s:g} s")
+    await anchoring.free(timeout_s)
+    return await anchoring.point(lamp, timeout_s, tell)
 
 
-def _show(user: str, offset: PointingOffset, rows: Sequence[Pointing]) -> None:
-    about = f"how {user} was off, and what is left; azimuths less the mean"
-    print_table(console(), Section(name="pointings", about=about, rows=tuple(map(table_row, rows))))
-    click.echo(f"{user}: {describe(offset)}")
+def _show(user: str, rows: Sequence[Pointing]) -> None:
+    about = (
+        f"how far {user} pointed too far right and too low, each as it was and corrected; a turn that all "
+        "have in common is the pose's and left out"
+    )
+    section = Section(name="pointings", about=about, rows=tuple(map(shown_row, rows)))
+    print_table(console(), section)
 
 
 async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
@@ -209,7 +239,8 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
 
 
 async def _profile(bus: Bus, user: str) -> UserProfile:
-    profile = await Newest(bus, PROFILE, user).wait(PATIENCE_S)
+    with telling(f"waiting for the profile of {user} …"):
+        profile = await Newest(bus, PROFILE, user).wait(PATIENCE_S)
     if profile is None:
         raise NoAnswerError(f"no profile of {user} came")
     return profile

@@ -94,7 +94,7 @@ def _reports(seen: Observation) -> Iterator[Finding]:
                 code="warning",
                 service=instance,
                 sentence=sentence,
-                remedy="it says so itself; its log tells more",
+                remedy="" if _says_what_to_do(sentence) else "look at its log, which tells more",
             )
         if health.status == "degraded" and not health.warnings:
             yield Finding(
@@ -113,6 +113,11 @@ def _reports(seen: Observation) -> Iterator[Finding]:
                 f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)",
                 remedy="is the machine overloaded, or are two machines' clocks apart?",
             )
+
+
+def _says_what_to_do(warning: str) -> bool:
+    """Return whether a warning goes on after what is wrong: `...; do this`, `...: do this`."""
+    return any(mark in warning for mark in ("; ", ": ", "`"))
 
 
 def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ import click
 from rich.text import Text
 
 from pointit.cli.diagnosis import diagnose, is_healthy
-from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.link import PATIENCE_S, address, joined, quiet, site_options, telling
 from pointit.cli.observation import SILENT_S, Finding, Observation, Report
 from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
 from pointit.cli.writers import split
@@ -122,7 +122,8 @@ class _Look:
 
 async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
     async with joined(site, connect, patience_s=timeout_s) as bus:
-        await look.watch(bus)
+        with telling(f"listening to {address(site, connect)} …"):
+            await look.watch(bus)
     return 0
 
 
@@ -161,7 +162,7 @@ def _show(seen: Observation, findings: list[Finding], site: str, *, as_json: boo
         screen.print(
             Text.assemble(
                 (f"{finding.severity}: ", STYLES[finding.severity]),
-                f"{who}{finding.sentence}\n    -> {finding.remedy}",
+                f"{who}{finding.sentence}" + (f"\n    -> {finding.remedy}" if finding.remedy else ""),
             )
         )
     if healthy:

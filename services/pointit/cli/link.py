@@ -1,12 +1,14 @@
 """How commands that look on join a site: as clients that give up soon."""
 
+import asyncio
 import logging
-from collections.abc import AsyncGenerator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, Generator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 
 import click
+from click.core import ParameterSource
 
-from pointit.runtime import zenoh_session
+from pointit.runtime import PointItError, zenoh_session
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import link_options
 from pointit.runtime.zenoh_bus import ZenohBus
@@ -14,6 +16,9 @@ from pointit.runtime.zenoh_session import Link
 
 PATIENCE_S = 2.0
 """How long to look for somebody who answers."""
+
+SILENT_S = 1.0
+"""A wait that takes longer is told of."""
 
 
 def site_options() -> list[click.Parameter]:
@@ -25,7 +30,7 @@ def site_options() -> list[click.Parameter]:
 async def joined(
     site: str, connect: Sequence[str], *, patience_s: float = PATIENCE_S
 ) -> AsyncGenerator[ZenohBus]:
-    """Yield a bus that has joined `site`.
+    """Yield a bus that has joined `site`; errors inside name the address, unless it was typed.
 
     Raises:
         ConnectError: nobody answers within `patience_s`.
@@ -33,13 +38,44 @@ async def joined(
     opening = logging.getLogger(zenoh_session.__name__)
     opening.setLevel(logging.ERROR)  # not "trying again until": who gives up soon says so at the end
     try:
-        bus = await ZenohBus.open(Link(site=site, connect=tuple(connect)), patience_s=patience_s)
+        with telling(f"looking for {address(site, connect)} …"):
+            bus = await ZenohBus.open(Link(site=site, connect=tuple(connect)), patience_s=patience_s)
     finally:
         opening.setLevel(logging.NOTSET)
     try:
         yield bus
+    except PointItError as error:
+        error.args = (f"{error}{untold_address(site, connect)}",)
+        raise
     finally:
         await bus.close()
+
+
+def address(site: str, connect: Sequence[str]) -> str:
+    """Return a site and where it is looked for, in words."""
+    return f"site {site} at {', '.join(connect)}"
+
+
+def untold_address(site: str, connect: Sequence[str]) -> str:
+    """Return ` (site lab at ...)` when --connect was not typed, else nothing: who types it knows it."""
+    context = click.get_current_context(silent=True)
+    if context is None or context.get_parameter_source("connect") is ParameterSource.COMMANDLINE:
+        return ""
+    return f" ({address(site, connect)})"
+
+
+@contextmanager
+def telling(text: str) -> Generator[None]:
+    """Say `text` on standard error when what is done inside takes longer than `SILENT_S`."""
+
+    def tell() -> None:
+        click.echo(text, err=True)
+
+    handle = asyncio.get_running_loop().call_later(SILENT_S, tell)
+    try:
+        yield
+    finally:
+        handle.cancel()
 
 
 def quiet() -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
+from rich.text import Text
+
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Anchor, PointingOffset
 from pointit.services.pointing import correction
@@ -18,22 +20,29 @@ DRIFT_FROM = 4
 """Pointings that a drift of the IMU can be told from."""
 DRIFT_OVER_S = 8.0
 """How far the first and the last of them must be apart."""
+MOST_DROPPED = 1.0 / 3.0
+"""Of more pointings, it is not the person who is off."""
+SCATTER_RAD = math.radians(20.0)
+"""Rms about the mean, of all azimuths: nobody who is where they are said to be scatters so."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pointing:
     """One pointing at a lamp, with what the person's errors were and what is left of them, rad.
 
-    Azimuths without what is common to all pointings: that is the heading of the pose.
+    Target less ray; azimuths without what is common to all pointings: that is the heading of the pose. None
+    where it was not measured.
     """
 
     lamp: str
-    azimuth_before_rad: float
-    azimuth_after_rad: float
-    elevation_before_rad: float
-    elevation_after_rad: float
+    azimuth_before_rad: float | None = None
+    azimuth_after_rad: float | None = None
+    elevation_before_rad: float | None = None
+    elevation_after_rad: float | None = None
     is_used: bool
     why_not: str = ""
+    not_accepted: str = ""
+    """Why the pose was not set right by it, where it was not: it may count all the same."""
 
 
 def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
@@ -78,14 +87,14 @@ def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[Poin
     index = 0
     for anchor in anchors:
         if anchor not in steady:
-            rows.append(Pointing(anchor.target_id, 0.0, 0.0, 0.0, 0.0, is_used=False, why_not=anchor.reason))
+            rows.append(Pointing(lamp=anchor.target_id, is_used=False, why_not=anchor.reason))
             continue
-        rows.append(_row(anchor.target_id, sightings[index], fitted, is_used=index not in fitted.dropped))
+        rows.append(_row(anchor, sightings[index], fitted, is_used=index not in fitted.dropped))
         index += 1
     return fitted, rows
 
 
-def _row(lamp: str, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> Pointing:
+def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> Pointing:
     azimuth = vector.wrap(_turn(seen) - fitted.heading_rad)
     elevation = seen.target_elevation_rad - seen.elevation_rad
     by_azimuth = by_elevation = 0.0
@@ -93,26 +102,72 @@ def _row(lamp: str, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> Poin
         world = seen.azimuth_rad + fitted.heading_rad
         by_azimuth, by_elevation = correction.apply(fitted.offset, world, seen.elevation_rad)
     return Pointing(
-        lamp=lamp,
+        lamp=anchor.target_id,
         azimuth_before_rad=azimuth,
         azimuth_after_rad=vector.wrap(azimuth - by_azimuth),
         elevation_before_rad=elevation,
         elevation_after_rad=elevation - by_elevation,
         is_used=is_used,
         why_not="" if is_used else "far from the others",
+        not_accepted="" if anchor.accepted else anchor.reason or "it gives no reason",
     )
 
 
+def doubt(rows: Sequence[Pointing]) -> str:
+    """Return why an offset from `rows` is not to be kept: the pose that they count from looks wrong."""
+    measured = [row for row in rows if row.azimuth_before_rad is not None]
+    dropped = sum(not row.is_used for row in measured)
+    if dropped > MOST_DROPPED * len(measured):
+        return f"{dropped} of {len(measured)} pointings are far from what a person can be off"
+    azimuths = [row.azimuth_before_rad for row in rows if row.azimuth_before_rad is not None]
+    if not azimuths:
+        return ""
+    mean = math.atan2(sum(map(math.sin, azimuths)), sum(map(math.cos, azimuths)))
+    rms = math.sqrt(statistics.fmean(vector.wrap(azimuth - mean) ** 2 for azimuth in azimuths))
+    if rms <= SCATTER_RAD:
+        return ""
+    return f"the directions scatter by {math.degrees(rms):.0f}° about their mean"
+
+
 def table_row(row: Pointing) -> dict[str, Any]:
-    """Return `row` for a table or a program, in degrees."""
+    """Return `row` for a program, in degrees; empty where nothing was measured."""
     return {
         "lamp": row.lamp,
-        "azimuth_before_deg": round(math.degrees(row.azimuth_before_rad), 2),
-        "azimuth_after_deg": round(math.degrees(row.azimuth_after_rad), 2),
-        "elevation_before_deg": round(math.degrees(row.elevation_before_rad), 2),
-        "elevation_after_deg": round(math.degrees(row.elevation_after_rad), 2),
+        "azimuth_before_deg": _degrees(row.azimuth_before_rad),
+        "azimuth_after_deg": _degrees(row.azimuth_after_rad),
+        "elevation_before_deg": _degrees(row.elevation_before_rad),
+        "elevation_after_deg": _degrees(row.elevation_after_rad),
         "used": "yes" if row.is_used else f"no: {row.why_not}",
+        "not_accepted": row.not_accepted,
     }
+
+
+def shown_row(row: Pointing) -> dict[str, Any]:
+    """Return `row` for people: by how many degrees it was too far right and too low."""
+    counts = "yes" if row.is_used else f"no: {row.why_not}"
+    if row.is_used and row.not_accepted:
+        counts = f"yes, but the localizer did not set the pose right by it: {row.not_accepted}"
+    return {
+        "lamp": row.lamp,
+        "too_far_right": _tenths(row.azimuth_before_rad),
+        "corrected": _tenths(row.azimuth_after_rad),
+        "too_low": _tenths(row.elevation_before_rad),
+        "corrected_": _tenths(row.elevation_after_rad),
+        "counts": counts,
+    }
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else round(math.degrees(angle_rad), 2)
+
+
+def _tenths(angle_rad: float | None) -> Text | None:
+    """Return degrees so that they stand below each other."""
+    return (
+        None
+        if angle_rad is None
+        else Text(f"{round(math.degrees(angle_rad), 1) + 0.0:.1f}°", justify="right")
+    )
 
 
 def describe(offset: PointingOffset) -> str:

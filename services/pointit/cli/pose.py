@@ -8,31 +8,50 @@ import click
 from pointit.cli import pose_text
 from pointit.cli.anchoring import LISTEN_S
 from pointit.cli.lazy import Mistake
-from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.newest import Newest
 from pointit.cli.output import INTERRUPTED, json_option, print_json
 from pointit.cli.prompt import enter
-from pointit.cli.writers import why_silent
+from pointit.cli.whereabouts import localizing, missing, outside, people
 from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.presence import present
 from pointit.runtime.process import run_async
-from pointit.schemas import SetHeading, SetPose, UserPose
+from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST
-from pointit.schemas.topics import POSE, SERVICE_ALIVE, SET_HEADING, SET_POSE, check_name
+from pointit.schemas.topics import (
+    LOCALIZATION,
+    MAP,
+    POSE,
+    SERVICE_ALIVE,
+    SET_HEADING,
+    SET_POSE,
+    check_name,
+)
 
+TYPED_SIGMA_M = 0.05
+"""How exactly people know the place that they type, beside a yaw that is uncertain itself."""
 CLOCK_PATIENCE_S = 0.3
+MAP_PATIENCE_S = 0.3
+"""How long to wait for the map that a place is checked against; it is a state, so it comes at once."""
 YAW_PATIENCE_S = 0.5
 """How long to wait for the yaw that is to be kept; nobody may know one yet."""
+SHORT_S = 0.3
+"""How long to wait for a pose that is known, before somebody is asked who is busy finding it."""
 
 HELP = """Show where the person USER stands and how sure that is, or say it.
 
 \b
-pointit pose anna                  show it: position, yaw, how sure (1 sigma), drift, last anchor
-pointit pose anna 2.0 0.5          anna stands there, in metres in the room; the yaw stays
+pointit pose anna                  show it: position, yaw, drift, how sure
+pointit pose anna 2.0 0.5          anna stands there, in metres; the yaw stays
 pointit pose anna 2 0.5 --yaw 20   the yaw, too
-pointit pose anna --facing 90      set the yaw: anna points level at the wall along y, then press Enter
+pointit pose anna --facing 90      set the yaw: anna points level along y
+
+How sure is 1 sigma. X Y alone corrects the place of a pose that was found by
+pointing: it counts as known to 5 cm, the yaw stays as uncertain as it was, and
+the drift of the IMU goes on being followed. With --yaw, or where the pose was
+given before, all of it is taken as exact.
 
 The exit code is 1 when nobody knows where USER stands, or the localizer refuses.
 """
@@ -121,22 +140,16 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
 async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
     async with joined(site, connect) as bus:
         clock = SiteClock(bus)
-        poses = Newest(bus, POSE, user)
+        poses, news = Newest(bus, POSE, user), Newest(bus, LOCALIZATION, user)
         try:
             said = await _say(bus, user, asked, poses)
         except asyncio.CancelledError:
             return INTERRUPTED
         if said and not as_json:
             for sentence in said:
-                click.echo(f"{user}: {sentence}")
+                click.echo(f"{user}: {sentence}{untold_address(site, connect)}")
             return 0
-        pose = await poses.wait(PATIENCE_S)
-        if pose is None:
-            there = await present(bus, SERVICE_ALIVE, LISTEN_S)
-            raise NoAnswerError(
-                f"where {user} stands is not known: {why_silent(POSE, user, there)}; or say it: "
-                f"pointit pose {user} X Y"
-            )
+        pose = await found(bus, user, poses, news)
         await clock.found(CLOCK_PATIENCE_S)
         shown = pose_text.fields(pose, clock.now_ns())
     if as_json:
@@ -146,6 +159,40 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
     return 0
 
 
+async def found(bus: Bus, user: str, poses: Newest[UserPose], progress: Newest[Localization]) -> UserPose:
+    """Return where a person stands.
+
+    Raises:
+        NoAnswerError: nobody knows it yet, or there is no such person; says what to do.
+    """
+    with telling(f"waiting for the pose of {user} …"):
+        pose = await poses.wait(SHORT_S)
+        if pose is None and not localizing(user, progress.value):
+            pose = await poses.wait(PATIENCE_S - SHORT_S)
+        if pose is not None:
+            return pose
+        if busy := localizing(user, progress.value):
+            raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
+        there = await present(bus, SERVICE_ALIVE, LISTEN_S)
+    why = missing(POSE, user, there)
+    say_it = f"; or say it: pointit pose {user} X Y" if user in people(there) else ""
+    raise NoAnswerError(f"where {user} stands is not known: {why}{say_it}")
+
+
+def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
+    """Return `query` with the yaw of the pose in use; what was found by pointing goes on being followed."""
+    if before.method not in ("static_targets", "moving_target"):
+        return query.model_copy(update={"yaw_rad": before.yaw_rad})
+    square = TYPED_SIGMA_M**2
+    return SetPose(
+        position_m=query.position_m,
+        yaw_rad=before.yaw_rad,
+        method=before.method,
+        covariance=(square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, before.covariance[8]),
+        elevation_bias_rad=before.elevation_bias_rad,
+    )
+
+
 async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> list[str]:
     """Ask the localizer for what was asked for, and return what it says."""
     said: list[str] = []
@@ -153,9 +200,17 @@ async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> l
     if asked.place is not None:
         before = await poses.wait(YAW_PATIENCE_S)
         query = asked.place
-        if asked.keeps_yaw and before is not None:
-            query = query.model_copy(update={"yaw_rad": before.yaw_rad})
-        said.append((await bus.call(SET_POSE, query, user)).message or "the pose is set")
+        room = await Newest(bus, MAP).wait(MAP_PATIENCE_S)
+        if room is not None and (far := outside(query.position_m, room)):
+            click.echo(f"warning: {far}", err=True)
+        more = ""
+        if asked.keeps_yaw and before is None:
+            more = "; no yaw was known, so it is 0°: say it with --yaw"
+        elif asked.keeps_yaw and before is not None:
+            query = with_yaw_of(query, before)
+            if query.method != "fixed":
+                more = "; the yaw stays, and its drift goes on being followed"
+        said.append(((await bus.call(SET_POSE, query, user)).message or "the pose is set") + more)
     if asked.facing_deg is not None:
         direction = f"{asked.facing_deg:g}°"
         if not asked.now:

@@ -6,6 +6,9 @@ from typing import Any
 
 from pointit.schemas import NS_PER_S, UserPose
 
+UNKNOWN_DRIFT_DEGPMIN = 10.0
+"""1 sigma of a drift of which nothing is known yet; real IMUs drift by as much."""
+
 METHODS = {
     "fixed": "given",
     "static_targets": "found by pointing at lamps",
@@ -61,10 +64,11 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
         place += f"; 1 sigma {shown['position_sigma_m']:.2f} m"
         turn += f"; 1 sigma {shown['yaw_sigma_deg']:.1f}°"
     drift = "not estimated"
-    if shown["drift_sigma_deg_per_min"] is not None:
-        drift = (
-            f"{shown['drift_deg_per_min']:.1f} °/min; 1 sigma {shown['drift_sigma_deg_per_min']:.1f} °/min"
-        )
+    sigma = shown["drift_sigma_deg_per_min"]
+    if sigma is not None and sigma >= UNKNOWN_DRIFT_DEGPMIN and abs(shown["drift_deg_per_min"]) < sigma:
+        drift = "not known yet"
+    elif sigma is not None:
+        drift = f"{shown['drift_deg_per_min']:.1f} °/min; 1 sigma {sigma:.1f} °/min"
     anchor = "never" if shown["anchor_age_s"] is None else f"{_age(shown['anchor_age_s'])} ago"
     rows = [
         ("position", place),
@@ -75,7 +79,8 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
         ("published", f"{_age(shown['age_s'])} ago"),
     ]
     if shown["elevation_bias_deg"]:
-        rows.insert(2, ("rays too high", f"{shown['elevation_bias_deg']:.1f}°"))
+        which = "high" if shown["elevation_bias_deg"] > 0 else "low"
+        rows.insert(2, (f"rays too {which}", f"by {abs(shown['elevation_bias_deg']):.1f}°"))
     return [f"{name:<14}{text}" for name, text in rows]
 
 

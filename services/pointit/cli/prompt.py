@@ -2,10 +2,12 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 
 import click
 from rich.console import Console
+from rich.status import Status
+from rich.text import Text
 
 from pointit.cli.keyboard import has_keyboard, keys
 from pointit.cli.lazy import Mistake
@@ -25,16 +27,31 @@ async def enter(text: str, otherwise: str) -> None:
         await pressed.wait()
 
 
+class ChangingLine:
+    """A line that changes while something goes on, and lines above it that stay."""
+
+    def __init__(self, status: Status | None) -> None:
+        self._status = status
+
+    def __call__(self, text: str) -> None:
+        """Show `text` in place of the one before; where no terminal can, nothing."""
+        if self._status is not None:
+            self._status.update(Text(text))
+
+    def say(self, text: str) -> None:
+        """Write a line that stays."""
+        if self._status is None:
+            click.echo(text, err=True)
+        else:  # not past the console: it would end up behind the line that changes
+            self._status.console.print(Text(text))
+
+
 @contextlib.contextmanager
-def changing_line() -> Generator[Callable[[str], None]]:
-    """Yield what shows a line in place of the one before, on a terminal; elsewhere it shows nothing."""
+def changing_line() -> Generator[ChangingLine]:
+    """Yield a line on standard error that changes, on a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal or console.is_dumb_terminal:
-        yield lambda _text: None
+        yield ChangingLine(None)
         return
     with console.status("") as status:
-
-        def show(text: str) -> None:
-            status.update(text)
-
-        yield show
+        yield ChangingLine(status)

@@ -6,16 +6,17 @@ import math
 from collections.abc import AsyncIterator
 from pathlib import Path
 
+import pytest
 import pytest_asyncio
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import UserProfile
-from pointit.schemas.topics import PROFILE
+from pointit.schemas import Localization, UserProfile
+from pointit.schemas.topics import LOCALIZATION, PROFILE
 from pointit.services.pui.service import Pui
 from pointit.services.supervisor.service import Supervisor
+from tests.integration.cli.erring_localizer import ErringLocalizer
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt
-from tests.support.played_localizer import PlayedLocalizer
 
 ANNA = "anna"
 LAMPS: dict[str, Vec3] = {
@@ -28,8 +29,8 @@ LAMPS: dict[str, Vec3] = {
 
 
 @pytest_asyncio.fixture
-async def localizer(site: Site) -> AsyncIterator[PlayedLocalizer]:
-    played = PlayedLocalizer(site.bus, ANNA, LAMPS)
+async def localizer(site: Site) -> AsyncIterator[ErringLocalizer]:
+    played = ErringLocalizer(site.bus, ANNA, LAMPS)
     site.start(Pui)
     site.start(Supervisor, ANNA)
     await site.arrived("supervisor.anna")
@@ -41,7 +42,7 @@ async def localizer(site: Site) -> AsyncIterator[PlayedLocalizer]:
 
 
 async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_forgotten(
-    site: Site, localizer: PlayedLocalizer, own_state: Path
+    site: Site, localizer: ErringLocalizer, own_state: Path
 ) -> None:
     profiles: list[UserProfile] = []
     site.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
@@ -72,7 +73,7 @@ async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_fo
 
 
 async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
-    site: Site, localizer: PlayedLocalizer
+    site: Site, localizer: ErringLocalizer
 ) -> None:
     localizer.rejects = ("led_2",)
     ended = await site.pointit(
@@ -108,12 +109,13 @@ async def test_without_a_site_what_is_kept_here_is_shown(site: Site, own_state: 
     assert "offset.json: cannot be used" in shown.err
 
 
-async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localizer: PlayedLocalizer) -> None:
+async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localizer: ErringLocalizer) -> None:
     ended = await site.pointit("anchor", ANNA, "led_1")
     assert ended.code == 0, ended.err
     assert ended.out == (
         "anna: led_1: the direction was 6.0° too far right (the IMU's drift turns the pose by 12.0 °/min) "
-        "and is set right; the pose is known to 0.10 m and 1.5° now, before exactly, as it was given.\n"
+        "and is set right; the pose is known to 0.10 m and 1.5° now; before, it was taken as exact, as it "
+        "was given.\n"
     )
     localizer.rejects = ("led_0",)
     ended = await site.pointit("anchor", ANNA)  # the localizer chooses
@@ -124,7 +126,7 @@ async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localize
     assert "lamps led_9 are not on the map" in ended.err
 
 
-async def test_an_anchor_without_end_is_called_off(site: Site, localizer: PlayedLocalizer) -> None:
+async def test_an_anchor_without_end_is_called_off(site: Site, localizer: ErringLocalizer) -> None:
     localizer.hangs = True
     ended = await site.pointit("anchor", ANNA, "led_1", "--timeout", "1")
     assert ended.code == 1
@@ -143,13 +145,38 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     ended = await site.pointit("anchor", ANNA)
     assert ended.code == 1
     assert "no localizer of anna is heard" in ended.err
-    assert "pointit service localizer --user anna" in ended.err
+    assert "no anna is on this site, nobody is there; add them with `pointit user anna`" in ended.err
     ended = await site.pointit("pose", ANNA)
     assert ended.code == 1
-    assert "where anna stands is not known" in ended.err
+    assert "where anna stands is not known: no anna is on this site" in ended.err
+    site.start(Supervisor, ANNA)
+    await site.arrived("supervisor.anna")
+    ended = await site.pointit("pose", ANNA)
+    assert "pointit service localizer --user anna" in ended.err
+    assert "or say it: pointit pose anna X Y" in ended.err
+    ended = await site.pointit("pose", "ben")
+    assert "no ben is on this site, there is anna; add them with `pointit user ben`" in ended.err
+    ended = await site.pointit("calibrate", "user", "ben", "--show")
+    assert ended.err == "waiting for the profile of ben …\n"  # a second later than it was asked
 
 
-async def test_the_pose_is_shown_and_said(site: Site, localizer: PlayedLocalizer) -> None:
+async def test_who_is_being_localized_is_said_to_be(site: Site) -> None:
+    site.start(Pui)
+    await site.arrived("pui")
+    news = site.bus.publisher(LOCALIZATION, ANNA)
+    news.put(
+        Localization(
+            stamp_ns=1, phase="sampling", target_id="led_1", target_index=1, target_count=3, since_ns=1
+        )
+    )
+    for words in (("pose", ANNA), ("calibrate", "user", ANNA)):
+        ended = await site.pointit(*words)
+        assert ended.code == 1
+        busy = "anna is being localized, lamp 2 of 3; wait until that is done"
+        assert f"where anna stands is not known yet: {busy}" in ended.err
+
+
+async def test_the_pose_is_shown_and_said(site: Site, localizer: ErringLocalizer) -> None:
     shown = await site.pointit("pose", ANNA)
     assert shown.code == 0, shown.err
     assert "position      x 2.00 m, y 0.50 m, z 0.00 m" in shown.out
@@ -170,6 +197,80 @@ async def test_the_pose_is_shown_and_said(site: Site, localizer: PlayedLocalizer
     assert "12.0 °/min; 1 sigma 6.0 °/min" in shown.out
     assert "last anchor" in shown.out
     assert "never" not in shown.out
+
+
+async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_it_is(
+    site: Site, localizer: ErringLocalizer
+) -> None:
+    localizer.find(yaw_sigma_rad=math.radians(4.0), bias_rad=0.02)
+    said = await site.pointit("pose", ANNA, "1", "2")
+    assert said.out == "anna: the pose is set; the yaw stays, and its drift goes on being followed\n", (
+        said.err
+    )
+    asked = localizer.poses[-1]
+    assert (asked.method, asked.position_m, asked.yaw_rad) == ("static_targets", (1.0, 2.0, 0.0), 0.3)
+    assert asked.elevation_bias_rad == 0.02
+    assert asked.covariance is not None
+    assert [math.sqrt(asked.covariance[i]) for i in (0, 4, 8)] == pytest.approx(
+        [0.05, 0.05, math.radians(4.0)]
+    )
+    said = await site.pointit("pose", ANNA, "1", "2", "--yaw", "10")
+    assert (localizer.poses[-1].method, localizer.poses[-1].covariance) == ("fixed", None)
+    assert said.err == ""
+
+
+async def test_a_place_far_outside_the_room_is_warned_of_and_taken(
+    site: Site, localizer: ErringLocalizer
+) -> None:
+    said = await site.pointit("pose", ANNA, "50", "50")
+    assert said.code == 0
+    assert "warning: 50, 50 m is 46 " in said.err
+    assert "m outside what map 'lab' holds: x " in said.err
+    assert localizer.poses[-1].position_m == (50.0, 50.0, 0.0)
+    assert (await site.pointit("pose", ANNA, "3", "-5")).err == ""
+
+
+async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
+    site: Site, localizer: ErringLocalizer, own_state: Path
+) -> None:
+    localizer.position_m = (5.0, -2.0, 0.0)  # in truth at 2.0, 0.5
+    localizer.truly_m = (2.0, 0.5, 0.0)
+    localizer.find(yaw_sigma_rad=math.radians(4.0))
+    ended = await site.pointit("calibrate", "user", ANNA)
+    assert ended.code == 1
+    assert "nothing is kept: the pose looks wrong, " in ended.err
+    assert "localize first, or `pointit pose anna X Y`" in ended.err
+    assert not (own_state / "users" / ANNA / "offset.json").exists()
+    ended = await site.pointit("calibrate", "user", ANNA, "--dry-run")
+    assert "too far right" in ended.out
+    assert "the pose looks wrong" in ended.out + ended.err
+
+
+async def test_lamps_that_somebody_else_has_are_waited_for_once(
+    site: Site, localizer: ErringLocalizer
+) -> None:
+    others = site.bus.publisher(LOCALIZATION, "ben")
+    others.put(Localization(stamp_ns=1, phase="sampling", target_id="led_0", target_count=2, since_ns=1))
+    localizer.refuses = "ben is being localized with these lamps; try again when they are done"
+    ended = await site.pointit("calibrate", "user", ANNA, "--timeout", "1")
+    assert ended.code == 1
+    assert ended.err.count("; waiting for up to 1 s") == 1
+    assert "everything is as before: ben is being localized with these lamps" in ended.err
+    assert len(localizer.asked) == 2
+    others.put(Localization(stamp_ns=2, phase="solved", since_ns=1))
+    localizer.refuses = "the lamps are broken"
+    ended = await site.pointit("calibrate", "user", ANNA)
+    assert "waiting" not in ended.err
+    assert "everything is as before: the lamps are broken" in ended.err
+    assert len(localizer.asked) == 3
+    others.put(Localization(stamp_ns=3, phase="sampling", target_id="led_0", target_count=2, since_ns=3))
+    async with site.command("calibrate", "user", ANNA, "--lamps", "led_0") as process:
+        await until(lambda: len(localizer.asked) == 4, 20)
+        localizer.refuses = ""
+        others.put(Localization(stamp_ns=4, phase="solved", since_ns=3))
+        out, err = await process.communicate()
+    assert process.returncode == 0, err.decode()
+    assert "the offset is in use" in out.decode()
 
 
 async def test_what_is_typed_wrongly_is_said(site: Site) -> None:

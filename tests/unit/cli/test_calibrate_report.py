@@ -7,7 +7,7 @@ import pytest
 from pointit.cli import pose_text
 from pointit.cli.anchor import sentence
 from pointit.cli.calibrate_mounting import account
-from pointit.cli.offset_report import assess, describe, in_one_pose, table_row
+from pointit.cli.offset_report import assess, describe, doubt, in_one_pose, shown_row, table_row
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Anchor, PointingOffset, UserPose
@@ -49,7 +49,7 @@ def test_a_heading_that_the_first_anchor_set_right_is_no_error_of_the_person(cou
         assert row.azimuth_before_rad == pytest.approx(0.0, abs=1e-9)
         assert row.elevation_before_rad == pytest.approx(0.05)
         assert row.elevation_after_rad == pytest.approx(0.05 - fitted.offset.elevation[0])
-        assert abs(row.elevation_after_rad) < 0.01
+        assert row.elevation_after_rad == pytest.approx(0.0, abs=0.01)
 
 
 def test_an_imu_that_drifts_meanwhile_bends_nothing() -> None:
@@ -57,7 +57,7 @@ def test_an_imu_that_drifts_meanwhile_bends_nothing() -> None:
     anchors = [anchor(k, 4.0 * k, 0.7, 0.7 + drift * 4.0 * k) for k in range(8)]
     fitted, rows = assess(anchors, 0)
     assert fitted.dropped == ()
-    assert max(abs(row.azimuth_before_rad) for row in rows) < math.radians(0.1)
+    assert [row.azimuth_before_rad for row in rows] == pytest.approx([0.0] * 8, abs=math.radians(0.1))
     turned = [seen.yaw_rad for seen in in_one_pose(anchors)]
     assert turned == pytest.approx([0.7 + drift * 4.0 * k for k in range(8)])
 
@@ -88,6 +88,44 @@ def test_rejected_by_the_localizer_but_steady_still_tells_of_the_person() -> Non
     )
     fitted, _ = assess([seen], 0)
     assert fitted.offset is not None
+
+
+def seen_from(truly: Vec3, count: int = 4) -> list[Anchor]:
+    """Return pointings of somebody who stands at `truly` and not where the pose says."""
+    anchors: list[Anchor] = []
+    for k in range(count):
+        way = vector.subtract(LAMPS[k % len(LAMPS)], vector.add(truly, EYES))
+        ray = vector.direction(vector.azimuth(way), vector.elevation(way) - 0.05)
+        fields = {"raw_direction": ray, "direction": ray}
+        anchors.append(anchor(k, 4.0 * k, 0.0, 0.0).model_copy(update=fields))
+    return anchors
+
+
+def test_a_pose_that_looks_wrong_is_doubted_and_one_bad_hold_is_not() -> None:
+    assert doubt(assess(seen_from(AT), 0)[1]) == ""
+    assert "scatter by" in doubt(assess(seen_from((3.0, 3.5, 0.0)), 0)[1])
+    high = [anchor(k, 4.0 * k, 0.0, 0.0, low_rad=0.05 if k < 3 else 0.8) for k in range(6)]
+    assert doubt(assess(high, 0)[1]) == "3 of 6 pointings are far from what a person can be off"
+    one = seen_from(AT, 8)
+    one[3] = anchor(3, 12.0, 0.0, 0.8)
+    fitted, rows = assess(one, 0)
+    assert fitted.dropped == (3,)
+    assert doubt(rows) == ""
+    assert doubt([]) == ""
+
+
+def test_a_pointing_that_counts_though_it_was_not_accepted_is_said() -> None:
+    taken = anchor(0, 0.0, 0.0, 0.0)
+    rejected = anchor(1, 4.0, 0.0, 0.0).model_copy(update={"accepted": False, "reason": "it is 30° off"})
+    _, rows = assess([taken, rejected], 0)
+    assert [shown_row(row)["counts"] for row in rows] == [
+        "yes",
+        "yes, but the localizer did not set the pose right by it: it is 30° off",
+    ]
+    assert [table_row(row)["not_accepted"] for row in rows] == ["", "it is 30° off"]
+    wandered = anchor(0, 0.0, 0.0, 0.0).model_copy(update={"spread_rad": 0.1})
+    _, rows = assess([wandered], 0)
+    assert shown_row(rows[0])["too_far_right"] is None  # not a 0 that nobody measured
 
 
 def test_nothing_to_fit_is_no_offset() -> None:
@@ -126,12 +164,16 @@ def test_a_pose_in_peoples_units() -> None:
     assert pose_text.lines(pose_text.fields(known, 12 * S)) == [
         "position      x 1.00 m, y -2.00 m, z 0.00 m; 1 sigma 0.17 m",
         "yaw           41.1°; 1 sigma 2.0°",  # 7 rad, once round less
-        "rays too high 3.0°",
+        "rays too high by 3.0°",
         "drift         -12.0 °/min; 1 sigma 3.0 °/min",
         "last anchor   8.0 s ago",
         "method        found by pointing at lamps",
         "published     2.0 s ago",
     ]
+    low = known.model_copy(update={"elevation_bias_rad": math.radians(-3.2)})
+    assert pose_text.lines(pose_text.fields(low, 12 * S))[2] == "rays too low  by 3.2°"
+    unknown = known.model_copy(update={"yaw_rate_radps": 0.0, "yaw_rate_sigma_radps": math.radians(0.25)})
+    assert "drift         not known yet" in pose_text.lines(pose_text.fields(unknown, 12 * S))
     given = pose_text.lines(pose_text.fields(pose(), 400 * S))
     assert given[0] == "position      x 1.00 m, y -2.00 m, z 0.00 m"
     assert given[2:] == [
@@ -151,6 +193,14 @@ def test_an_anchor_in_one_sentence() -> None:
     )
     slow = {"yaw_rate_radps": math.radians(0.1), "yaw_rate_sigma_radps": math.radians(0.2)}
     assert "drift" not in sentence(found, None, after.model_copy(update=slow))  # it may be none
+    vague = pose(covariance=(0.09, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, math.radians(1.0) ** 2))
+    assert sentence(found, after, vague).endswith(
+        "known to 0.30 m and 1.0° now, before to 0.10 m and 1.0°; the place is known less well than before, "
+        "the direction did not fit it: localize anew if the person has moved."
+    )
+    noted = found.model_copy(update={"reason": "three anchors in a row agreed"})
+    assert "less well than before, three anchors in a row agreed: localize" in sentence(noted, after, vague)
+    assert sentence(found, pose(), after).endswith("; before, it was taken as exact, as it was given.")
     refused = found.model_copy(update={"accepted": False, "reason": "it is 40° off"})
     assert sentence(refused, after, after).endswith("not accepted, the pose is as before: it is 40° off")
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.certainty import POSITION_SIGMA, YAW_SIGMA
+from pointit.cli.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.cli.diagnosis import diagnose, is_healthy
 from pointit.cli.observation import Finding, Observation, Report
 from pointit.cli.writers import split
@@ -254,16 +254,21 @@ def certainty(**figures: float) -> Health:
 @pytest.mark.parametrize(
     ("figures", "code", "sentence", "remedy"),
     [
-        ({"place": 0.61, "yaw": 2.0}, "unsure", "place is uncertain by 0.61 m", "press anna --gesture hold"),
-        ({"place": 0.9, "yaw": 60.0}, "unsure", "place is uncertain by 0.90 m", "localize anew"),
-        ({"place": 0.2, "yaw": 8.1}, "unsure", "yaw is uncertain by 8.1°", "`pointit anchor anna`"),
         (
-            {"yaw": 20.0, "age": 400.0},
+            {"place": UNSURE_M + 0.01, "yaw": 2.0},
+            "unsure",
+            "place is uncertain by",
+            "press anna --gesture hold",
+        ),
+        ({"place": 2.9, "yaw": 60.0}, "unsure", "place is uncertain by 2.90 m", "localize anew"),
+        ({"place": 0.2, "yaw": UNSURE_DEG + 0.1}, "unsure", "yaw is uncertain by", "`pointit anchor anna`"),
+        (
+            {"yaw": UNSURE_DEG + 5.0, "age": 400.0},
             "unsure",
             "the last anchor is 400 s old",
             "press the button twice",
         ),
-        ({"yaw": 4.0, "age": 400.0}, "old-anchor", "anchor is 7 min old", "`pointit anchor anna`"),
+        ({"yaw": SURE_DEG + 0.1, "age": 400.0}, "old-anchor", "anchor is 7 min old", "`pointit anchor anna`"),
         ({"age": 181.0}, "old-anchor", "anchor is 3 min old", "point at one lamp"),
     ],
 )
@@ -278,7 +283,12 @@ def test_a_pose_that_cannot_be_trusted_any_more(
 
 @pytest.mark.parametrize(
     "figures",
-    [{}, {"place": 0.6, "yaw": 8.0, "age": 10.0}, {"yaw": 2.9, "age": 4000.0}, {"age": 179.0}],
+    [
+        {},
+        {"place": UNSURE_M, "yaw": UNSURE_DEG, "age": 10.0},
+        {"yaw": SURE_DEG - 0.1, "age": 4000.0},
+        {"age": 179.0},
+    ],
 )
 def test_a_pose_that_can(figures: dict[str, float]) -> None:
     assert not diagnose(observation(certainty(**figures)))
@@ -287,7 +297,13 @@ def test_a_pose_that_can(figures: dict[str, float]) -> None:
 def test_what_the_localizer_says_itself_is_not_said_twice() -> None:
     sentence = "the yaw of anna is uncertain by 14° because the IMU drifts; have them point at a lamp once"
     warned = certainty(yaw=14.0).model_copy(update={"warnings": (sentence,), "status": "degraded"})
-    assert only(observation(warned)).sentence == sentence
+    finding = only(observation(warned))
+    assert (finding.sentence, finding.remedy) == (sentence, "")  # it says what to do itself
+
+
+def test_a_warning_that_only_says_what_is_wrong_is_looked_up() -> None:
+    warned = certainty().model_copy(update={"warnings": ("the port is gone",), "status": "degraded"})
+    assert "its log" in only(observation(warned)).remedy
 
 
 def test_the_worst_comes_first() -> None:

@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.main import command
+from pointit.schemas import ImuSample
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
 from pointit.services.registry import PROCESSES
 
@@ -39,7 +40,7 @@ def test_topics_as_json() -> None:
     assert [row["key"] for row in tables["topics"]] == [topic.key for topic in TOPICS]
     assert tables["topics"][0] == {
         "key": TOPICS[0].key,
-        "message": "ImuSample.v1",
+        "message": f"ImuSample.v{ImuSample.version}",
         "delivery": "latest",
         "rate_hz": 50,
         "writers": list(TOPICS[0].writers),

@@ -9,7 +9,9 @@ from collections.abc import AsyncGenerator, Generator, Sequence
 
 from rich.console import Console
 from rich.live import Live
+from rich.text import Text
 
+from pointit.cli.at_start import kept_mountings, kept_offsets
 from pointit.cli.keyboard import has_keyboard, keys
 from pointit.cli.monitor import Monitor
 from pointit.cli.plan import Plan
@@ -64,6 +66,14 @@ def execute(plan: Plan, log_level: str) -> int:
     console = Console(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
+    notes = [*plan.notes, *kept_mountings(plan.launches)]
+    if drawn:  # else the supervisors log their own
+        notes += kept_offsets(plan.launches)
+    for note in notes:
+        if drawn:
+            console.print(Text(note))
+        else:
+            log.info("%s", note)
     return run_async(_run(plan, console if drawn else None))
 
 

@@ -45,6 +45,10 @@ from pointit.schemas.topics import (
 
 LINES = 5
 """Recent events kept for the view."""
+FOUND = ("static_targets", "moving_target")
+"""Methods of poses that were found by pointing."""
+TOGETHER_NS = 500_000_000
+"""A pose is stamped with its newest ray, so it may be a little older than the news of it."""
 
 
 @dataclass
@@ -64,7 +68,9 @@ class Monitor:
     interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
     poses: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
     found: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
-    """Where people were found by pointing, also those who have left."""
+    """Where people were last found by pointing, as it was then; also those who have left."""
+    solved: dict[str, int] = field(default_factory=dict[str, int])
+    """When a localization said that it is solved, until its pose has come."""
     localizations: dict[str, Localization] = field(default_factory=dict[str, Localization])
     refusals: dict[str, str] = field(default_factory=dict[str, str])
     """Why the localizer last refused a person, until they try again."""
@@ -159,11 +165,30 @@ class Monitor:
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
         self.poses[user] = pose
-        if pose.method != "fixed" and (not self.person or user == self.person):
+        if self.person and user != self.person:
+            return
+        if pose.method == "fixed":  # it was told since
+            self.found.pop(user, None)
+            return
+        self._take_found(user)
+        if user not in self.found or pose.method == "external":
+            self.found[user] = pose
+
+    def _take_found(self, user: str) -> None:
+        """Keep the pose that a localization ended with; the two come in any order."""
+        solved_ns, pose = self.solved.get(user), self.poses.get(user)
+        if solved_ns is None or pose is None or pose.stamp_ns < solved_ns - TOGETHER_NS:
+            return
+        del self.solved[user]
+        if pose.method in FOUND and (not self.person or user == self.person):
             self.found[user] = pose
 
     def _on_localization(self, news: Localization, user: str) -> None:
+        before = self.localizations.get(user)
         self.localizations[user] = news
+        if news.phase == "solved" and news.purpose == "pose" and (before is None or before.phase != "solved"):
+            self.solved[user] = news.stamp_ns
+            self._take_found(user)
         if news.phase in {"sampling", "solved"}:
             self.refusals.pop(user, None)
             self.cues.pop(user, None)

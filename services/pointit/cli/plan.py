@@ -27,5 +27,7 @@ class Plan:
     view: bool = True
     person: str = ""
     """Only this person's part is told and drawn; empty for everybody's."""
+    notes: Sequence[str] = ()
+    """Sentences that are said at the start."""
     summary: Path | None = None
     as_json: bool = False

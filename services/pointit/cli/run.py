@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.cli.plan import Plan
@@ -175,6 +176,7 @@ def run(
         duration_s=duration_s,
         speed=speed,
         processes=options["processes"],
+        notes=tuple(assumed_places(launches, choices)),
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,
         view=not options["no_view"],
@@ -210,6 +212,7 @@ def user(name: str, scenario: str, place: int, **options: Any) -> int:
         scored=False,
         view=not options["no_view"],
         person=name,
+        notes=tuple(assumed_places(launches, choices.of_one(place - 1), place - 1)),
     )
     return execute(plan, options["log_level"])
 

@@ -168,7 +168,9 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
     for user, found in summary.get("people", {}).items():
         x_m, y_m = found["position_m"]
         off_m = found["position_error_m"]
-        truly = "" if off_m is None else f", truly {off_m:.2f} m beside"
+        off_deg = found.get("yaw_error_deg")
+        truly = "" if off_m is None else f", {off_m:.2f} m from the true place"
+        truly += "" if off_deg is None else f", yaw {off_deg:.1f}° off"
         lines.append(
             f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
             f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,14 @@ def check_writable(summary: Path) -> None:
 
 def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
     """Return where people were found, how sure that is and, of simulated ones, how far off it was."""
-    truly = {
-        launch.user: launch.config.model_dump()["position_m"]
+    simulated = {
+        launch.user: launch.config.model_dump()
         for launch in plan.launches
         if launch.service.NAME == "user-sim"
+    }
+    truly = {user: config["position_m"] for user, config in simulated.items()}
+    true_yaws_deg = {
+        user: yaw_deg for user, c in simulated.items() if (yaw_deg := true_yaw_deg(c)) is not None
     }
     people: dict[str, dict[str, Any]] = {}
     for user, pose in sorted(monitor.found.items()):
@@ -48,8 +53,20 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
             "position_error_m": None
             if user not in truly
             else round(math.dist((x_m, y_m), truly[user][:2]), 3),
+            "yaw_error_deg": None
+            if user not in true_yaws_deg
+            else round(abs(math.remainder(math.degrees(pose.yaw_rad) - true_yaws_deg[user], 360.0)), 2),
         }
     return people
+
+
+def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
+    """Return the yaw of a simulated person's IMU by their parameters; none where it is drawn, or drifts."""
+    wristband = simulated["wristband"]
+    drift_degpmin = wristband["yaw_drift_degpmin"]
+    is_steady = wristband["yaw_rate_bias_sd_degps"] == 0.0 if drift_degpmin is None else drift_degpmin == 0.0
+    yaw_deg: float | None = simulated["yaw_deg"]
+    return yaw_deg if is_steady else None
 
 
 def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:

@@ -237,6 +237,6 @@ def test_a_summary_says_where_people_were_found_and_how_far_off_that_is() -> Non
     found = {"position_m": [2.031, -0.48], "position_sigma_m": 0.123, "yaw_sigma_deg": 2.06}
     people = {"anna": {**found, "position_error_m": 0.087}, "ben": {**found, "position_error_m": None}}
     assert summary_lines({**SUMMARY, "people": people})[2:4] == [
-        "anna was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°, truly 0.09 m beside.",
+        "anna was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°, 0.09 m from the true place.",
         "ben was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°.",
     ]

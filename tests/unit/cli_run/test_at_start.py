@@ -1,0 +1,84 @@
+"""What is said when people's services start."""
+
+import time
+
+import pytest
+
+from pointit.cli.at_start import assumed_places, kept_mountings, kept_offsets
+from pointit.cli.person_options import Pose
+from pointit.cli.scenario import Choices, read_scenario, user_launches
+from pointit.runtime.state import StateFile
+from pointit.schemas import PointingOffset
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMounting, KeptMountings
+from pointit.services.supervisor.offset_words import OFFSET_PURPOSE
+
+SERIAL = "serial:/dev/ttyUSB7"
+FITTED_NS = 1_795_172_700_000_000_000
+
+
+@pytest.fixture(autouse=True)
+def in_utc(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "UTC")
+    time.tzset()
+
+
+def said(choices: Choices, user: str = "anna", index: int = 0) -> list[str]:
+    chosen = choices.of_one(index)
+    launches = user_launches(read_scenario("scenario_3"), chosen, user, index)
+    return list(assumed_places(launches, chosen, index))
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_who_wears_a_device_is_told_where_they_are_taken_to_stand(index: int) -> None:
+    place = read_scenario("scenario_3").places[index]
+    x_m, y_m, _ = place.position_m
+    (sentence,) = said(Choices(imu=[SERIAL]), index=index)
+    assert sentence == (
+        f"anna is taken to stand at {x_m:.2f}, {y_m:.2f} m, yaw {place.yaw_deg:g}°, as the scenario says; "
+        "say otherwise with --pose X,Y,YAW, or --localize"
+    )
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        Choices(),
+        Choices(imu=["sim"]),
+        Choices(imu=[SERIAL], poses=[Pose(x_m=1.0, y_m=2.0)]),
+        Choices(imu=[SERIAL], localize=True),
+        Choices(imu=[SERIAL], settings=["localizer.yaw_deg=30"]),
+    ],
+)
+@pytest.mark.parametrize("index", [0, 1])
+def test_nobody_is_told_what_was_said_or_is_simulated(choices: Choices, index: int) -> None:
+    assert said(choices, index=index) == []
+
+
+def test_of_several_people_only_who_wears_a_device() -> None:
+    scenario, choices = read_scenario("scenario_3"), Choices(imu=["sim", SERIAL])
+    launches = [*user_launches(scenario, choices, "user1", 0), *user_launches(scenario, choices, "user2", 1)]
+    (sentence,) = assumed_places(launches, choices)
+    assert sentence.startswith("user2 is taken to stand at ")
+
+
+def test_what_is_kept_and_in_use_is_said() -> None:
+    launches = user_launches(read_scenario("scenario_3"), Choices(imu=[SERIAL]), "anna")
+    assert [*kept_mountings(launches), *kept_offsets(launches)] == []
+    StateFile(PointingOffset, "anna", OFFSET_PURPOSE).write(PointingOffset(rung="pitch", fitted_ns=FITTED_NS))
+    (bridge,) = (launch.config for launch in launches if isinstance(launch.config, ImuBridgeConfig))
+    own = KeptMounting(
+        sensor_from_arm_xyzw=(0.0, 0.0, 0.0, 1.0), configured=bridge.mounting, set_ns=FITTED_NS
+    )
+    mountings = StateFile(KeptMountings, "anna", PURPOSE)
+    mountings.write(KeptMountings(by_source={"serial": own}))
+    assert list(kept_offsets(launches)) == [
+        "anna: an offset of 2026-11-20 11:05 is in use; `pointit calibrate user anna --erase` forgets it"
+    ]
+    assert list(kept_mountings(launches)) == [
+        "anna: a mounting of 2026-11-20 11:05 is in use; `pointit calibrate mounting anna --erase` forgets it"
+    ]
+    mountings.write(KeptMountings(by_source={"replay": own}))  # of another device
+    assert list(kept_mountings(launches)) == []
+    mountings.path.write_text("{", encoding="utf-8")  # the service complains of it
+    assert list(kept_mountings(launches)) == []

@@ -181,3 +181,24 @@ def test_a_silent_wrist_ends_it_in_idle(back: str) -> None:
     assert told(outputs) == ["cancel", "idle", "cue refused"]
     assert "is the wristband on" in shown(outputs).reason
     assert cycle.localization(*news(14.1, "sampling", target_id="led_1", since_ns=10 * S)) == []
+
+
+def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
+    def known(now_s: float, sigma_rad: float, method: str = "static_targets") -> tuple[UserPose, int]:
+        fields = {
+            "stamp_ns": round(now_s * S),
+            "position_m": (0.0, 0.0, 0.0),
+            "yaw_rad": 0.0,
+            "covariance": (0.0,) * 8 + (sigma_rad**2,),
+            "method": method,
+        }
+        return UserPose.model_validate(fields), round(now_s * S)
+
+    cycle = LifeCycle(unsure_rad=0.2)
+    cycle.begin(0)
+    cycle.pose(*known(1, 0.1))
+    assert shown(cycle.button(*press(2))).next_step == sentences.POINT
+    assert shown(cycle.pose(*known(3, 0.21))).next_step == sentences.POINT_AT_LAMP
+    assert cycle.pose(*known(4, 0.22)) == []  # said already
+    assert shown(cycle.pose(*known(5, 0.05))).next_step == sentences.POINT
+    assert cycle.pose(*known(6, 0.5, "external")) == []  # a tracker's is not ours to set right

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from pointit.runtime import RefusedError
 from pointit.schemas import (
     ButtonEvent,
@@ -34,7 +36,7 @@ OFFSET = PointingOffset(rung="pitch", elevation=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0),
 
 
 async def test_it_is_published_at_once_and_again_after_a_restart_until_it_is_forgotten(
-    own_state: Path,
+    own_state: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     config = SupervisorConfig.model_validate({"profile": {"hand": "left"}})
     path = own_state / "users" / ANNA / "offset.json"
@@ -49,8 +51,11 @@ async def test_it_is_published_at_once_and_again_after_a_restart_until_it_is_for
         assert profiles[1].hand == "left"
     assert path.is_file()
     async with memory_bench() as bench:
+        caplog.set_level("INFO")
         bench.start(Supervisor, config, user=ANNA)
         await bench.settle()
+        forget = "an offset is in use; `pointit calibrate user anna --erase` forgets it"
+        assert [line for line in caplog.messages if "offset" in line] == [f"anna: {forget}"]
         profiles = bench.collect(PROFILE, ANNA)
         await until(lambda: len(profiles) == 1)
         assert profiles[0].offset == OFFSET

@@ -104,4 +104,11 @@ class SupervisorConfig(Config):
     retry_s: float = Field(
         default=5.0, gt=0, le=600, description="autostart: how long to wait after localizing failed, s"
     )
+    unsure_yaw_deg: float = Field(
+        default=15.0,
+        gt=0,
+        le=180,
+        description="the person is asked to point at a lamp once when the yaw of their pose is less certain "
+        "than this (1 sigma), degrees; as the localizer's drift.max_yaw_sigma_deg",
+    )
     profile: ProfileConfig = Field(default=ProfileConfig(), description="the person's profile")

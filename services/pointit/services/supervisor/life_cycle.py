@@ -11,6 +11,7 @@ pointing, idle --double press, or somebody else's request--> localizing --in any
 With `autostart` a sample of the wrist does in idle what the button does, unless a press led there.
 """
 
+import math
 from dataclasses import dataclass
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
@@ -62,6 +63,7 @@ class LifeCycle:
         imu_timeout_s: float = 3.0,
         autostart: bool = False,
         retry_s: float = 5.0,
+        unsure_rad: float = math.radians(15.0),
     ) -> None:
         self.state: State = "idle"
         self._localizes = localize
@@ -76,6 +78,9 @@ class LifeCycle:
         self._not_before_ns = 0
         self._button: ButtonEvent | None = None
         self._pose_ns: int | None = None
+        self._unsure_variance = unsure_rad**2
+        self._is_unsure = False
+        """Whether the yaw of the pose is so uncertain that an anchor is wanted."""
         self._heard_ns = 0
         self._run = 0
         self._run_ns = 0
@@ -148,6 +153,7 @@ class LifeCycle:
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Take the person's place."""
         self._pose_ns = pose.stamp_ns
+        self._is_unsure = pose.method != "external" and pose.covariance[8] > self._unsure_variance
         return [*self._show(now_ns)]
 
     def localization(self, news: Localization, now_ns: int) -> list[Output]:
@@ -316,7 +322,7 @@ class LifeCycle:
         if self.state == "localizing":
             return self._target
         if self.state == "pointing":
-            return sentences.POINT
+            return sentences.POINT_AT_LAMP if self._is_unsure else sentences.POINT
         return sentences.rest(
             localizes=self._localizes,
             is_place_known=self._is_place_known,

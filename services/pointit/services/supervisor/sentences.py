@@ -21,6 +21,7 @@ ANCHOR_LOST = "The localizer began something else; your pose is as before, ask a
 
 WAIT = "Wait for the target to point at; press the button to cancel."
 POINT = "Point with your arm straight; press the button to stop."
+POINT_AT_LAMP = "Double press: point at a lamp once, your direction has become uncertain."
 PRESS = "Press the button to start pointing."
 PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
 PRESS_FOR_ROBOT = "Press the button and keep pointing at the robot while it moves."

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -43,11 +44,9 @@ from pointit.schemas.topics import (
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.kept_place import KeptPlace
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start, StartAnchor
+from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, offset_in_use
 
 log = logging.getLogger(__name__)
-
-OFFSET_PURPOSE = "offset"
-"""Under this name a person's pointing offset is kept, a file for each person."""
 
 LONGEST_WAIT_S = 1.0
 """Wall time after which a running deadline is looked at again: the clock's speed may have changed."""
@@ -70,6 +69,7 @@ class Supervisor(Service[SupervisorConfig]):
             imu_timeout_s=config.imu_timeout_s,
             autostart=config.autostart,
             retry_s=config.retry_s,
+            unsure_rad=math.radians(config.unsure_yaw_deg),
         )
         self._place = KeptPlace()
         self._requests: asyncio.Queue[Start | StartAnchor | Cancel | SetPose] = asyncio.Queue()
@@ -211,10 +211,13 @@ class Supervisor(Service[SupervisorConfig]):
 
     def _read_offset(self) -> PointingOffset | None:
         try:
-            return self._offsets.read()
+            kept = self._offsets.read()
         except ConfigError as error:
             self.bus.warn("offset", f"the person's pointing offset is not used: {error}")
             return None
+        if kept is not None:
+            log.info("%s", offset_in_use(self.user, kept))
+        return kept
 
     def _put_profile(self) -> None:
         self._profile_seq += 1

@@ -297,11 +297,6 @@ def test_points_in_millimetres_are_refused(tmp_path: Path) -> None:
     assert "columns 'x', 'y'" in refused(lambda: read_floor_trials(tmp_path), path)
 
 
-def test_runs_whose_orders_are_endless_are_refused(tmp_path: Path) -> None:
-    path = write_floor(tmp_path, [row for number in range(12) for row in floor_rows(number)])
-    assert "the targets begin anew 11 times" in refused(lambda: read_floor_trials(tmp_path), path)
-
-
 @pytest.mark.timeout(20)
 def test_many_short_trials_are_read_fast(tmp_path: Path) -> None:
     rows = [f"{i},{i},2,-1,open_loop_hold,0,2,-1,20" for i in range(30_000)]

@@ -28,9 +28,6 @@ PHASES: tuple[Phase, ...] = get_args(Phase)
 NEAREST_M = 0.1
 """A target at the feet is in no direction."""
 
-MOST_RUNS = 6
-"""Of one person; their orders are 720."""
-
 _SAME = ("target_x", "target_y", "trial_len_samples")
 """What each row says of its trial."""
 
@@ -70,19 +67,7 @@ def read_floor_trials(folder: Path) -> list[FloorTrial]:
         raise ConfigError(f"{folder}: has no files {PREFIX}*.csv")
     trials: list[FloorTrial] = []
     for path in paths:
-        mine = list(_trials(path))
-        runs, seen = 1, set[str]()
-        for trial in mine:
-            if trial.target_id in seen:
-                runs += 1
-                seen.clear()
-            seen.add(trial.target_id)
-        if runs > MOST_RUNS:
-            raise ConfigError(
-                f"{path}, column 'target_id': the targets begin anew {runs - 1} times, and at most "
-                f"{MOST_RUNS} runs are read, which are chained in every order; cut the file into people"
-            )
-        trials += mine
+        trials += _trials(path)
     return trials
 
 

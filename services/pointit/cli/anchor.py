@@ -7,7 +7,7 @@ import click
 
 from pointit.cli import pose_text
 from pointit.cli.anchoring import LATE_S, Anchoring
-from pointit.cli.link import joined, quiet, site_options
+from pointit.cli.link import joined, quiet, site_options, untold_address
 from pointit.cli.newest import Newest
 from pointit.cli.output import INTERRUPTED, json_option, print_json
 from pointit.cli.prompt import changing_line
@@ -43,7 +43,9 @@ def command(
 
     The lamp lights up; USER points at it with a straight arm until it goes dark. Without LAMP the localizer
     takes the one that tells most. Prints how far the direction was off (the drift of the IMU), and how well
-    the pose is known before and after. Example: pointit anchor anna led_1
+    the pose is known before and after.
+
+    Example: pointit anchor anna led_1
 
     The exit code is 1 when it was not accepted.
     """
@@ -70,7 +72,7 @@ async def _anchor(
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        click.echo(f"{user}: {sentence(anchor, before, after)}")
+        click.echo(f"{user}: {sentence(anchor, before, after)}{untold_address(site, connect)}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 

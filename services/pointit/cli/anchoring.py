@@ -30,6 +30,11 @@ RETRY_S = 0.5
 class NotBegunError(RefusedError):
     """The localizer does not even begin; says why."""
 
+    def __init__(self, reason: str, *, is_busy: bool = False) -> None:
+        """Say why; `is_busy`: somebody is or was being localized, so that it may be otherwise soon."""
+        super().__init__(reason)
+        self.is_busy = is_busy
+
 
 class Anchoring:
     """Asks one person's localizer for anchors, one after the other."""
@@ -77,10 +82,11 @@ class Anchoring:
         """
         before_ns = await self._before()
         self._anchor = None
+        was_busy = self.is_busy
         try:
             await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
         except RefusedError as error:
-            raise NotBegunError(str(error)) from error
+            raise NotBegunError(str(error), is_busy=was_busy or self.is_busy) from error
         try:
             async with asyncio.timeout(timeout_s):
                 return await self._result(before_ns, tell)

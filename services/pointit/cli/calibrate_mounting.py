@@ -11,7 +11,7 @@ import click
 from pointit.cli.anchoring import LISTEN_S
 from pointit.cli.kept import erase_here, kept_here, reached
 from pointit.cli.lazy import Mistake
-from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
+from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.output import INTERRUPTED, json_option, print_json
 from pointit.cli.prompt import changing_line, enter
 from pointit.cli.writers import instance_of, why_silent
@@ -131,7 +131,7 @@ async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tu
     if as_json:
         print_json({"user": user, **fields(found), **_reply_fields(reply)})
         return 0
-    click.echo(f"{user}: {reply.message}")
+    click.echo(f"{user}: {reply.message}{untold_address(site, connect)}")
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: set the "
@@ -187,8 +187,9 @@ class _Wrist:
                 f"start it, as in `pointit user {self._user} --imu serial:PORT`"
             )
         try:
-            async with asyncio.timeout(PATIENCE_S):
-                await self._next()
+            with telling(f"waiting for the wrist of {self._user} …"):
+                async with asyncio.timeout(PATIENCE_S):
+                    await self._next()
         except TimeoutError:
             why = why_silent(IMU, self._user, there)
             raise NoAnswerError(f"nothing comes from the wrist of {self._user}: {why}") from None
@@ -283,7 +284,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            click.echo(f"{user}: {reply.message}")
+            click.echo(f"{user}: {reply.message}{untold_address(site, connect) if erase else ''}")
         return 0
     file = StateFile(KeptMountings, user, PURPOSE)
     if erase:

@@ -80,7 +80,9 @@ def command(
     it goes dark. USER must have a known place (`pointit pose USER`). The elevation that most pointings are
     off is corrected from then on, with enough of them also how it changes with the direction; an azimuth that
     all are off is the heading of the pose, which the pointings set right as well. The supervisor keeps it for
-    the next start. Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
+    the next start. Nothing is kept when the pose looks wrong: when the pointings do not fit to each other.
+
+    Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
     """
     check_name(user, "user")
     if show and erase:
@@ -100,8 +102,8 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         lamps = await _lamps(bus, user, wanted.lamps)
         count = wanted.count or len(lamps)
         click.echo(
-            f"{user}: {count} times a lamp will light up; point at it with a straight arm, as if there were "
-            "no cursor, until it goes dark",
+            f"{user}: {'a lamp' if count == 1 else f'lamp after lamp, {count} times,'} will light up; point at "
+            "it with a straight arm, as if there were no cursor, until it goes dark",
             err=True,
         )
         try:
@@ -195,7 +197,7 @@ async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, 
     try:
         return await anchoring.point(lamp, timeout_s, tell)
     except NotBegunError as error:
-        if not anchoring.is_busy:
+        if not error.is_busy:
             raise
         line.say(f"{which}: {error}; waiting for up to {timeout_s:g} s")
     await anchoring.free(timeout_s)
@@ -221,7 +223,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
         if as_json:
             print_json({"user": user, "from": "supervisor", "message": reply.message})
         else:
-            click.echo(f"{user}: {reply.message}")
+            click.echo(f"{user}: {reply.message}{untold_address(site, connect)}")
         return 0
     profile = await reached(site, connect, lambda bus: _profile(bus, user))
     if profile is not None:

@@ -1,6 +1,9 @@
 """`pointit`: collects the commands; each is imported when it is called."""
 
-from typing import NoReturn
+import shutil
+import sys
+import textwrap
+from typing import Any, NoReturn
 
 import click
 
@@ -37,8 +40,28 @@ EXAMPLES = (
 )
 
 
+ERROR = "Error: "
+"""What errors begin with."""
+
+
 class Front(LazyGroup):
     """The front page: commands, three examples, where to begin."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; what went wrong is wrapped to the terminal, where there is one."""
+        try:
+            return super().invoke(ctx)
+        except click.ClickException as error:
+            text = folded(error.format_message())
+            vars(error)["format_message"] = lambda: text
+            raise
+        except Exception as error:
+            from pointit.runtime.errors import PointItError  # noqa: PLC0415 - most commands have it loaded
+            from pointit.schemas import SchemaError  # noqa: PLC0415 - as above
+
+            if isinstance(error, PointItError | SchemaError):
+                error.args = (folded(str(error)),)
+            raise
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the examples."""
@@ -47,6 +70,21 @@ class Front(LazyGroup):
             formatter.write_dl(list(EXAMPLES))
         formatter.write_paragraph()
         formatter.write_text("More on a command: pointit COMMAND --help")
+
+
+def folded(text: str, width: int | None = None) -> str:
+    """Return `text` in lines that fit behind and below `Error: `, words whole; as it is in a pipe.
+
+    Args:
+        text: one sentence.
+        width: of the terminal; empty: of that which standard error is, if it is one.
+    """
+    if width is None:
+        if not sys.stderr.isatty():
+            return text
+        width = shutil.get_terminal_size().columns
+    lines = textwrap.wrap(text, width, initial_indent=ERROR, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(lines).removeprefix(ERROR)
 
 
 def front() -> click.Group:

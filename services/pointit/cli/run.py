@@ -42,7 +42,12 @@ def _options(function: Any) -> Any:
     """Add the options that `run` and `user` share."""
     for option in reversed(
         [
-            click.option("--localize", is_flag=True, help="find out where people stand by pointing at lamps"),
+            click.option(
+                "--localize",
+                is_flag=True,
+                help="find out where people stand by pointing at lamps  [default: they stand at --pose, "
+                "or at the scenario's places]",
+            ),
             *PERSON_OPTIONS,
             click.option(
                 "--seed",
@@ -55,8 +60,10 @@ def _options(function: Any) -> Any:
                 "--imu",
                 multiple=True,
                 metavar="SOURCE",
-                help="sim (a simulated person, default), serial:PORT, replay:FILE.csv or simulated; "
-                "once for each person",
+                help="where orientations come from. sim (default): a simulated person, who wants "
+                "something, points at it and presses the button. simulated: only a simulated sensor, on an "
+                "arm that sweeps to and fro, to try what a device goes through. serial:PORT or "
+                "replay:FILE.csv: a device, or its recording. Once for each person",
             ),
             click.option(
                 "--config",
@@ -72,8 +79,14 @@ def _options(function: Any) -> Any:
                 metavar="SERVICE.PARAMETER=VALUE",
                 help="change one parameter; `pointit service NAME --help` shows them",
             ),
-            click.option("--duration", type=_Finite(min=0.1), help="seconds until it ends by itself"),
-            click.option("--processes", is_flag=True, help="a process for each service"),
+            click.option(
+                "--duration",
+                type=_Finite(min=0.1),
+                help="seconds until it ends by itself  [default: as the scenario has it, or never]",
+            ),
+            click.option(
+                "--processes", is_flag=True, help="a process for each service  [default: all in one process]"
+            ),
             click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
         ]
     ):

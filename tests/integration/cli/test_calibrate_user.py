@@ -3,6 +3,11 @@
 import asyncio
 import json
 import math
+import os
+import re
+import shlex
+import shutil
+import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -244,6 +249,48 @@ async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
     ended = await site.pointit("calibrate", "user", ANNA, "--dry-run")
     assert "too far right" in ended.out
     assert "the pose looks wrong" in ended.out + ended.err
+
+
+@pytest.mark.skipif(shutil.which("script") is None, reason="no `script` to give it a terminal")
+async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
+    site: Site, localizer: ErringLocalizer
+) -> None:
+    words = (sys.executable, "-m", "pointit.cli", "calibrate", "user", ANNA, "--connect", site.endpoint)
+    process = await asyncio.create_subprocess_exec(
+        *("script", "-qec", shlex.join(words), "/dev/null"),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
+    )
+    out, _ = await asyncio.wait_for(process.communicate(), 30)
+    assert process.returncode == 0, out
+    assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]
+    lines = screen_lines(out.decode())
+    for number, lamp in enumerate(LAMPS, start=1):
+        assert f"anna: {number} of 4: pointed at {lamp}" in lines, lines
+    assert "anna: the offset is in use" in lines
+
+
+def screen_lines(text: str) -> list[str]:
+    """Return what a terminal shows of `text` in the end: what is written over or erased is gone."""
+    rows: list[list[str]] = [[]]
+    row = column = 0
+    for part in re.split(r"(\r|\n|\x1b\[[0-9;?]*[A-Za-z])", text):
+        if part == "\n":
+            row += 1
+            rows += [[] for _ in range(row + 1 - len(rows))]
+        elif part == "\r":
+            column = 0
+        elif part.startswith("\x1b["):
+            if part.endswith("A"):
+                row = max(0, row - int(part[2:-1] or 1))
+            elif part == "\x1b[2K":
+                rows[row] = []
+        else:
+            line = rows[row] + [" "] * (column - len(rows[row]))
+            rows[row] = [*line[:column], *part, *line[column + len(part) :]]
+            column += len(part)
+    return ["".join(line).strip() for line in rows]
 
 
 async def test_lamps_that_somebody_else_has_are_waited_for_once(

@@ -1,0 +1,96 @@
+"""Help and errors fit a terminal of 80 columns, words whole."""
+
+import asyncio
+from collections.abc import Iterator
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.link import telling, untold_address
+from pointit.cli.main import command, folded
+from pointit.runtime import NoAnswerError
+
+GROUPS = {"calibrate": ("mounting", "user"), "evaluate": ("localization", "pointing")}
+ALONE = ("anchor", "call", "doctor", "pose", "run", "user")
+
+
+def pages() -> Iterator[tuple[str, ...]]:
+    for name in ALONE:
+        yield (name,)
+    for group, names in GROUPS.items():
+        yield (group,)
+        for name in names:
+            yield (group, name)
+
+
+@pytest.mark.parametrize("page", list(pages()))
+def test_help_fits_80_columns(page: tuple[str, ...]) -> None:
+    text = CliRunner().invoke(command, [*page, "--help"], terminal_width=80).output
+    assert max(map(len, text.splitlines())) <= 80
+    body = text.partition("\n")[2]  # after the line of usage
+    assert "..." not in body.replace("LAMP[,LAMP...]", "")
+
+
+@pytest.mark.parametrize("page", [page for page in pages() if page not in (("calibrate",), ("evaluate",))])
+def test_every_option_is_explained(page: tuple[str, ...]) -> None:
+    found: click.Command = command
+    with click.Context(command) as context:
+        for name in page:
+            assert isinstance(found, click.Group)
+            sub = found.get_command(context, name)
+            assert sub is not None
+            found = sub
+    for parameter in found.params:
+        if isinstance(parameter, click.Option):
+            assert parameter.help, parameter.name
+
+
+def test_errors_are_wrapped_between_words() -> None:
+    sentence = (
+        "where anna stands is not known: no anna is on this site, there is user1; add them with `pointit "
+        "user anna`, see tcp/an-address-that-is-longer-than-a-line.of.the.terminal.example.org:7447/and/on"
+    )
+    lines = f"Error: {folded(sentence, 80)}".splitlines()
+    assert " ".join(" ".join(lines).split()) == f"Error: {sentence}"
+    assert max(len(line) for line in lines if "tcp/" not in line) <= 80
+    assert folded("short", 80) == "short"
+    assert folded(sentence) == sentence  # no terminal: one line, for grep
+
+
+def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pointit.cli.main.folded", lambda text: f"<{text}>")
+    runner = CliRunner()
+    told = runner.invoke(command, ["pose", "anna", "x"], standalone_mode=False).exception
+    assert isinstance(told, click.ClickException)
+    assert told.format_message().startswith("<'x' is no place in metres")
+    told = runner.invoke(command, ["run", "nowhere"], standalone_mode=False).exception
+    assert str(told).startswith("<no scenario 'nowhere'")
+    told = runner.invoke(command, ["run", "--pose", "z"], standalone_mode=False).exception
+    assert isinstance(told, click.BadParameter)
+    assert told.format_message().startswith("<Invalid value for '--pose'")
+
+
+@click.command()
+@click.option("--connect", multiple=True, default=("tcp/here:1",))
+def _asks(connect: tuple[str, ...]) -> None:
+    raise NoAnswerError(f"nothing{untold_address('lab', connect)}")
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"), [([], "nothing (site lab at tcp/here:1)"), (["--connect", "tcp/there:2"], "nothing")]
+)
+def test_an_address_that_was_not_typed_is_told(typed: list[str], told: str) -> None:
+    assert str(CliRunner().invoke(_asks, typed).exception) == told
+
+
+async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with telling("waiting for the map …"):
+        await asyncio.sleep(0)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("pointit.cli.link.SILENT_S", 0.01)
+    with telling("waiting for the map …"):
+        await asyncio.sleep(0.1)
+    assert capsys.readouterr().err == "waiting for the map …\n"

@@ -101,9 +101,9 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         anchoring = Anchoring(bus, user)
         lamps = await _lamps(bus, user, wanted.lamps)
         count = wanted.count or len(lamps)
+        lights = "a lamp will light up" if count == 1 else f"{count} times a lamp will light up"
         click.echo(
-            f"{user}: {'a lamp' if count == 1 else f'lamp after lamp, {count} times,'} will light up; point at "
-            "it with a straight arm, as if there were no cursor, until it goes dark",
+            f"{user}: {lights}; point at it with a straight arm, as if there were no cursor, until it goes dark",
             err=True,
         )
         try:

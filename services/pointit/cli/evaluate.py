@@ -82,11 +82,11 @@ def command() -> None:
 
     The recordings are not part of PointIt; say where they are with --data or in POINTIT_DATA.
 
-    Example: pointit evaluate localization --data recordings --set proximity_waypoints
+    Example: pointit evaluate localization --data recordings --only-ours
     """
 
 
-@command.command("localization")
+@command.command("localization", short_help="where people stand: errors, honesty, time; baselines")
 @_options
 @click.option(
     "--baselines/--no-baselines",
@@ -136,7 +136,7 @@ def localization(
         tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
 
 
-@command.command("pointing")
+@command.command("pointing", short_help="what corrections leave of people's errors and of drift")
 @_options
 def pointing(
     *,

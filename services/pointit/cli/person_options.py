@@ -67,7 +67,7 @@ PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "--targets",
         type=click.IntRange(2, 64),
         metavar="N",
-        help="with --localize: how many lamps to point at",
+        help="with --localize: how many lamps to point at  [default: as many as it takes to be sure enough]",
     ),
     click.option(
         "--pose",

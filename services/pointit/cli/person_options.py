@@ -20,10 +20,6 @@ REALISTIC: dict[str, Any] = {
 sense to point at a lamp anew when the cursor has drifted away."""
 
 
-NEVER_ENOUGH: dict[str, float] = {"position_m": 0.001, "yaw_deg": 0.01}
-"""Of the localizer when the number of lamps is given: it does not end earlier, however sure it is."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Pose:
     """A place on the floor of {W}, and the azimuth there of the IMU's yaw 0."""

@@ -9,7 +9,7 @@ from typing import Any, Self, cast
 
 from pydantic import Field, PrivateAttr
 
-from pointit.cli.person_options import NEVER_ENOUGH, REALISTIC, Pose, body_of
+from pointit.cli.person_options import REALISTIC, Pose, body_of
 from pointit.runtime import Config, ConfigError, Launch
 from pointit.runtime.config import Layers, read_yaml
 from pointit.runtime.environment import environment_prefix
@@ -196,7 +196,7 @@ def _person(
     if choices.localize:  # who localizes is told nothing
         localizer = {"method": "static_targets"}
         if choices.targets is not None:
-            localizer |= {"targets": choices.targets, "enough": NEVER_ENOUGH}
+            localizer["targets"] = choices.targets
     elif choices.targets is not None:
         raise ConfigError(f"--targets {choices.targets}: add --localize, which points at them")
     profile: dict[str, Any] = {"hand": choices.hand} if choices.hand else {}

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from pointit.cli.certainty import position_sigma_m
+from pointit.cli.certainty import UNSURE_M, position_sigma_m
 from pointit.cli.scenario import Choices, read_scenario, site_launches, user_launches
 from pointit.runtime import Exchange, MemoryBus, run_services
 from pointit.schemas import UserPose
@@ -44,5 +44,5 @@ def test_both_are_localized_one_after_the_other_and_point(seed: int) -> None:
         assert states[user][-1] == "pointing", states
         place = plan.places[index % len(plan.places)]
         sigma_m = position_sigma_m(poses[user])
-        assert sigma_m <= 0.5
+        assert sigma_m <= UNSURE_M
         assert math.dist(poses[user].position_m[:2], place.position_m[:2]) <= 3.0 * sigma_m

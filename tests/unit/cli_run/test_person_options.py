@@ -84,7 +84,8 @@ def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
 
 def test_targets_go_to_the_localizer() -> None:
     assert person(Choices(localize=True, targets=3))["localizer"]["targets"] == 3
-    assert person(Choices(localize=True, targets=3))["localizer"]["enough"]["yaw_deg"] < 0.1  # no fewer
+    usual = person(Choices(localize=True))["localizer"]["enough"]
+    assert person(Choices(localize=True, targets=3))["localizer"]["enough"] == usual  # it counts for itself
     by_hand = Choices(
         localize=True, targets=3, settings=("localizer.targets=2", "localizer.enough.yaw_deg=9")
     )

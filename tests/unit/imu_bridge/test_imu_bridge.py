@@ -29,6 +29,7 @@ from pointit.services.imu_bridge.config import (
     SerialConfig,
     SimulatedConfig,
 )
+from pointit.services.imu_bridge.reading import Item, Reading
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedDevice
@@ -174,9 +175,12 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
     start_ns = clock.now_ns() - 550_000_000
     replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns, loop=True)
     stamps_ns: list[int] = []
-    running = asyncio.create_task(
-        ReplaySource(replay, clock).run(lambda reading: stamps_ns.append(reading.stamp_ns))
-    )
+
+    def deliver(item: Item) -> None:
+        assert isinstance(item, Reading)
+        stamps_ns.append(item.stamp_ns)
+
+    running = asyncio.create_task(ReplaySource(replay, clock).run(deliver))
     await until(lambda: len(stamps_ns) >= 20)
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)

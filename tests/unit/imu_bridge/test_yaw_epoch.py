@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from pointit.geometry import rotation
 from pointit.runtime import WallClock
 from pointit.schemas import NS_PER_S, SetMounting, SetYawOrigin
@@ -51,7 +53,8 @@ def test_the_first_connection_is_none_and_each_later_one_is() -> None:
     assert epoch.count == 1
 
 
-async def test_requests_that_turn_the_yaw_raise_it_and_others_do_not(own_state: Path) -> None:
+@pytest.mark.usefixtures("own_state")
+async def test_requests_that_turn_the_yaw_raise_it_and_others_do_not() -> None:
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, "anna")
         still = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0)

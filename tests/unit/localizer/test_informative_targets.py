@@ -1,16 +1,18 @@
 """Lamps chosen for information: as few as suffice, as many as are needed, refused when they do not."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
+from pointit.services.localizer.choice import Choice
 from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.hold import Timing
-from pointit.services.localizer.outputs import LampSwitch, Output
-from pointit.services.localizer.static_targets import Choice, StaticTargets
+from pointit.services.localizer.outputs import Floor, LampSwitch, Output
+from pointit.services.localizer.static_targets import StaticTargets
 from tests.unit.localizer.person import Person, yaw_difference
 
 GOOD = (
@@ -96,6 +98,45 @@ def test_no_more_than_were_asked_for() -> None:
     assert {news.target_count for news in told(outputs)} == {3}
     more = run(StaticTargets(EYE_HIGH, choice=Choice(order="informative", targets=4)))
     assert sorted(order(more)) == ["a", "a", "b", "b"]
+
+
+@pytest.mark.parametrize("targets", [3, 4, 5])
+def test_no_fewer_than_were_asked_for_however_sure_it_is(targets: int) -> None:
+    sure_at_once = Choice(
+        order="informative", targets=targets, position_sigma_m=9.0, yaw_sigma_rad=math.radians(90.0)
+    )
+    outputs = run(StaticTargets(GOOD, choice=sure_at_once))
+    assert len(order(outputs)) == targets
+    assert told(outputs)[-1].phase == "solved"
+    assert len(order(run(StaticTargets(GOOD, choice=replace(sure_at_once, targets=0))))) < targets + 1
+
+
+def test_by_default_it_ends_when_a_person_has_done_enough() -> None:
+    """At what is believed of one pointing, five lamps all around are plenty."""
+    outputs = run(StaticTargets(GOOD, choice=Choice(order="informative")))
+    assert told(outputs)[-1].phase == "solved"
+    assert len(order(outputs)) <= len(GOOD)
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+def test_people_stand_on_the_floor_unless_its_height_is_asked_for(*, is_free: bool) -> None:
+    """All lamps hang higher on the map: 5 cm for somebody tall for their measures, 50 on a platform."""
+    up_m = 0.5 if is_free else 0.05
+    x_y_z = ((lamp.id, lamp.position_m) for lamp in GOOD)
+    raised = [Lamp(id=name, position_m=(x, y, z + up_m)) for name, (x, y, z) in x_y_z]
+    procedure = StaticTargets(
+        raised,
+        trust=Trust(height_sigma_m=10.0 if is_free else Trust().height_sigma_m),
+        choice=Choice(order="informative", targets=5),
+        floor=Floor(height_m=0.0, is_free=is_free),
+    )
+    (pose,) = [output for output in run(procedure) if isinstance(output, UserPose)]
+    if is_free:
+        assert pose.position_m[2] == pytest.approx(0.5, abs=0.1)
+        assert pose.z_sigma_m > 0.0
+    else:
+        assert pose.position_m[2] == 0.0
+        assert pose.z_sigma_m == 0.0
 
 
 def test_what_cannot_be_told_is_refused_in_a_sentence() -> None:

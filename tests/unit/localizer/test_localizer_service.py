@@ -149,13 +149,13 @@ async def test_configured_lamps_only_in_their_order() -> None:
     async with memory_bench(clock) as bench:
         room = Room(bench, clock, Person(1.5, 1.2))
         bench.put(MAP, ROOM)
-        config = STATIC.model_copy(update={"lamps": ("led_3", "led_1", "led_0")})
+        config = STATIC.model_copy(update={"lamps": ("led_3", "led_1", "led_0", "led_2")})
         bench.start(Localizer, config, USER)
         await bench.settle()
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
         async with room.pointing():
             await room.until_phase("solved")
-        assert room.order == ["led_3", "led_1", "led_0"]
+        assert room.order == ["led_3", "led_1", "led_0", "led_2"]
 
 
 async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:

@@ -1,14 +1,21 @@
 """Which robot is meant: probabilities, doubt, and no flicker."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pointit.services.localizer.estimator import Refusal, Solution, Trust
+from pointit.evaluation.datasets import motion_relloc
+from pointit.evaluation.trial import Following, Reading
+from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
 from pointit.services.localizer.meant import Meant, probable
+from pointit.services.localizer.sphere import Array
+from tests.support.data import data_file
 
 TRUST = Trust()
+ANY_POSE = Trust(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
+"""Who is meant is asked, not whether the pose is good enough."""
 N = 9.0
 
 
@@ -28,7 +35,7 @@ def decide(meant: Meant, **residuals_deg: float) -> str:
     """Return whose solution is taken, or the reason why none."""
     results = [(name, solution(deg, ord(name[0]))) for name, deg in residuals_deg.items()]
     fits = probable(results, N, TRUST.ray_sigma_rad)
-    told = meant.choose(fits, N, TRUST)
+    told = meant.choose(fits)
     return told.reason if isinstance(told, Refusal) else meant.object_id
 
 
@@ -85,3 +92,71 @@ def test_noise_about_equal_does_not_flicker() -> None:
         if "alike" not in told:
             named.add(told)
     assert named == {"a"}
+
+
+def test_two_that_fit_differently_well_are_told_apart_by_their_probability_alone() -> None:
+    """1.0° against 1.5° is half as much again; of nine pointings that may still be chance."""
+    assert "two robots move alike, a and b" in decide(Meant(), a=1.0, b=1.5)
+    assert decide(Meant(), a=1.0, b=3.5) == "a"
+
+
+def test_one_that_is_tracked_twice_is_one() -> None:
+    fits = probable([("a", solution(1.0)), ("twin", solution(1.0)), ("b", solution(6.0))], N, 0.0349)
+    meant = Meant()
+    assert isinstance(meant.choose(fits), Solution)
+    assert meant.object_id == "a"
+
+
+class Recorded(Reading):
+    """Keeps whole recordings instead of their windows."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.followings: list[Following] = []
+
+    def follow(self, path: Path, following: Following) -> None:
+        del path
+        self.followings.append(following)
+
+
+def meant_in(following: Following, begin_s: float, decoy_m: Array) -> str:
+    """Return who is meant in the 3 s from `begin_s` on, the robot of the recording or a decoy."""
+    stamps_s = following.pointings.stamps_s
+    part = slice(*np.searchsorted(stamps_s, (begin_s, begin_s + 3.0)).tolist())
+    results = [
+        (
+            name,
+            solve(
+                Pointings(
+                    stamps_s[part],
+                    following.pointings.origins_m[part],
+                    following.pointings.directions[part],
+                    path_m[part],
+                ),
+                ANY_POSE,
+            ),
+        )
+        for name, path_m in (("robot", following.pointings.targets_m), ("decoy", decoy_m))
+    ]
+    meant = Meant()
+    told = meant.choose(probable(results, 1.0 + 3.0 * TRUST.independent_hz, TRUST.ray_sigma_rad))
+    return meant.object_id if isinstance(told, Solution) else ""
+
+
+def test_of_a_recorded_robot_and_a_decoy_with_its_path_the_right_one_is_meant() -> None:
+    """The decoy flies the recorded path mirrored, or some seconds late; windows of 3 s.
+
+    Where the robot flew circles, the late one looks exactly the same from another place: nobody can tell.
+    """
+    reading = Recorded()
+    motion_relloc.read(data_file("recordings/motion_relloc"), reading)
+    told: list[str] = []
+    for following in reading.followings:
+        stamps_s, path_m = following.pointings.stamps_s, following.pointings.targets_m
+        mirrored = path_m * [1.0, -1.0, 1.0] + [0.0, 2.0 * path_m[:, 1].mean(), 0.0]
+        late = np.column_stack([np.interp(stamps_s - 4.0, stamps_s, path_m[:, axis]) for axis in range(3)])
+        for decoy_m in (mirrored, late):
+            told += [meant_in(following, t, decoy_m) for t in np.arange(4.0, stamps_s[-1] - 3.0, 1.0)]
+    decided = [name for name in told if name]
+    assert len(decided) >= 60
+    assert decided.count("robot") >= 0.95 * len(decided)

@@ -81,6 +81,7 @@ def test_the_pose_is_found_refined_and_then_it_ends() -> None:
     assert error_m(found[-1]) < 0.05
     assert abs(yaw_difference(found[-1].yaw_rad, PERSON.yaw_rad)) < 0.02
     assert found[-1].method == "moving_target"
+    assert {(pose.position_m[2], pose.z_sigma_m) for pose in found} == {(0.0, 0.0)}  # on the floor
     assert not procedure.running
     last = told(outputs)[-1]
     assert (last.phase, last.progress, last.target_id) == ("solved", 1.0, "drone")

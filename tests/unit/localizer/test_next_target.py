@@ -13,10 +13,10 @@ from pointit.geometry.vector import Vec3
 from pointit.services.localizer.next_target import (
     Acuity,
     best_for_yaw,
-    bounds,
     information,
     knowledge,
     next_target,
+    prior,
 )
 from pointit.services.localizer.sphere import PARAMETERS, Array, Rays, residuals
 from tests.unit.localizer.person import EYES_M, Person
@@ -28,8 +28,16 @@ LAB: tuple[Vec3, ...] = (
     (0.762, -1.031, 0.15),
 )
 CONVEYOR: tuple[Vec3, ...] = ((0.15, 0.05, 1.55), (-2.4, -0.025, 1.25), (-2.85, -3.775, 2.55))
-ONE = Acuity(independent=1.0, body_sigma_m=0.0, bias_sigma_rad=1e-6)
+TWO_DEG = math.radians(2.0)
+ONE = Acuity(ray_sigma_rad=TWO_DEG, elevation_sigma_rad=TWO_DEG, body_sigma_m=0.0, bias_sigma_rad=1e-6)
 """One pointing of 2° a target, whose bias is known: the bound that pointing.md §4 gives."""
+
+
+def bounds(targets_m: Sequence[Vec3], eyes_m: Vec3, acuity: Acuity) -> tuple[float, float]:
+    """Return 1 sigma of position (m, both directions together) and yaw (rad) after a hold at each."""
+    told: Array = information(np.array(targets_m), np.array([eyes_m]), acuity)[0].sum(axis=0)
+    covariance = np.linalg.inv(told + prior(acuity)).astype(np.float64)
+    return math.sqrt(covariance[0, 0] + covariance[1, 1]), math.sqrt(covariance[2, 2])
 
 
 def around(distance_m: float, *azimuths_deg: float) -> list[Vec3]:

@@ -9,9 +9,9 @@ from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
 from pointit.services.localizer.anchoring import Anchoring
 from pointit.services.localizer.drift import DriftSettings
-from pointit.services.localizer.outputs import MEASURED, LampSwitch, Output
+from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.rays import Mean, mean
-from pointit.services.localizer.tracking import Tracking
+from pointit.services.localizer.tracking import MEASURED, Tracking
 from tests.unit.localizer.person import Person, yaw_difference
 
 S = NS_PER_S
@@ -87,7 +87,7 @@ def test_three_minutes_with_an_anchor_a_minute_stay_right() -> None:
     off: list[float] = []
     for minute in range(1, 4):
         error = float(generator.normal(0.0, 2.0 * DEGREE))
-        anchor = tracking.anchor(LAMP, pointing(60.0 * minute, off_rad=error))
+        anchor = tracking.anchor(LAMP, pointing(60.0 * minute, off_rad=error)).anchor
         assert anchor.accepted
         pose = tracking.pose(at(60.0 * minute))
         assert pose is not None
@@ -102,7 +102,7 @@ def test_three_minutes_with_an_anchor_a_minute_stay_right() -> None:
 def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
     tracking = Tracking()
     tracking.found(found(bias_rad=5.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
-    anchor = tracking.anchor(LAMP, pointing(10.0, bias_rad=5.0 * DEGREE))
+    anchor = tracking.anchor(LAMP, pointing(10.0, bias_rad=5.0 * DEGREE)).anchor
     # the pose before had not turned by 3° yet: the target is to the left of the ray as it was cast
     assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
     assert anchor.elevation_error_rad == pytest.approx(0.0, abs=0.2 * DEGREE)
@@ -114,14 +114,14 @@ def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
 def test_what_must_not_be_taken_is_measured_and_changes_nothing() -> None:
     tracking = localized()
     before = tracking.pose(at(10.0))
-    anchor = tracking.anchor(LAMP, pointing(10.0), "the arm wandered")
+    anchor = tracking.anchor(LAMP, pointing(10.0), "the arm wandered").anchor
     assert (anchor.accepted, anchor.reason) == (False, "the arm wandered")
     assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
     after = tracking.pose(at(10.0))
     assert before is not None
     assert after is not None
     assert after.yaw_rad == before.yaw_rad
-    assert Tracking().anchor(LAMP, pointing(0.0)).reason.startswith("no pose is known")
+    assert Tracking().anchor(LAMP, pointing(0.0)).anchor.reason.startswith("no pose is known")
 
 
 def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
@@ -130,7 +130,7 @@ def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
     assert tracking.given(given, at(0.0)) == given
     assert tracking.due(at(60.0)) is None
     assert [value for _, value, _ in tracking.figures(at(60.0))] == [None] * 4
-    assert tracking.anchor(LAMP, pointing(20.0)).accepted  # 6° off
+    assert tracking.anchor(LAMP, pointing(20.0)).anchor.accepted  # 6° off
     pose = tracking.pose(at(20.0))
     assert pose is not None
     assert abs(yaw_difference(pose.yaw_rad, person(20.0).yaw_rad)) < 0.5 * DEGREE
@@ -148,17 +148,17 @@ def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
     assert (tracking.due(at(5.0)) is not None) is follow
     tracking.found(found(6.0), at(0.0), at(3.0), at(6.0))
     assert (tracking.due(at(10.0)) is not None) is follow
-    assert tracking.anchor(LAMP, pointing(12.0)).accepted
+    assert tracking.anchor(LAMP, pointing(12.0)).anchor.accepted
     assert (tracking.due(at(20.0)) is not None) is follow
 
 
 def test_a_fixed_pose_that_is_quite_wrong_is_believed_by_two_anchors() -> None:
     tracking = Tracking()
     tracking.given(found().model_copy(update={"yaw_rad": 2.4, "method": "fixed"}), at(0.0))
-    first = tracking.anchor(LAMP, pointing(5.0))
+    first = tracking.anchor(LAMP, pointing(5.0)).anchor
     assert not first.accepted
     assert "point at that target again" in first.reason
-    assert tracking.anchor(LAMP, pointing(10.0)).accepted
+    assert tracking.anchor(LAMP, pointing(10.0)).anchor.accepted
     pose = tracking.pose(at(10.0))
     assert pose is not None
     assert abs(yaw_difference(pose.yaw_rad, person(10.0).yaw_rad)) < 2.0 * DEGREE
@@ -199,7 +199,7 @@ def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
     tracking.outside(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
     assert tracking.pose(at(10.0)) is None
     assert tracking.due(at(20.0)) is None
-    anchor = tracking.anchor(LAMP, pointing(10.0))
+    anchor = tracking.anchor(LAMP, pointing(10.0)).anchor
     assert (anchor.accepted, anchor.reason, anchor.yaw_rad) == (False, MEASURED, 0.0)
     assert anchor.azimuth_error_rad == pytest.approx(person(10.0).yaw_rad, abs=0.01)
     ours = tracking.found(found(11.0), at(5.0), at(8.0), at(11.0))
@@ -325,3 +325,58 @@ def test_settings_reach_the_filter() -> None:
     calm = Tracking(DriftSettings(rate_sigma_radps=math.radians(0.01)))
     calm.found(found(), at(-8.0), at(0.0), at(0.0))
     assert calm.yaw_sigma_rad(at(60.0)) < localized().yaw_sigma_rad(at(60.0)) / 3.0
+
+
+def test_a_rest_counts_until_a_cursor_appears() -> None:
+    tracking = localized()
+    for tick in range(25 * 9):  # shorter than what is measured by itself
+        tracking.on_orientation(
+            rotation.from_azimuth_elevation(1.0 - RATE * tick / 25.0, -1.2), at(tick / 25.0)
+        )
+    tracking.disturb()
+    pose = tracking.pose(at(9.0))
+    assert pose is not None
+    assert pose.yaw_rate_radps == pytest.approx(RATE, rel=0.2)
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize("follow", [None, False])
+def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
+    *, restarted: bool, follow: bool | None
+) -> None:
+    tracking = localized(follow=follow)
+    before = tracking.pose(at(5.0))
+    lost = tracking.lose_yaw(at(5.0), is_restarted=restarted)
+    assert before is not None
+    assert lost is not None
+    assert math.sqrt(lost.covariance[8]) >= math.pi / 2
+    assert lost.position_m == before.position_m
+    assert lost.covariance[0] == pytest.approx(before.covariance[0], rel=0.1)
+    assert tracking.has_lost_yaw
+    refused = tracking.anchor(LAMP, pointing(6.0), "the arm wandered").anchor
+    assert not refused.accepted
+    assert tracking.has_lost_yaw
+    # 2.5 rad from what it was
+    assert tracking.anchor(LAMP, pointing(7.0, off_rad=-2.5)).anchor.accepted
+    assert not tracking.has_lost_yaw
+    told = tracking.pose(at(7.0))
+    assert told is not None
+    assert abs(yaw_difference(told.yaw_rad, person(7.0).yaw_rad + 2.5)) < 2.0 * DEGREE
+    tracking.lose_yaw(at(8.0), is_restarted=restarted)
+    tracking.found(found(20.0), at(12.0), at(16.0), at(20.0))
+    assert not tracking.has_lost_yaw
+    assert tracking.yaw_sigma_rad(at(20.0)) < 3.0 * DEGREE
+
+
+def test_a_pose_that_is_exact_by_word_or_a_trackers_is_not_doubted() -> None:
+    tracking = Tracking()
+    assert tracking.lose_yaw(at(0.0), is_restarted=True) is None
+    tracking.given(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
+    assert tracking.lose_yaw(at(1.0), is_restarted=True) is None
+    tracking.outside(found(2.0).model_copy(update={"method": "external"}))
+    assert tracking.lose_yaw(at(3.0), is_restarted=False) is None
+    assert not tracking.has_lost_yaw
+    set_right = Tracking()
+    set_right.given(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
+    assert set_right.anchor(LAMP, pointing(5.0)).anchor.accepted
+    assert set_right.lose_yaw(at(6.0), is_restarted=False) is not None

@@ -1,24 +1,27 @@
 """Parameters of the localizer."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from pointit.runtime.config import Config
 from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
 from pointit.services.localizer.anchoring import Steadiness
+from pointit.services.localizer.choice import Choice
 from pointit.services.localizer.drift import DriftSettings
 from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.moving_target import Following
-from pointit.services.localizer.static_targets import Choice
+from pointit.services.localizer.outputs import Floor
 
 FREE_HEIGHT_M = 10.0
 """One sigma of a height that is not known."""
 
 _TRUST = Trust()
+_CHOICE = Choice()
+_DRIFT = DriftSettings()
 
 
 def _degrees(angle_rad: float) -> float:
@@ -62,11 +65,30 @@ class TrustConfig(Config):
         description="independent pointings per second, Hz: a hold errs as one",
     )
     min_samples: int = Field(default=_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
+    model_sigma_deg: float = Field(
+        default=_degrees(_TRUST.model_sigma_rad),
+        ge=0,
+        le=45,
+        description="1 sigma of a constant error of the rays, fixed to the body: eyes or finger "
+        "beside the model, degrees",
+    )
     max_residual_deg: float = Field(
         default=_degrees(_TRUST.max_residual_rad),
         gt=0,
         le=90,
-        description="rms angle above which the person did not point, degrees",
+        description="moving_target: rms angle above which the person did not follow it, degrees",
+    )
+    max_act_residual_deg: float = Field(
+        default=_degrees(_TRUST.max_act_residual_rad),
+        gt=0,
+        le=90,
+        description="static_targets: rms angle above which the person did not point at the lamps, degrees",
+    )
+    bias_sigma_limit: float = Field(
+        default=_TRUST.bias_sigma_limit,
+        gt=0,
+        le=10,
+        description="sigmas of the elevation bias beyond which it is no way of pointing",
     )
     max_position_sigma_m: float = Field(
         default=_TRUST.max_position_sigma_m,
@@ -92,30 +114,51 @@ class TrustConfig(Config):
             height_sigma_m=FREE_HEIGHT_M if free_height else self.height_sigma_m,
             independent_hz=self.independent_hz,
             min_samples=self.min_samples,
+            model_sigma_rad=math.radians(self.model_sigma_deg),
             max_residual_rad=math.radians(self.max_residual_deg),
+            max_act_residual_rad=math.radians(self.max_act_residual_deg),
+            bias_sigma_limit=self.bias_sigma_limit,
             max_position_sigma_m=self.max_position_sigma_m,
             max_yaw_sigma_rad=math.radians(self.max_yaw_sigma_deg),
         )
 
 
 class EnoughConfig(Config):
-    """When an informative choice of lamps may end."""
+    """When an informative choice of lamps may end: both must be reached, or all lamps were used."""
 
-    position_m: float = Field(default=0.3, gt=0, le=10, description="1 sigma of the position, m")
-    yaw_deg: float = Field(default=3.0, gt=0, le=90, description="1 sigma of the yaw, degrees")
+    position_m: float = Field(
+        default=_CHOICE.position_sigma_m,
+        gt=0,
+        le=10,
+        description="1 sigma of the position along its worse direction, m: two times of three the person "
+        "stands nearer to what is stated; a pointing errs by 5 degrees, so that 3 to 5 lamps reach 0.45",
+    )
+    yaw_deg: float = Field(
+        default=_degrees(_CHOICE.yaw_sigma_rad), gt=0, le=90, description="1 sigma of the yaw, degrees"
+    )
 
 
 class DriftConfig(Config):
     """How poses are followed while the IMU's yaw drifts."""
 
     rate_sigma_degps: float = Field(
-        default=0.25, gt=0, le=10, description="1 sigma of an IMU's yaw drift before it is known, degrees/s"
+        default=_degrees(_DRIFT.rate_sigma_radps),
+        gt=0,
+        le=10,
+        description="1 sigma of an IMU's yaw drift before it is known, degrees/s",
     )
     anchor_sigma_deg: float = Field(
-        default=2.0, gt=0, le=30, description="1 sigma of one pointing at a lamp, sideways, degrees"
+        default=_degrees(_DRIFT.anchor_sigma_rad),
+        gt=0,
+        le=30,
+        description="1 sigma of one pointing at a lamp, sideways, degrees",
     )
     max_yaw_sigma_deg: float = Field(
-        default=8.0, gt=0, le=180, description="health warns when the yaw is less certain than this, degrees"
+        default=15.0,
+        gt=0,
+        le=180,
+        description="health warns when the yaw is less certain than this, degrees; not below "
+        "trust.max_yaw_sigma_deg, or every pose that was just found would be warned of",
     )
 
     def settings(self) -> DriftSettings:
@@ -157,7 +200,8 @@ class LocalizerConfig(Config):
         default=0,
         ge=0,
         le=64,
-        description="static_targets: how many lamps, 2 or more; 0: all given, or as many as are needed",
+        description="static_targets: how many lamps, 2 or more, no fewer and no more (in the given order "
+        "at most all); 0: all given, or as many as are needed",
     )
     enough: EnoughConfig = EnoughConfig()
     reaction_s: float = Field(
@@ -204,6 +248,17 @@ class LocalizerConfig(Config):
     )
     drift: DriftConfig = DriftConfig()
 
+    @model_validator(mode="after")
+    def _warns_of_none_that_is_accepted(self) -> Self:
+        warned, accepted = self.drift.max_yaw_sigma_deg, self.trust.max_yaw_sigma_deg
+        if warned < accepted:
+            raise ValueError(
+                f"drift.max_yaw_sigma_deg is {warned:g} and poses of up to {accepted:g}° are accepted "
+                "(trust.max_yaw_sigma_deg), so every new pose would be warned of: raise the one or lower the "
+                "other"
+            )
+        return self
+
     def fixed(self, stamp_ns: int) -> UserPose:
         """Return the pose that is given here."""
         return UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=math.radians(self.yaw_deg))
@@ -211,6 +266,10 @@ class LocalizerConfig(Config):
     def believed(self) -> Trust:
         """Return how far rays are believed, and which poses are accepted."""
         return self.trust.trust(free_height=self.free_height)
+
+    def floor(self) -> Floor:
+        """Return on what people stand."""
+        return Floor(height_m=self.floor_m, is_free=self.free_height)
 
     def timing(self) -> Timing:
         """Return how long each lamp takes."""

@@ -22,12 +22,8 @@ from pointit.services.localizer.drift_model import (
     DriftPose,
     DriftSettings,
     Fix,
-    X,
-    Y,
-    bounded,
-    positive,
-    predicted,
 )
+from pointit.services.localizer.drift_state import DriftState
 from pointit.services.localizer.rejected import AGREED, DRIFTED, Rejected, Sight
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
@@ -42,21 +38,18 @@ class DriftFilter:
     def __init__(self, fix: Fix, settings: DriftSettings | None = None) -> None:
         """Start at `fix` with an IMU of which nothing is known."""
         self._settings = settings if settings is not None else DriftSettings()
-        self._mean = np.zeros(4)
-        self._covariance = np.zeros((4, 4))
-        self._stamp_ns = 0
+        self._state = DriftState(fix, self._settings)
         self._anchored_ns = 0
         self._fixed_ns = 0
-        self._floor_m = 0.0
         self._rejected: list[Rejected] = []
-        self._restart(fix)
+        self._took(fix)
 
     @property
     def settings(self) -> DriftSettings:
         """Return what it was made with."""
         return self._settings
 
-    def reset(self, fix: Fix, *, imu_restarted: bool = False) -> None:
+    def reset(self, fix: Fix) -> None:
         """Take a new localization.
 
         The person may have walked anywhere, so the old position is forgotten. The yaw of {H} is the IMU's
@@ -67,66 +60,37 @@ class DriftFilter:
 
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
-            imu_restarted: the IMU was switched off, turned on the arm, or its yaw origin was set: nothing of
-                yaw and rate is left.
         """
-        if imu_restarted:
-            self._restart(fix)
-            return
-        settings = self._settings
-        overlaps = (fix.since_ns if fix.since_ns is not None else fix.stamp_ns) < self._fixed_ns
-        self._advance(fix.stamp_ns)
-        late_s = max(0, self._stamp_ns - fix.stamp_ns) / NS_PER_S
-        rate, rate_variance = float(self._mean[RATE]), float(self._covariance[RATE, RATE])
-        yaw, variance = float(self._mean[YAW]), float(self._covariance[YAW, YAW])
-        seen = np.array([fix.x_m, fix.y_m, fix.yaw_rad + rate * late_s])
-        spread = positive(fix.covariance)
-        ahead = 0.0
-        """How the rate changes with the yaw, from what was known before."""
-        if not overlaps and not self._is_blank:
-            away = math.remainder(seen[YAW] - yaw, math.tau)
-            total = variance + float(spread[YAW, YAW])
-            if total > 0.0 and abs(away) <= settings.gate * math.sqrt(total):
-                gain = spread[:, YAW] / total
-                seen = seen - gain * away
-                spread = positive(spread - np.asarray(np.outer(gain, spread[YAW]), dtype=np.float64))
-                if variance > 0.0:
-                    ahead = float(self._covariance[RATE, YAW]) / variance
-                    rate += ahead * math.remainder(seen[YAW] - yaw, math.tau)
-                    rate_variance = max(0.0, rate_variance - ahead**2 * variance)
-            else:
-                rate_variance = settings.rate_sigma_radps**2
-        joint = np.zeros((4, 4))
-        joint[:3, :3] = spread
-        joint[RATE, :3] = joint[:3, RATE] = ahead * spread[YAW]
-        joint[RATE, RATE] = rate_variance + ahead**2 * spread[YAW, YAW]
-        self._mean = np.array([*seen, rate])
-        self._covariance = joint
+        since_ns = fix.since_ns if fix.since_ns is not None else fix.stamp_ns
+        self._state.move_to(fix, keeps_yaw=since_ns >= self._fixed_ns)
         self._took(fix)
+
+    def lose_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
+        """Take that the IMU's yaw origin is another one from `stamp_ns` on: only the yaw is unknown.
+
+        Args:
+            stamp_ns: when.
+            is_restarted: the device was restarted, so that its drift is unknown, too.
+        """
+        self._state.advance(stamp_ns)
+        self._state.forget_yaw()
+        if is_restarted:
+            self._state.forget_rate()
+        self._rejected.clear()
 
     def predict(self, now_ns: int) -> DriftPose:
         """Go on to `now_ns` and return the pose there; a clock that was set back is followed."""
-        if now_ns < self._stamp_ns - self._settings.max_late_s * NS_PER_S:
-            self._stamp_ns = now_ns
+        if now_ns < self._state.stamp_ns - self._settings.max_late_s * NS_PER_S:
+            self._state.stamp_ns = now_ns
             self._anchored_ns = min(self._anchored_ns, now_ns)
             self._fixed_ns = min(self._fixed_ns, now_ns)
             self._rejected.clear()
-        self._advance(now_ns)
+        self._state.advance(now_ns)
         return self.at(now_ns)
 
     def at(self, now_ns: int) -> DriftPose:
         """Return the pose at `now_ns`, or at the last prediction if that is later; changes nothing."""
-        mean, covariance = self._predicted(max(0, now_ns - self._stamp_ns) / NS_PER_S)
-        return DriftPose(
-            x_m=float(mean[X]),
-            y_m=float(mean[Y]),
-            yaw_rad=float(mean[YAW]),
-            covariance=covariance[:3, :3].copy(),
-            yaw_rate_radps=float(mean[RATE]),
-            yaw_rate_sigma_radps=math.sqrt(max(0.0, float(covariance[RATE, RATE]))),
-            anchored_ns=self._anchored_ns,
-            stamp_ns=max(now_ns, self._stamp_ns),
-        )
+        return self._state.at(now_ns, self._anchored_ns)
 
     def anchor(
         self,
@@ -165,13 +129,13 @@ class DriftFilter:
         wrong = self._untimely(stamp_ns) or self._unusable(sight, direction_h, samples)
         if wrong:
             return AnchorResult(accepted=False, reason=wrong)
-        self._advance(stamp_ns)
+        self._state.advance(stamp_ns)
         innovation, slope, noise = self._sighted(sight)
         azimuth, elevation = -float(innovation[0]), -float(innovation[1])
-        allowed = self._settings.gate * np.sqrt(np.diag(slope @ self._covariance @ slope.T) + noise)
+        allowed = self._settings.gate * np.sqrt(np.diag(slope @ self._state.covariance @ slope.T) + noise)
         if np.all(np.abs(innovation) <= allowed):
             self._rejected.clear()
-            self._update(innovation, slope, np.diag(noise))
+            self._state.update(innovation, slope, np.diag(noise))
             self._anchored_ns = max(self._anchored_ns, stamp_ns)
             return AnchorResult(accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation)
         return self._doubted(Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed)
@@ -197,17 +161,17 @@ class DriftFilter:
             wrong = "the direction is no finite angle; give the wall's azimuth in degrees"
         if wrong:
             return AnchorResult(accepted=False, reason=wrong)
-        self._advance(stamp_ns)
-        late_s = max(0, self._stamp_ns - stamp_ns) / NS_PER_S
+        self._state.advance(stamp_ns)
+        late_s = self._state.late_s(stamp_ns)
         slope = np.array([[0.0, 0.0, 1.0, -late_s]])
         yaw = azimuth_w_rad - vector.azimuth(direction_h)
-        away = math.remainder(yaw - float(self._mean[YAW] - late_s * self._mean[RATE]), math.tau)
+        away = math.remainder(yaw - float(self._state.mean[YAW] - late_s * self._state.mean[RATE]), math.tau)
         noise = max(sigma_rad, LEAST_SIGMA) ** 2
         note = ""
-        if away**2 > settings.gate**2 * (float((slope @ self._covariance @ slope.T)[0, 0]) + noise):
+        if away**2 > settings.gate**2 * (float((slope @ self._state.covariance @ slope.T)[0, 0]) + noise):
             note = f"the yaw was off by {math.degrees(away):+.0f}° and was set anew"
-            self._doubt(away**2, 0.0)
-        self._update(np.array([away]), slope, np.array([[noise]]))
+            self._state.doubt(away**2, 0.0)
+        self._state.update(np.array([away]), slope, np.array([[noise]]))
         self._rejected.clear()
         self._anchored_ns = max(self._anchored_ns, stamp_ns)
         return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
@@ -230,11 +194,11 @@ class DriftFilter:
         usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma)
         if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + settings.gate * sigma:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
-        if stamp_ns < self._stamp_ns - 60 * NS_PER_S:
+        if stamp_ns < self._state.stamp_ns - 60 * NS_PER_S:
             return AnchorResult(accepted=False, reason="the rest is over since long; see the clocks")
-        self._advance(stamp_ns)
-        away = yaw_rate_radps - float(self._mean[RATE])
-        variance = float(self._covariance[RATE, RATE])
+        self._state.advance(stamp_ns)
+        away = yaw_rate_radps - float(self._state.mean[RATE])
+        variance = float(self._state.covariance[RATE, RATE])
         if variance <= creep_sigma_radps**2:
             return AnchorResult(
                 accepted=False, reason="a held-up arm does not tell the drift better; let it hang"
@@ -246,44 +210,18 @@ class DriftFilter:
                 reason=f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
                 "drift; rest it on something that does not move",
             )
-        self._update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma**2]]))
+        self._state.update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma**2]]))
         return AnchorResult(accepted=True)
 
-    def _restart(self, fix: Fix) -> None:
-        """Take `fix` and forget all else."""
-        self._mean = np.array([fix.x_m, fix.y_m, fix.yaw_rad, 0.0])
-        self._covariance = np.zeros((4, 4))
-        self._covariance[:3, :3] = positive(fix.covariance)
-        self._covariance[RATE, RATE] = self._settings.rate_sigma_radps**2
-        self._stamp_ns = fix.stamp_ns
-        self._anchored_ns = 0
-        self._fixed_ns = 0
-        self._took(fix)
-
-    @property
-    def _is_blank(self) -> bool:
-        """Return whether the yaw is so uncertain that it says nothing."""
-        return float(self._covariance[YAW, YAW]) >= (0.5 * self._settings.max_yaw_sigma_rad) ** 2
-
     def _took(self, fix: Fix) -> None:
-        self._mean[YAW] = math.remainder(float(self._mean[YAW]), math.tau)
         self._floor_m = fix.floor_m
         self._fixed_ns = fix.stamp_ns
         self._rejected.clear()
         if fix.is_anchored:
             self._anchored_ns = fix.stamp_ns
-        self._bound()
-
-    def _predicted(self, passed_s: float) -> tuple[Array, Array]:
-        return predicted(self._mean, self._covariance, passed_s, self._settings)
-
-    def _advance(self, stamp_ns: int) -> None:
-        if stamp_ns > self._stamp_ns:
-            self._mean, self._covariance = self._predicted((stamp_ns - self._stamp_ns) / NS_PER_S)
-            self._stamp_ns = stamp_ns
 
     def _untimely(self, stamp_ns: int) -> str:
-        late_s = (self._stamp_ns - stamp_ns) / NS_PER_S
+        late_s = self._state.late_s(stamp_ns)
         if late_s <= self._settings.max_late_s:
             return ""
         return f"the pointing is {late_s:.0f} s old; see the IMU's radio and the clocks, and point again"
@@ -294,15 +232,15 @@ class DriftFilter:
             return "no usable ray came while the person pointed; see the IMU"
         if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
             return "the target is too steeply above or below; choose one farther away"
-        if rejected.seen(self._mean, sight)[2] < 0.2:
+        if rejected.seen(self._state.mean, sight)[2] < 0.2:
             return "the person would stand on the target; choose one farther away"
         return ""
 
     def _sighted(self, sight: Sight) -> tuple[Array, Array, Array]:
         """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation."""
         settings = self._settings
-        late_s = max(0, self._stamp_ns - sight.stamp_ns) / NS_PER_S
-        mean = self._mean.copy()
+        late_s = self._state.late_s(sight.stamp_ns)
+        mean = self._state.mean.copy()
         mean[YAW] -= late_s * mean[RATE]
         expected, slope, _ = rejected.seen(mean, sight)
         slope[:, RATE] = -late_s * slope[:, YAW]
@@ -324,12 +262,11 @@ class DriftFilter:
     def _doubted(self, doubt: Rejected, allowed: Array) -> AnchorResult:
         """Return what becomes of an anchor beyond the gate."""
         settings = self._settings
-        rate_sigma = math.sqrt(float(self._covariance[RATE, RATE]))
         self._rejected.append(doubt)
         verdict = rejected.verdict(
             self._rejected,
             settings.gate,
-            rate_sigma,
+            self._state.rate_sigma_radps,
             since_ns=self._anchored_ns,
             believe_after=settings.believe_after,
             despair_after=settings.despair_after,
@@ -344,42 +281,15 @@ class DriftFilter:
             believed = self._rejected[-settings.believe_after :]
             self._rejected.clear()
             if verdict == AGREED:
-                self._doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+                self._state.doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
             else:
-                self._covariance[RATE, :3] = self._covariance[:3, RATE] = 0.0
-                self._covariance[RATE, RATE] = settings.max_rate_radps**2
+                self._state.doubt_rate(settings.max_rate_radps)
             for one in believed:
                 innovation, slope, noise = self._sighted(one.sight)
-                self._update(innovation, slope, np.diag(noise))
+                self._state.update(innovation, slope, np.diag(noise))
             self._anchored_ns = max(self._anchored_ns, doubt.sight.stamp_ns)
             return replace(result, accepted=True, reason="", note=result.reason)
         if verdict:
             self._rejected.clear()
-            self._doubt(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
+            self._state.doubt(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
         return result
-
-    def _doubt(self, yaw_variance: float, position_variance: float) -> None:
-        """Make the pose less certain, its parts for themselves, and forget what is known of the rate."""
-        covariance = self._covariance
-        covariance[YAW, :2] = covariance[:2, YAW] = 0.0
-        covariance[RATE, :3] = covariance[:3, RATE] = 0.0
-        covariance[YAW, YAW] += yaw_variance
-        covariance[[X, Y], [X, Y]] += position_variance
-        covariance[RATE, RATE] = self._settings.rate_sigma_radps**2
-        self._bound()
-
-    def _update(self, innovation: Array, slope: Array, noise: Array) -> None:
-        """Take a measurement (Joseph's form: stays symmetric and positive)."""
-        covariance = self._covariance
-        total = slope @ covariance @ slope.T + noise
-        gain = np.linalg.solve(total, slope @ covariance).T
-        keep = np.eye(4) - gain @ slope
-        self._mean = self._mean + gain @ innovation
-        self._covariance = keep @ covariance @ keep.T + gain @ noise @ gain.T
-        self._bound()
-
-    def _bound(self) -> None:
-        limit = self._settings.max_rate_radps
-        self._mean[YAW] = math.remainder(float(self._mean[YAW]), math.tau)
-        self._mean[RATE] = min(max(float(self._mean[RATE]), -limit), limit)
-        self._covariance = bounded(self._covariance, self._settings)

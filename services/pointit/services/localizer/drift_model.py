@@ -26,7 +26,7 @@ class DriftSettings:
     """How far the yaw wanders beside its rate in one second, one sigma (0.5° in a minute)."""
     position_walk_m: float = 0.0065
     """How far a standing person shifts in one second, one sigma (5 cm in a minute)."""
-    anchor_sigma_rad: float = math.radians(2.0)
+    anchor_sigma_rad: float = math.radians(3.5)
     """One sigma of one pointing sideways, as an angle at the eyes."""
     elevation_sigma_rad: float = math.radians(3.0)
     """The same upwards: scatter within a person and what is not known of their bias."""

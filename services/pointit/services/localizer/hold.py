@@ -58,11 +58,6 @@ class Hold:
         """Return whether the ray was steady, or need not be."""
         return not self._waits
 
-    @property
-    def from_ns(self) -> int:
-        """Return since when rays count; while the ray is not settled, the earliest time."""
-        return self._from_ns
-
     def add(self, ray: PointingRay) -> None:
         """Take `ray`, unless it is no newer than the last."""
         if ray.stamp_ns <= self._newest_ns:

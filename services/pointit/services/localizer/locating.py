@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import (
-    NS_PER_S,
-    Anchor,
     Environment,
     ImuSample,
     Interaction,
-    Lamp,
     Localization,
     PointingRay,
     SetPose,
@@ -22,28 +19,20 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.topics import SET_POSE, START_LOCALIZATION
-from pointit.services.localizer import lamps as lamp_choice
-from pointit.services.localizer.anchoring import Anchoring
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimator import Refusal
 from pointit.services.localizer.facing import Facing
-from pointit.services.localizer.moving_target import MovingTarget
-from pointit.services.localizer.next_target import Acuity, best_for_yaw
-from pointit.services.localizer.outputs import LampSwitch, Output, StandBack
+from pointit.services.localizer.outputs import Output, StandBack
 from pointit.services.localizer.outside import OutsidePose, stands_back
-from pointit.services.localizer.static_targets import StaticTargets
+from pointit.services.localizer.procedures import Procedures
 from pointit.services.localizer.tracking import Tracking
-from pointit.services.localizer.turns import Turns, busy
-
-SAY_NS = NS_PER_S
-"""How often who is localized says so at least, and lights their lamp again."""
+from pointit.services.localizer.yaw_origin import YawOrigin
 
 IDLE_S = 2.0
 """How long nothing need be looked at while nothing is followed."""
 
 NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-Procedure = StaticTargets | MovingTarget | Anchoring
 Method = Literal["fixed", "static_targets", "moving_target"]
 
 
@@ -56,24 +45,22 @@ class Answer:
 
 
 class Locating:
-    """Runs at most one procedure, and knows the pose that the last one found or somebody gave."""
+    """Knows the pose that pointing found or somebody gave, and has a procedure run when one is asked for."""
 
     def __init__(self, user: str, config: LocalizerConfig) -> None:
         self._user = user
         self._config = config
-        self._room: Environment | None = None
-        self._turns = Turns()
         self._tracking = Tracking(config.drift.settings(), follow=config.track_drift)
         self._outside = OutsidePose()
         self._facing = Facing()
-        self._procedure: Procedure | None = None
+        self._origin = YawOrigin()
+        self._procedures = Procedures(user, config, self._tracking)
         self._is_cursor_shown = False
-        self._said_ns = 0
 
     @property
     def is_busy(self) -> bool:
         """Return whether a procedure runs and wants to be stepped."""
-        return self._procedure is not None
+        return self._procedures.is_busy
 
     @property
     def is_followed(self) -> bool:
@@ -87,49 +74,43 @@ class Locating:
         if config.method == "fixed":
             out.append(self._tracking.given(config.fixed(now_ns), now_ns))
         elif config.method == "moving_target" and config.autostart:
-            out += self._begin(self._following(), now_ns)
+            out += self._procedures.begin(self._procedures.following(), now_ns)
         return out
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
-        """Take the room; switch off what a localizer that was killed left lit, unless it is somebody's."""
-        is_first, self._room = self._room is None, room
-        if not is_first or self._config.method != "static_targets" or self._procedure is not None:
-            return []
-        wanted = self._config.lamps
-        ids = [lamp.id for lamp in room.lamps if not wanted or lamp.id in wanted]
-        return [] if self._turns.others(ids, now_ns) else [LampSwitch(lamp_id, on=False) for lamp_id in ids]
+        """Take the room."""
+        return self._procedures.on_map(room, now_ns)
 
     def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
-        """Mind the others who are localized: the lamps are theirs who began first."""
-        if user == self._user:
-            return []
-        has_ended = self._turns.hear(user, news, now_ns)
-        procedure = self._procedure
-        if procedure is None or isinstance(procedure, MovingTarget):
-            return []
-        out = self._say_again(procedure, now_ns) if has_ended else []
-        others = self._turns.others(procedure.lamp_ids, now_ns)
-        if others and others[0] < (procedure.since_ns, self._user):
-            out += self._passed(procedure.give_way(now_ns, busy(others[0][1])), now_ns)
-        return out
+        """Mind the others who are localized."""
+        return self._procedures.on_localization(news, user, now_ns)
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Take a ray of the person."""
         self._facing.add(ray)
-        if self._procedure is not None:
-            self._procedure.on_ray(ray)
+        self._procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
         return [] if changed is None else [changed]
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         """Take where things are."""
-        if isinstance(self._procedure, MovingTarget):
-            self._procedure.on_objects(tracker, objects)
+        self._procedures.on_objects(objects, tracker)
 
-    def on_imu(self, sample: ImuSample) -> None:
-        """Take the arm's orientation: while no cursor is steered, a resting arm shows the IMU's drift."""
-        if not self._is_cursor_shown and not isinstance(self._procedure, MovingTarget):
+    def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
+        """Take the arm's orientation.
+
+        Where its yaw counts from another origin than before, the pose's yaw is unknown. While no cursor is
+        steered, a resting arm shows the IMU's drift.
+        """
+        change = self._origin.add(sample)
+        out: list[Output] = []
+        if change:
+            self._facing = Facing()
+            pose = self._tracking.lose_yaw(now_ns, is_restarted=change == "restarted")
+            out = [*self._procedures.lose_yaw(now_ns), *([] if pose is None else [pose])]
+        if not self._is_cursor_shown and not self._procedures.is_following:
             self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns)
+        return out
 
     def on_interaction(self, news: Interaction) -> None:
         """Take what the person is about."""
@@ -146,18 +127,12 @@ class Locating:
         if not is_first:
             return []
         reason = stands_back(self._user)
-        stopped = self._stop(now_ns, reason)
+        stopped = self._procedures.stop(now_ns, reason)
         return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), StandBack()]
 
     def step(self, now_ns: int) -> list[Output]:
         """Go on with the procedure, if there is one."""
-        if self._procedure is None:
-            return []
-        out = self._passed(self._procedure.step(now_ns), now_ns)
-        procedure = self._procedure
-        if isinstance(procedure, StaticTargets | Anchoring) and abs(now_ns - self._said_ns) >= SAY_NS:
-            out += self._say_again(procedure, now_ns)
-        return out
+        return self._procedures.step(now_ns)
 
     def due(self, now_ns: int) -> list[Output]:
         """Return the pose when it is time to publish it again."""
@@ -177,6 +152,13 @@ class Locating:
         """Return what is wrong with the pose and what to do; empty when nothing is."""
         if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
             return self._silent(now_ns)
+        if self._tracking.has_lost_yaw:
+            user = self._user
+            return (
+                f"the IMU of {user} was restarted or turned: its yaw is unknown; localize again, point at "
+                f"a lamp (`pointit anchor {user}`), or face a known direction "
+                f"(`pointit pose {user} --facing …`)"
+            )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
         if sigma_deg <= self._config.drift.max_yaw_sigma_deg:
             return ""
@@ -191,28 +173,32 @@ class Locating:
         if taken := self._outside.busy(self._user, now_ns):
             return Refusal(taken)
         if method == "fixed":
-            out = self._stop(now_ns)
+            out = self._procedures.stop(now_ns)
             self._outside.take_over()
             out.append(self._tracking.given(self._config.fixed(now_ns), now_ns))
             out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
             return Answer("the pose is fixed by the configuration", out)
-        procedure = self._following() if method == "moving_target" else self._at_lamps(now_ns)
+        procedure = (
+            self._procedures.following() if method == "moving_target" else self._procedures.at_lamps(now_ns)
+        )
         if isinstance(procedure, Refusal):
             return procedure
-        out = self._stop(now_ns)
+        out = self._procedures.stop(now_ns)
         self._outside.take_over()
-        return Answer(f"localizing by {method.replace('_', ' ')}", [*out, *self._begin(procedure, now_ns)])
+        return Answer(
+            f"localizing by {method.replace('_', ' ')}", [*out, *self._procedures.begin(procedure, now_ns)]
+        )
 
     def cancel(self, now_ns: int) -> Answer:
         """Stop what goes on."""
-        out = self._stop(now_ns)
+        out = self._procedures.stop(now_ns)
         return Answer("cancelled; the last pose stays" if out else "nothing was going on", out)
 
     def set_pose(self, query: SetPose, now_ns: int) -> Answer | Refusal:
         """Take the pose from a person."""
         if taken := self._outside.busy(self._user, now_ns):
             return Refusal(taken)
-        out = self._stop(now_ns)
+        out = self._procedures.stop(now_ns)
         self._outside.take_over()
         pose = UserPose(
             stamp_ns=now_ns,
@@ -232,7 +218,7 @@ class Locating:
         """Take that the person points towards `azimuth_rad` right now."""
         if taken := self._outside.busy(self._user, now_ns):
             return Refusal(taken)
-        if self._procedure is not None:
+        if self._procedures.is_busy:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         mean = self._facing.mean(now_ns)
         if isinstance(mean, Refusal):
@@ -251,89 +237,22 @@ class Locating:
 
     def point_anchor(self, asked: str, now_ns: int) -> Answer | Refusal:
         """Have the person point at the lamp that is `asked` for, or at the one that tells most."""
-        if self._procedure is not None and not isinstance(self._procedure, Anchoring):
+        if self._procedures.is_localizing:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         if self._tracking.base is None:
             return Refusal(self._nowhere())
         if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
             return Refusal(self._silent(now_ns))
-        lamps = lamp_choice.for_an_anchor(self._room, self._config.lamps, asked)
-        if isinstance(lamps, Refusal):
-            return lamps
-        occupied = {lamp.id for lamp in self._room.lamps} if self._room is not None else set[str]()
-        if others := self._turns.others(occupied, now_ns):
-            return Refusal(busy(others[0][1]))
-        lamp = self._telling(lamps, now_ns)
-        anchoring = Anchoring(
-            lamp,
-            self._tracking.anchor,
-            self._config.timing(),
-            self._config.steadiness(),
-            occupies=occupied,
-        )
-        return Answer(f"point at {lamp.id}", [*self._stop(now_ns), *self._begin(anchoring, now_ns)])
+        made = self._procedures.anchoring(asked, self._facing.eyes_m, now_ns)
+        if isinstance(made, Refusal):
+            return made
+        lamp, anchoring = made
+        out = [*self._procedures.stop(now_ns), *self._procedures.begin(anchoring, now_ns)]
+        return Answer(f"point at {lamp.id}", out)
 
     def stop(self, now_ns: int) -> list[Output]:
         """End what goes on, lamps off."""
-        return self._stop(now_ns)
-
-    def _telling(self, lamps: Sequence[Lamp], now_ns: int) -> Lamp:
-        """Return the lamp that tells most about the yaw."""
-        place, covariance = self._tracking.uncertainty(now_ns)
-        drift = self._config.drift.settings()
-        acuity = Acuity(
-            ray_sigma_rad=drift.anchor_sigma_rad,
-            elevation_sigma_rad=drift.elevation_sigma_rad,
-            independent=1.0,
-            eyes_m=self._facing.eyes_m,
-        )
-        places = [lamp.position_m for lamp in lamps]
-        return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]
-
-    def _following(self) -> MovingTarget:
-        config = self._config
-        return MovingTarget(config.following(), config.believed(), floor_m=config.floor_m)
-
-    def _at_lamps(self, now_ns: int) -> StaticTargets | Refusal:
-        config = self._config
-        lamps = lamp_choice.for_a_pose(self._room, config.lamps)
-        if isinstance(lamps, Refusal):
-            return lamps
-        if others := self._turns.others({lamp.id for lamp in lamps}, now_ns):
-            return Refusal(busy(others[0][1]))
-        return StaticTargets(
-            lamps, config.timing(), config.believed(), config.choice(), floor_m=config.floor_m
-        )
-
-    def _begin(self, procedure: Procedure, now_ns: int) -> list[Output]:
-        self._procedure = procedure
-        self._said_ns = now_ns
-        if isinstance(procedure, MovingTarget):
-            self._tracking.disturb()
-        return procedure.start(now_ns)
-
-    def _stop(self, now_ns: int, reason: str = "") -> list[Output]:
-        procedure = self._procedure
-        return [] if procedure is None else self._passed(procedure.cancel(now_ns, reason), now_ns)
-
-    def _say_again(self, procedure: StaticTargets | Anchoring, now_ns: int) -> list[Output]:
-        self._said_ns = now_ns
-        return procedure.again(now_ns)
-
-    def _passed(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
-        """Return what a procedure gave, its pose as it is followed from now on; forget one that has ended."""
-        procedure, out = self._procedure, list[Output]()
-        for output in outputs:
-            if isinstance(output, UserPose) and isinstance(procedure, StaticTargets | MovingTarget):
-                out.append(self._tracking.found(output, *procedure.times_ns, now_ns))
-                continue
-            out.append(output)
-            if isinstance(output, Anchor) and output.accepted:
-                pose = self._tracking.pose(now_ns)
-                out += [] if pose is None else [pose]
-        if procedure is not None and not procedure.running:
-            self._procedure = None
-        return out
+        return self._procedures.stop(now_ns)
 
     def _nowhere(self) -> str:
         user = self._user

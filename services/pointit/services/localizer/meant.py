@@ -4,16 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pointit.services.localizer.estimator import AMBIGUOUS_COST, Refusal, Solution, Trust
+from pointit.services.localizer.estimator import Refusal, Solution
 
-ALIKE = 1.2
-"""The residual of the robot that fits next best must be larger by this, or nobody knows which is meant."""
-
-SWITCH = 0.9
-"""Of the robot that is followed and another one, the other must be as probable as this to take over."""
+MEANT = 0.9
+"""A robot as probable as this is meant; with less nobody knows which it is."""
 
 SWITCH_AFTER = 2
-"""So many tries in a row."""
+"""So many tries in a row another robot must be as probable as that beside the one that is followed."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +28,15 @@ def probable(
 ) -> list[Fit]:
     """Return the fits with their probabilities, the best first; none is likelier beforehand.
 
-    The likelihood of squared residuals r² of N independent pointings is exp(-N r² / 2 sigma²). Where even
-    the best misses by more than sigma, its residual takes that place: who points badly leaves more doubt.
+    The likelihood of residuals of N independent pointings, r² being their mean square (sideways and upwards
+    together), is exp(-N r² / 2 sigma²). Sigma is that of one axis, so that r² of who is followed is 2 sigma²
+    or less, as the pose is fitted. It is what is believed of rays that follow something; where even the best
+    misses by more, half its r² takes the place of sigma²: who points badly leaves more doubt.
 
     Args:
         results: of the same rays, one a robot, with its id.
-        independent: N.
-        ray_sigma_rad: sigma, sideways and upwards alike.
+        independent: N; the samples of half a second count as one.
+        ray_sigma_rad: sigma of one pointing, sideways or upwards.
     """
     known = [result.residual_rad for _, result in results if result.residual_rad is not None]
     least = min(known, default=0.0)
@@ -66,36 +65,37 @@ class Meant:
         self._decided = False
         self._streak = 0
 
-    def choose(self, fits: Sequence[Fit], independent: float, trust: Trust) -> Solution | Refusal:
+    def choose(self, fits: Sequence[Fit]) -> Solution | Refusal:
         """Return the result for the robot that is meant, or why nobody knows which it is.
 
         Args:
             fits: the best first, at least one.
-            independent: independent pointings in each.
-            trust: of the fits.
         """
         best = fits[0]
         current = next((fit for fit in fits if fit.object_id == self.object_id), None)
         if not self._decided or current is None:
-            return self._first(fits, independent, trust)
+            return self._first(fits)
         if current is best or _are_near(current.result, best.result):
             self._streak = 0
             return current.result
         if best.probability <= current.probability:  # it fits, but cannot be solved just now
             return current.result
         share = best.probability / (best.probability + current.probability)
-        self._streak = self._streak + 1 if share >= SWITCH else 0
+        self._streak = self._streak + 1 if share >= MEANT else 0
         if self._streak < SWITCH_AFTER:
             return _undecided(current.object_id, best)
-        return self._first(fits, independent, trust)
+        return self._first(fits)
 
-    def _first(self, fits: Sequence[Fit], independent: float, trust: Trust) -> Solution | Refusal:
+    def _first(self, fits: Sequence[Fit]) -> Solution | Refusal:
+        """Decide, nothing being decided; robots from which the same place follows are one."""
         best = fits[0]
         self.object_id, self._decided, self._streak = best.object_id, False, 0
-        for other in fits[1:]:
-            if _is_rival(best.result, other.result, independent, trust) and other.object_id != best.object_id:
-                return _undecided(best.object_id, other)
-        self._decided = isinstance(best.result, Solution)
+        if isinstance(best.result, Refusal):
+            return best.result
+        others = [fit for fit in fits[1:] if not _are_near(best.result, fit.result)]
+        if others and sum(fit.probability for fit in others) > 1.0 - MEANT:
+            return _undecided(best.object_id, max(others, key=lambda fit: fit.probability))
+        self._decided = True
         return best.result
 
 
@@ -105,14 +105,6 @@ def _undecided(object_id: str, other: Fit) -> Refusal:
         "or set robot_id",
         other.result.residual_rad,
     )
-
-
-def _is_rival(best: Solution | Refusal, other: Solution | Refusal, independent: float, trust: Trust) -> bool:
-    """Return whether the rays fit another robot as well, from another place."""
-    if isinstance(best, Refusal) or isinstance(other, Refusal) or best.is_near(other):
-        return False
-    unlikelier = 0.5 * independent * (other.residual_rad**2 - best.residual_rad**2) / trust.ray_sigma_rad**2
-    return unlikelier < AMBIGUOUS_COST or other.residual_rad < ALIKE * best.residual_rad
 
 
 def _are_near(one: Solution | Refusal, other: Solution | Refusal) -> bool:

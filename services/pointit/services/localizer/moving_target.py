@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pointit.schemas import NS_PER_S, Candidate, Localization, PointingRay, TrackedObjects
 from pointit.services.localizer.estimator import Refusal, Solution, Trust, solve
 from pointit.services.localizer.meant import Fit, Meant, probable
-from pointit.services.localizer.outputs import Output, Phase, extent, pose_message
+from pointit.services.localizer.outputs import Floor, Output, Phase, extent, pose_message
 from pointit.services.localizer.pairing import RayWindow, Track
 
 ROBOT = "robot"
@@ -52,11 +52,11 @@ class MovingTarget:
     _accepted: bool
 
     def __init__(
-        self, following: Following | None = None, trust: Trust | None = None, *, floor_m: float = 0.0
+        self, following: Following | None = None, trust: Trust | None = None, *, floor: Floor | None = None
     ) -> None:
         self._following = following if following is not None else Following()
         self._trust = trust if trust is not None else Trust()
-        self._floor_m = floor_m
+        self._floor = floor if floor is not None else Floor()
         self._running = False
         self._clear(0)
 
@@ -104,7 +104,7 @@ class MovingTarget:
         done = self._span_s >= 0.9 * self._following.window_s and not self._following.continuous
         self._running = not done
         return [
-            pose_message(result, "moving_target", self._rays.newest_ns, self._floor_m),
+            pose_message(result, "moving_target", self._rays.newest_ns, self._floor),
             self._localization(
                 now_ns, "solved", residual_rad=result.residual_rad, progress=1.0 if done else None
             ),
@@ -146,14 +146,14 @@ class MovingTarget:
             return Refusal("the robot is not tracked any more; see what tracks it")
         independent = 1.0 + trust.independent_hz * self._span_s
         self._fits = probable(results, independent, trust.ray_sigma_rad)
-        return self._meant.choose(self._fits, independent, trust)
+        return self._meant.choose(self._fits)
 
     def _solve(self, track: Track, trust: Trust) -> Solution | Refusal:
         pointings = self._rays.pointings(track)
         self._span_s = max(self._span_s, pointings.span_s)
         if pointings.span_s < self._following.min_span_s:
             return Refusal("keep following the robot with the arm straight")
-        return solve(pointings, trust, floor_m=self._floor_m, start=self._solution)
+        return solve(pointings, trust, floor_m=self._floor.height_m, start=self._solution)
 
     def _missed(self, now_ns: int, refusal: Refusal) -> list[Output]:
         late = now_ns - self._started_ns >= self._following.give_up_s * NS_PER_S

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.geometry.vector import Vec3
+from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.sphere import Array
 
 EYES_M = 1.64
@@ -33,20 +34,22 @@ VAGUE_M = 10.0
 VAGUE_RAD = math.pi
 """One sigma of a pose that nothing has told yet."""
 
+_TRUST = Trust()
+
 
 @dataclass(frozen=True, kw_only=True)
 class Acuity:
     """How well a hold tells where a target is seen."""
 
-    ray_sigma_rad: float = math.radians(2.0)
+    ray_sigma_rad: float = _TRUST.act_sigma_rad
     """One sigma of one pointing sideways."""
-    elevation_sigma_rad: float = math.radians(2.0)
+    elevation_sigma_rad: float = _TRUST.elevation_sigma_rad
     """The same upwards."""
-    bias_sigma_rad: float = math.radians(10.0)
+    bias_sigma_rad: float = _TRUST.bias_sigma_rad
     """One sigma of the person's elevation bias."""
-    independent: float = 5.0
-    """Independent pointings of one hold."""
-    body_sigma_m: float = 0.1
+    independent: float = 1.0
+    """Independent pointings of one hold: a reach errs until the next one, however long it is held."""
+    body_sigma_m: float = _TRUST.body_sigma_m
     """One sigma of where the eyes are: near targets tell less than the angles promise."""
     eyes_m: float = EYES_M
     """Over the floor."""
@@ -91,16 +94,6 @@ def knowledge(information_of_pose: Array) -> Array:
     return np.asarray(whole - np.log(information_of_pose[..., 3, 3]), dtype=np.float64)
 
 
-def bounds(targets_m: Sequence[Vec3], eyes_m: Vec3, acuity: Acuity) -> tuple[float, float]:
-    """Return one sigma of position (m, both directions together) and yaw (rad) that no solver can beat.
-
-    After one hold at each target, seen from `eyes_m` ({W}).
-    """
-    told: Array = information(np.array(targets_m), np.array([eyes_m]), acuity)[0].sum(axis=0)
-    covariance = np.linalg.inv(told + _prior(acuity)).astype(np.float64)
-    return math.sqrt(covariance[0, 0] + covariance[1, 1]), math.sqrt(covariance[2, 2])
-
-
 def next_target(
     lamps_m: Sequence[Vec3],
     visits: Sequence[int],
@@ -124,7 +117,7 @@ def next_target(
     places = _room(lamps) if place_m is None else np.array([place_m])
     eyes = np.column_stack([places, np.full(len(places), floor_m + acuity.eyes_m)])
     told = information(lamps, eyes, acuity)
-    sofar = np.einsum("n,pnij->pij", counts, told) + _prior(acuity)
+    sofar = np.einsum("n,pnij->pij", counts, told) + prior(acuity)
     after = sofar[:, None] + told  # places x lamps
     if not counts.any():  # of the best pair, the one that tells more by itself
         pairs = knowledge(after[:, :, None] + told[:, None, :]).mean(axis=0)
@@ -137,7 +130,8 @@ def next_target(
     return int(np.argmax(np.where(fewest, worth, -np.inf)))
 
 
-def _prior(acuity: Acuity) -> Array:
+def prior(acuity: Acuity) -> Array:
+    """Return what is known of (x, y, yaw, bias) before any pointing, as information (4 x 4)."""
     return np.diag([VAGUE_M**-2, VAGUE_M**-2, VAGUE_RAD**-2, acuity.bias_sigma_rad**-2])
 
 

@@ -20,6 +20,15 @@ class LampSwitch:
     on: bool
 
 
+@dataclass(frozen=True, kw_only=True)
+class Floor:
+    """On what the person stands, {W}."""
+
+    height_m: float = 0.0
+    is_free: bool = False
+    """Whether that is only where to begin, and the height is found out."""
+
+
 @dataclass(frozen=True)
 class StandBack:
     """Somebody else gives the pose now: ours is to be taken back."""
@@ -28,27 +37,38 @@ class StandBack:
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 """As in `Localization`."""
 
-MEASURED = "a tracker gives the pose, so the anchor tells only how the person points; nothing is to be done"
-"""Why an anchor that is well does not set the pose right."""
+
+@dataclass(frozen=True)
+class Judged:
+    """What became of a pointing at one lamp."""
+
+    anchor: Anchor
+    is_done: bool
+    """Whether nothing is left to do: it was taken, or only to be measured and could be."""
+
 
 Output = LampSwitch | Localization | UserPose | Anchor | StandBack
 
 
 def pose_message(
-    solution: Solution, method: Literal["static_targets", "moving_target"], stamp_ns: int, floor_m: float
+    solution: Solution, method: Literal["static_targets", "moving_target"], stamp_ns: int, floor: Floor
 ) -> UserPose:
-    """Return `solution` as it travels; `stamp_ns` is that of the newest ray in it."""
+    """Return `solution` as it travels; `stamp_ns` is that of the newest ray in it.
+
+    The feet are on the floor: what the height of the eyes is beside the body measures is no place to stand.
+    """
     c = [float(value) for value in solution.covariance.ravel()]
+    z_m, z_sigma_m = (solution.z_m, solution.z_sigma_m) if floor.is_free else (0.0, 0.0)
     return UserPose(
         stamp_ns=stamp_ns,
-        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(floor_m + solution.z_m)),
+        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(floor.height_m + z_m)),
         yaw_rad=solution.yaw_rad,
         covariance=(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
         method=method,
         elevation_bias_rad=solution.bias_rad,
         residual_rad=solution.residual_rad,
         samples=solution.samples,
-        z_sigma_m=solution.z_sigma_m,
+        z_sigma_m=z_sigma_m,
     )
 
 

@@ -15,8 +15,8 @@ from pointit.schemas import FARTHEST, PointingRay
 from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.sphere import Array
 
-LEAST_BIAS_SIGMA_RAD = math.radians(0.5)
-"""Nobody's elevation is known better, whatever a calibration says."""
+LEAST_BIAS_SIGMA_RAD = math.radians(1.0)
+"""Nobody's elevation is known better, whatever a calibration says: people scatter by it (pointing.md §3)."""
 
 
 def unfiltered(ray: PointingRay) -> Vec3:

@@ -139,7 +139,7 @@ class Localizer(Service[LocalizerConfig]):
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
         if self._is_timely(IMU.key, sample.stamp_ns):
-            self._locating.on_imu(sample)
+            self._emit(self._locating.on_imu(sample, self.clock.now_ns()))
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         if self._is_timely(OBJECTS.key, objects.stamp_ns):

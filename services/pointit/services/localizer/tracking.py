@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import NS_PER_S, Anchor, Lamp, PointingRay, UserPose
+from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
+from pointit.services.localizer.bias import Bias
 from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
-from pointit.services.localizer.outputs import MEASURED, anchor_message, bounded, covariance_of
+from pointit.services.localizer.outputs import Judged, anchor_message, bounded, covariance_of
 from pointit.services.localizer.pace import Pace
 from pointit.services.localizer.rays import Mean
 from pointit.services.localizer.sphere import Array
-from pointit.services.localizer.stillness import Stillness
+from pointit.services.localizer.stillness import Stillness, StillRate
 
 GIVEN_SIGMA_M = 0.05
 GIVEN_SIGMA_RAD = math.radians(15.0)
@@ -29,6 +30,9 @@ HEADING_SIGMA_RAD = math.radians(3.0)
 """One sigma of pointing in a known direction."""
 
 NO_POSE = "no pose is known yet; localize first, or set one"
+
+MEASURED = "a tracker gives the pose, so the anchor tells only how the person points; nothing is to be done"
+"""Why an anchor that is well does not set the pose right."""
 
 FIGURES = (
     ("drift", "°/min"),
@@ -59,12 +63,8 @@ class Tracking:
         """Whether the filter knows the pose: what was given counts until pointing says otherwise."""
         self._follows = False
         self._is_outside = False
-        self._calibration_rad: float | None = None
-        """What is left of the person's elevation error, by the newest ray."""
-        self._correction_rad = 0.0
-        """What their offset adds to the elevation, by the newest ray."""
-        self._raw_bias_rad = 0.0
-        """How much higher than the targets rays lie without the offset."""
+        self._has_lost_yaw = False
+        self._bias = Bias()
 
     @property
     def base(self) -> UserPose | None:
@@ -87,7 +87,7 @@ class Tracking:
         """
         known = self._filter if self._follows else None
         self._take(pose, follow=self._may_follow is not False)
-        self._raw_bias_rad = pose.elevation_bias_rad - self._correction_rad
+        self._bias.found(pose.elevation_bias_rad)
         if not self._follows:
             return self._pace.stamped(pose, now_ns)
         fix = replace(_fix(pose, covariance_of(pose), middle_ns), since_ns=since_ns)
@@ -101,7 +101,7 @@ class Tracking:
     def given(self, pose: UserPose, now_ns: int) -> UserPose:
         """Take a pose that is exact because somebody says so; return it as it is to be published."""
         self._take(pose, follow=self._may_follow is True)
-        self._raw_bias_rad = 0.0
+        self._bias.given()
         if self._follows:
             self._filter = DriftFilter(_fix(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
             self._is_told = True
@@ -116,20 +116,10 @@ class Tracking:
         self._pace.heard(pose.stamp_ns)
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> UserPose | None:
-        """Mind the person's offset; return the pose when it changes with it.
-
-        A calibrated person's rays do not lie too high any more: their bias is nil. Without the offset it is
-        again what it was.
-        """
-        self._correction_rad = ray.elevation_correction_rad
-        if ray.elevation_sigma_rad == self._calibration_rad:
-            return None
-        self._calibration_rad = ray.elevation_sigma_rad
+        """Mind the person's offset; return the pose when it changes with it."""
+        bias_rad = self._bias.on_ray(ray)
         base = self._base
-        if base is None or self._is_outside:
-            return None
-        bias_rad = self._raw_bias_rad if ray.elevation_sigma_rad is None else 0.0
-        if bias_rad == base.elevation_bias_rad:
+        if bias_rad is None or base is None or self._is_outside or bias_rad == base.elevation_bias_rad:
             return None
         self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
         return self._message(now_ns, now_ns)
@@ -138,16 +128,42 @@ class Tracking:
         """Look for rests of the arm; only while no cursor is shown."""
         if self._filter is None or not self._follows:
             return
-        told = self._still.add(orientation_xyzw, stamp_ns)
-        if told is not None:
-            self._filter.still(told.stamp_ns, told.yaw_rate_radps, told.sigma_radps, told.creep_sigma_radps)
+        self._rested(self._still.add(orientation_xyzw, stamp_ns))
 
     def disturb(self) -> None:
-        """End the present rest: the arm follows something from now on."""
-        self._still = Stillness()
+        """End the present rest, which counts until now: the arm follows something from now on."""
+        self._rested(self._still.end())
 
-    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "") -> Anchor:
-        """Take one pointing at `lamp` and return it as it is to be published.
+    def lose_yaw(self, now_ns: int, *, is_restarted: bool) -> UserPose | None:
+        """Take that the IMU's yaw origin is another one; return the pose to publish, its yaw unknown.
+
+        None where it does not matter: no pose is known, a tracker has it, or it is exact because somebody
+        says so.
+
+        Args:
+            now_ns: the time.
+            is_restarted: the device was switched on anew, so that its drift is unknown, too.
+        """
+        if is_restarted:
+            self._still = Stillness()
+        else:
+            self.disturb()
+        base = self._base
+        if base is None or self._is_outside or (base.method == "fixed" and not self._follows):
+            return None
+        if self._filter is None:
+            self._filter = DriftFilter(_fix(base, covariance_of(base), now_ns), self._settings)
+        self._filter.lose_yaw(now_ns, is_restarted=is_restarted)
+        self._is_told = self._has_lost_yaw = True
+        return self._message(now_ns, now_ns)
+
+    @property
+    def has_lost_yaw(self) -> bool:
+        """Return whether nothing has told the yaw since the IMU's origin changed."""
+        return self._has_lost_yaw
+
+    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "") -> Judged:
+        """Take one pointing at `lamp` and return what became of it.
 
         Args:
             lamp: what was pointed at.
@@ -157,9 +173,11 @@ class Tracking:
         base = self._base
         if base is None:
             nowhere = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
-            return anchor_message(lamp, mean, nowhere, AnchorResult(accepted=False, reason=NO_POSE))
+            result = AnchorResult(accepted=False, reason=NO_POSE)
+            return Judged(anchor_message(lamp, mean, nowhere, result), is_done=False)
         before = self._at(base, mean.stamp_ns)
-        wrong = wrong or (MEASURED if self._is_outside else "")
+        is_only_measured = self._is_outside and not wrong
+        wrong = MEASURED if is_only_measured else wrong
         # what must not be taken is only measured
         told = self._doubtful(before, mean.stamp_ns) if wrong else self._believing(base, mean.stamp_ns)
         result = told.anchor(
@@ -175,7 +193,7 @@ class Tracking:
             result = replace(result, accepted=False, reason=wrong)
         elif result.accepted:
             self._believe()
-        return anchor_message(lamp, mean, before, result)
+        return Judged(anchor_message(lamp, mean, before, result), is_done=result.accepted or is_only_measured)
 
     def heading(self, mean: Mean, azimuth_rad: float) -> AnchorResult:
         """Take that the person points towards `azimuth_rad` in {W}."""
@@ -236,9 +254,13 @@ class Tracking:
     def _take(self, pose: UserPose, *, follow: bool) -> None:
         self._base = pose
         self._filter = None
-        self._is_told = self._is_outside = False
+        self._is_told = self._is_outside = self._has_lost_yaw = False
         self._follows = follow
         self._still = Stillness()
+
+    def _rested(self, told: StillRate | None) -> None:
+        if told is not None and self._filter is not None and self._follows:
+            self._filter.still(told.stamp_ns, told.yaw_rate_radps, told.sigma_radps, told.creep_sigma_radps)
 
     def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:
         """Return the filter that takes what pointing tells."""
@@ -252,6 +274,7 @@ class Tracking:
 
     def _believe(self) -> None:
         self._is_told = True
+        self._has_lost_yaw = False
         self._follows = self._may_follow is not False
 
     def _at(self, base: UserPose, stamp_ns: int) -> UserPose:

@@ -13,6 +13,8 @@ from pointit.cli.evaluation_progress import progress
 from pointit.cli.evaluation_table import evaluation_console, print_rows
 from pointit.cli.output import to_json
 from pointit.evaluation.data_folder import VARIABLE, recordings_folder
+from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
+from pointit.evaluation.drift import CHAINED, CHAINS_REMARK
 from pointit.evaluation.row import ALL, Row, document
 from pointit.runtime.errors import ConfigError
 
@@ -43,6 +45,8 @@ def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str
 def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
     solvers = {row.solver for row in rows}
     remarks = [UNCORRECTED_REMARK] if solvers & {"none", "raw"} else []
+    if any((row.set, row.condition) == (FEEDBACK, CHAINED) for row in rows):
+        remarks.append(CHAINS_REMARK)
     return [*remarks, BOUND_REMARK] if "bound" in solvers else remarks
 
 

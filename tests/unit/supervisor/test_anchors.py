@@ -58,9 +58,9 @@ def resting(*, has_pose: bool = True) -> LifeCycle:
     return cycle
 
 
-def pointing() -> LifeCycle:
+def pointing(since_s: float = 9.0) -> LifeCycle:
     cycle = resting()
-    cycle.button(*press(9))
+    cycle.button(*press(since_s))
     assert cycle.state == "pointing"
     return cycle
 
@@ -202,3 +202,28 @@ def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
     assert cycle.pose(*known(4, 0.22)) == []  # said already
     assert shown(cycle.pose(*known(5, 0.05))).next_step == sentences.POINT
     assert cycle.pose(*known(6, 0.5, "external")) == []  # a tracker's is not ours to set right
+
+
+def test_an_anchor_that_takes_the_place_of_another_is_joined() -> None:
+    """Whoever asks again: the first is cancelled and the second begins at one time, and news take a while."""
+    cycle = pointing()
+    cycle.localization(*news(10, "sampling", since_ns=10 * S, target_id="led_0"))
+    assert cycle.state == "localizing"
+    cycle.localization(news(11, "cancelled", since_ns=10 * S)[0], round(11.02 * S))
+    again = news(11, "sampling", since_ns=11 * S, target_id="led_1")[0]
+    assert "localizing" in told(cycle.localization(again, round(11.02 * S)))
+    cycle.localization(*news(15, "solved", since_ns=11 * S))
+    assert cycle.state == "pointing"
+    late = news(14, "sampling", since_ns=11 * S, target_id="led_1")[0]
+    assert cycle.localization(late, round(15.01 * S)) == []  # of the one that is over
+
+
+def test_after_the_clock_was_set_back_all_goes_on() -> None:
+    cycle = pointing(4000.0)
+    cycle.localization(*news(4010, "sampling", since_ns=4010 * S, target_id="led_0"))
+    cycle.imu(*sample(400))
+    outputs = cycle.localization(*news(402, "refused", since_ns=4010 * S, reason="why"))
+    assert cycle.state == "pointing"
+    assert shown(outputs).reason == "why"
+    cycle.localization(*news(410, "sampling", since_ns=410 * S, target_id="led_0"))
+    assert cycle.state == "localizing"

@@ -70,9 +70,16 @@ def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
 
 def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
     place = KeptPlace()
-    place.pose(pose(2, "fixed"))
+    place.pose(UserPose(stamp_ns=2 * S, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5))
     place.localization(*idle(10))
     assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+
+
+def test_a_fixed_pose_that_anchors_made_uncertain_stays_so() -> None:
+    place = KeptPlace()
+    place.pose(pose(2, "fixed"))
+    place.localization(*idle(10))
+    assert place.due(11 * S) == BACK.model_copy(update={"method": "fixed"})
 
 
 def test_a_localizer_that_was_away_gets_it_back() -> None:

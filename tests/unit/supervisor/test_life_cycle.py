@@ -172,7 +172,6 @@ def test_news_of_an_earlier_localization_do_not_count() -> None:
 
 def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     cycle = localizing(10.0)
-    cycle.imu(*sample(69))
     first = cycle.run
     outputs = cycle.localization(*news(20, "idle"))
     assert told(outputs) == ["start", "localizing"]
@@ -181,6 +180,7 @@ def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     assert cycle.localization(*news(20, "idle")) == []
     cycle.answered(cycle.run)
     assert cycle.localization(*news(21, "sampling", target_id="led_0")) != []
+    cycle.imu(*sample(69))
     outputs = cycle.pass_time(70 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
     assert shown(outputs).reason == sentences.too_long(60.0)

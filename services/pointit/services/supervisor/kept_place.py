@@ -58,7 +58,7 @@ class KeptPlace:
         if pose is None or pose.method == "external" or deadline_ns is None or now_ns < deadline_ns:
             return None
         self._new_ns = None
-        if pose.method == "fixed":
+        if not any(pose.covariance):  # exact, as it was said
             return SetPose(position_m=pose.position_m, yaw_rad=pose.yaw_rad)
         return SetPose(
             position_m=pose.position_m,

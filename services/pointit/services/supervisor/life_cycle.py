@@ -92,6 +92,7 @@ class LifeCycle:
         """While an anchor is pointed at: where it goes on afterwards."""
         self._anchored_ns = 0
         """When the last anchor ended here; what began before is over."""
+        self._now_ns = 0
         self._voice = Voice()
 
     @property
@@ -120,6 +121,7 @@ class LifeCycle:
         `hold` localizes anew, where the person localizes at all; `double` sets the pose right by an anchor.
         Every gesture calls off what the localizer does. Nothing begins by itself after a gesture that ends.
         """
+        self._mind_clock(now_ns)
         if self._button is not None and _is_same(event, self._button):
             return []
         self._button = event
@@ -142,6 +144,7 @@ class LifeCycle:
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Take note that the wrist is heard; with `autostart` a timely sample begins."""
+        self._mind_clock(now_ns)
         self._heard_ns = now_ns
         if self.state != "idle" or not self._is_eager or now_ns < self._not_before_ns:
             return []
@@ -158,6 +161,7 @@ class LifeCycle:
 
     def localization(self, news: Localization, now_ns: int) -> list[Output]:
         """Take the localizer's progress; what is older than the current localization is left out."""
+        self._mind_clock(now_ns)
         if self.state != "localizing":
             return self._join_anchor(news, now_ns)
         if news.stamp_ns < self._run_ns:
@@ -165,6 +169,15 @@ class LifeCycle:
         if self._back is not None:
             return self._anchor(self._back, news, now_ns)
         return [] if news.purpose == "anchor" else self._find(news, now_ns)
+
+    def _mind_clock(self, now_ns: int) -> None:
+        """Move all that was noted back with a clock that was set back, or it would be to come for so long."""
+        back_ns, self._now_ns = self._now_ns - now_ns, now_ns
+        if back_ns > NS_PER_S:
+            self._heard_ns -= back_ns
+            self._run_ns -= back_ns
+            self._not_before_ns -= back_ns
+            self._anchored_ns = 0
 
     def _find(self, news: Localization, now_ns: int) -> list[Output]:
         """Take news while the place is looked for."""
@@ -201,6 +214,7 @@ class LifeCycle:
 
     def pass_time(self, now_ns: int) -> list[Output]:
         """Go on to `now_ns`: what took too long ends."""
+        self._mind_clock(now_ns)
         deadline_ns = self.deadline_ns
         if deadline_ns is None or now_ns < deadline_ns:
             return []
@@ -247,7 +261,7 @@ class LifeCycle:
     def _join_anchor(self, news: Localization, now_ns: int) -> list[Output]:
         """Follow an anchor that somebody else has asked for."""
         began_ns = news.since_ns or news.stamp_ns
-        if news.purpose != "anchor" or news.phase != "sampling" or began_ns <= self._anchored_ns:
+        if news.purpose != "anchor" or news.phase != "sampling" or began_ns < self._anchored_ns:
             return []
         self._begin_anchor(now_ns, min(news.stamp_ns, now_ns), sentences.ANCHOR_ASKED_FOR)
         self._is_answered = True
@@ -270,14 +284,21 @@ class LifeCycle:
             if news.phase == "sampling":
                 return self._aim(news, now_ns)
             if news.phase == "solved":
-                return self._go_back(back, now_ns, "localized", sentences.ANCHORED)
+                return self._over(news, self._go_back(back, now_ns, "localized", sentences.ANCHORED))
             if news.phase == "refused":
-                return self._go_back(back, now_ns, "refused", news.reason or sentences.ANCHOR_REFUSED)
+                reason = news.reason or sentences.ANCHOR_REFUSED
+                return self._over(news, self._go_back(back, now_ns, "refused", reason))
         if not self._is_answered:  # of what was before ours
             return []
         if news.purpose == "anchor" and news.phase == "cancelled":
-            return self._go_back(back, now_ns, "stopped", news.reason or sentences.ANCHOR_CANCELLED)
+            reason = news.reason or sentences.ANCHOR_CANCELLED
+            return self._over(news, self._go_back(back, now_ns, "stopped", reason))
         return self._go_back(back, now_ns, "refused", sentences.ANCHOR_LOST)
+
+    def _over(self, news: Localization, outputs: list[Output]) -> list[Output]:
+        """Take note that it was over when the localizer said so: the next one may have begun right then."""
+        self._anchored_ns = min(self._anchored_ns, news.stamp_ns)
+        return outputs
 
     def _go_back(self, back: State, now_ns: int, cue: Cue, reason: str) -> list[Output]:
         self._anchored_ns = now_ns

@@ -103,7 +103,8 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         count = wanted.count or len(lamps)
         lights = "a lamp will light up" if count == 1 else f"{count} times a lamp will light up"
         click.echo(
-            f"{user}: {lights}; point at it with a straight arm, as if there were no cursor, until it goes dark",
+            f"{user}: {lights}; point at it with a straight arm, as if there were no cursor, until it "
+            "goes dark",
             err=True,
         )
         try:

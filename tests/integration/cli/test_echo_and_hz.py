@@ -103,8 +103,8 @@ async def test_nobody_answers(site: Site) -> None:
     await site.stop()
     ended = await site.pointit("echo", "map")
     assert ended.code == 1
-    assert ended.err.startswith(f"Error: nobody answers at {site.endpoint};")
-    assert ended.err.count("\n") == 1
+    assert ended.err.startswith(f"looking for site lab at {site.endpoint} …\nError: nobody answers at ")
+    assert ended.err.count("\n") == 2
     assert ended.out == ""
 
 

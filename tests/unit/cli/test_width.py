@@ -59,7 +59,10 @@ def test_errors_are_wrapped_between_words() -> None:
 
 
 def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.cli.main.folded", lambda text: f"<{text}>")
+    def marked(text: str) -> str:
+        return f"<{text}>"
+
+    monkeypatch.setattr("pointit.cli.main.folded", marked)
     runner = CliRunner()
     told = runner.invoke(command, ["pose", "anna", "x"], standalone_mode=False).exception
     assert isinstance(told, click.ClickException)

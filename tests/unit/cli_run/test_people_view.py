@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
+from pointit.cli.certainty import UNSURE_DEG, UNSURE_M
 from pointit.cli.monitor import Monitor
 from pointit.cli.view import draw
 from pointit.runtime import Exchange, MemoryBus
@@ -86,7 +87,12 @@ def test_what_is_not_known_is_not_claimed() -> None:
 
 @pytest.mark.parametrize(
     ("sigma_m", "sigma_deg", "yellow"),
-    [(0.12, 2.1, []), (0.7, 2.1, ["±0.70"]), (0.1, 9.0, ["±9.0°"]), (0.7, 9.0, ["±0.70", "±9.0°"])],
+    [
+        (UNSURE_M, UNSURE_DEG, []),
+        (3.7, 2.1, ["±3.70"]),
+        (0.1, 39.0, ["±39.0°"]),
+        (3.7, 39.0, ["±3.70", "±39.0°"]),
+    ],
 )
 def test_an_uncertain_pose_is_yellow(sigma_m: float, sigma_deg: float, yellow: list[str]) -> None:
     monitor = localized()

@@ -63,8 +63,8 @@ PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "--targets",
         type=click.IntRange(2, 64),
         metavar="N",
-        help="with --localize: how many lamps to point at; two, as the paper has it, tell little, and their poses "
-        "are taken all the same  [default: as many as it takes to be sure enough]",
+        help="with --localize: how many lamps to point at; two, as the paper has it, tell little, and their "
+        "poses are taken all the same  [default: as many as it takes to be sure enough]",
     ),
     click.option(
         "--pose",

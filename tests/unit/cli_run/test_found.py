@@ -77,6 +77,11 @@ async def test_who_is_found_again_is_found_there() -> None:
         pose(99.0, 3.0, 0.8),
     )
     assert monitor.found["anna"] == pose(69.9, 3.0, 0.1)
+    monitor = await after(
+        *(pose(9.9, 1.0, 0.2), solved(10.0), Localization(stamp_ns=61 * S, phase="sampling")),
+        *(pose(62.0, 1.0, 0.95), solved(70.0), pose(69.9, 3.0, 0.1), pose(99.0, 3.0, 0.8)),
+    )
+    assert monitor.found["anna"] == pose(69.9, 3.0, 0.1)  # and not the one that was still there
 
 
 async def test_an_anchor_finds_nobody_anew_and_who_was_told_was_not_found() -> None:

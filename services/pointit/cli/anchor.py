@@ -7,6 +7,7 @@ import click
 
 from pointit.cli import pose_text
 from pointit.cli.anchoring import LATE_S, Anchoring
+from pointit.cli.finite import Finite
 from pointit.cli.link import joined, quiet, site_options, untold_address
 from pointit.cli.newest import Newest
 from pointit.cli.output import INTERRUPTED, json_option, print_json
@@ -25,7 +26,7 @@ def timeout_option(default_s: float = 30.0) -> click.Option:
     """Return the option that says how long one pointing may take."""
     return click.Option(
         ["--timeout", "timeout_s"],
-        type=click.FloatRange(min=1, max=600),
+        type=Finite(min=1, max=600),
         default=default_s,
         show_default=True,
         help="how long one pointing may take, s",

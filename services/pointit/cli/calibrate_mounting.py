@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from pointit.cli.anchoring import LISTEN_S
+from pointit.cli.finite import Finite
 from pointit.cli.kept import erase_here, kept_here, reached
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
@@ -59,7 +60,7 @@ class Way:
 @click.option(
     "--seconds",
     "rest_s",
-    type=click.FloatRange(min=0.3, max=30),
+    type=Finite(min=0.3, max=30),
     default=2.0,
     show_default=True,
     help="how long the arm rests in each pose, s",
@@ -67,7 +68,7 @@ class Way:
 @click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(min=1, max=600),
+    type=Finite(min=1, max=600),
     default=30.0,
     show_default=True,
     help="how long to wait for each rest, s",

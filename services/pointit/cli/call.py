@@ -7,6 +7,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
+from pointit.cli.finite import Finite
 from pointit.cli.keys import filled
 from pointit.cli.lazy import Mistake, nearest
 from pointit.cli.link import joined, quiet, site_options, untold_address
@@ -33,7 +34,7 @@ BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
 @click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(min=0.1, max=600),
+    type=Finite(min=0.1, max=600),
     default=REQUEST_TIMEOUT_S,
     show_default=True,
     help="how long to wait for the answer, s",

@@ -10,6 +10,7 @@ import click
 from rich.text import Text
 
 from pointit.cli.diagnosis import diagnose, is_healthy
+from pointit.cli.finite import Finite
 from pointit.cli.link import PATIENCE_S, address, joined, quiet, site_options, telling
 from pointit.cli.observation import SILENT_S, Finding, Observation, Report
 from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
@@ -33,7 +34,7 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 @click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(min=0),
+    type=Finite(min=0),
     default=PATIENCE_S,
     show_default=True,
     help="how long to look for somebody who answers, s",

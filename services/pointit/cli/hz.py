@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.finite import Finite
 from pointit.cli.keys import EVERYTHING, Wanted, resolve_all
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import joined, quiet, site_options
@@ -23,7 +24,7 @@ from pointit.schemas.topics import ANY, IMU
 @click.option("--all", "everything", is_flag=True, help="every topic")
 @click.option(
     "--window",
-    type=click.FloatRange(min=0.1),
+    type=Finite(min=0.1),
     default=5.0,
     show_default=True,
     help="how long to measure, s",

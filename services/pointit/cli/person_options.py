@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.finite import Finite
 from pointit.services.supervisor.body import measures
 
 FARTHEST_M = 1000.0
@@ -83,7 +84,7 @@ PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option(
         "--stature",
         "stature_m",
-        type=click.FloatRange(0.5, 2.5),
+        type=Finite(0.5, 2.5),
         metavar="M",
         help="how tall people are, m: scales the body measures of profile and simulation",
     ),

@@ -7,6 +7,7 @@ import click
 
 from pointit.cli import pose_text
 from pointit.cli.anchoring import LISTEN_S
+from pointit.cli.finite import Finite
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.newest import Newest
@@ -56,7 +57,7 @@ given before, all of it is taken as exact.
 The exit code is 1 when nobody knows where USER stands, or the localizer refuses.
 """
 
-_DEGREES = click.FloatRange(-360, 360)
+_DEGREES = Finite(-360, 360)
 
 
 @click.command(

@@ -1,6 +1,5 @@
 """`pointit run` and `pointit user`: whole scenarios, or one person's part of one."""
 
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import click
 
 from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
+from pointit.cli.finite import Finite
 from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.cli.plan import Plan
 from pointit.cli.scenario import (
@@ -26,16 +26,6 @@ from pointit.runtime.log import setup_logging
 from pointit.runtime.process import link_options, log_option, run_async
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.services.registry import PROCESSES
-
-
-class _Finite(click.FloatRange):
-    """A range of numbers without the one that is none."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is no number of seconds or times", param, ctx)
-        return number
 
 
 def _options(function: Any) -> Any:
@@ -81,7 +71,7 @@ def _options(function: Any) -> Any:
             ),
             click.option(
                 "--duration",
-                type=_Finite(min=0.1),
+                type=Finite(min=0.1),
                 help="seconds until it ends by itself  [default: as the scenario has it, or never]",
             ),
             click.option(
@@ -115,7 +105,7 @@ def _check_people(choices: Choices, people: int) -> None:
     "--speed",
     default=1.0,
     show_default=True,
-    type=_Finite(0.1, 20),
+    type=Finite(0.1, 20),
     help="simulated time runs this many times as fast",
 )
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")

@@ -119,3 +119,16 @@ async def test_a_double_press_asks_for_an_anchor_and_comes_back() -> None:
         bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns(), seq=3, gesture="double"), ANNA)
         await until(lambda: interactions[-1].reason == "the map has no lamps")
         assert interactions[-1].state == "pointing"
+
+
+async def test_an_offset_that_nobody_has_is_refused() -> None:
+    absurd = OFFSET.model_copy(update={"elevation": (-1e6, 0.0, 0.0, 0.0, 0.0, 0.0)})
+    async with memory_bench(ManualClock()) as bench:
+        profiles: list[UserProfile] = []
+        bench.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
+        bench.start(Supervisor, user=ANNA)
+        await until(lambda: len(profiles) == 1)
+        with pytest.raises(RefusedError, match="is nobody's and at most 45°"):
+            await bench.bus.call(SET_OFFSET, SetOffset(offset=absurd), ANNA)
+        await bench.settle()
+        assert [profile.offset for profile in profiles] == [None]

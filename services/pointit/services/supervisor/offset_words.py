@@ -1,11 +1,27 @@
 """A kept pointing offset: under which name it is kept, and how people are told of it."""
 
+import math
 from datetime import UTC, datetime
 
 from pointit.schemas import NS_PER_S, PointingOffset
 
 OFFSET_PURPOSE = "offset"
 """Under this name a person's pointing offset is kept, a file for each person."""
+
+
+LARGEST_RAD = math.radians(45.0)
+"""Nobody who points is off by more on average, wherever they point."""
+
+
+def absurd(offset: PointingOffset) -> str:
+    """Return what is wrong with an offset that nobody has; empty for one that somebody may have."""
+    worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
+    if worst_rad <= LARGEST_RAD:
+        return ""
+    return (
+        f"an offset of {math.degrees(worst_rad):.0f}° is nobody's and at most "
+        f"{math.degrees(LARGEST_RAD):.0f}° is taken; are its angles in radians?"
+    )
 
 
 def offset_in_use(user: str, offset: PointingOffset) -> str:

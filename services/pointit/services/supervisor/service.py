@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, RequestError, Service
+from pointit.runtime import ConfigError, Context, RefusedError, RequestError, Service
 from pointit.runtime.service import Scope
 from pointit.runtime.state import StateFile
 from pointit.schemas import (
@@ -44,7 +44,7 @@ from pointit.schemas.topics import (
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.kept_place import KeptPlace
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start, StartAnchor
-from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, offset_in_use
+from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, absurd, offset_in_use
 
 log = logging.getLogger(__name__)
 
@@ -189,6 +189,8 @@ class Supervisor(Service[SupervisorConfig]):
                 pass
 
     async def _set_offset(self, query: SetOffset, _user: str) -> Done:
+        if query.offset is not None and (wrong := absurd(query.offset)):
+            raise RefusedError(wrong)
         async with self._setting:  # what is kept is what was set last
             self._offset = query.offset
             self._put_profile()

@@ -7,7 +7,8 @@ from pydantic import ValidationError
 
 from pointit.cli.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.choice import Choice
-from pointit.services.localizer.config import DriftConfig, LocalizerConfig, TrustConfig
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.config_of_belief import DriftConfig, TrustConfig
 from pointit.services.localizer.drift import DriftSettings
 from pointit.services.localizer.estimator import Trust
 

@@ -4,7 +4,7 @@ Pure: rays and the time go in; the lamp, progress and the anchor come out.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from pointit.schemas import Lamp, Localization
@@ -30,7 +30,7 @@ class Anchoring(LampProcedure):
     def __init__(
         self,
         lamp: Lamp,
-        judge: Callable[[Lamp, Mean, str], Judged],
+        judge: Callable[[Lamp, Mean, str, int], Judged],
         timing: Timing | None = None,
         steadiness: Steadiness | None = None,
         *,
@@ -41,7 +41,7 @@ class Anchoring(LampProcedure):
         Args:
             lamp: to point at.
             judge: returns what becomes of the anchor that lamp and mean ray make, and does with it what is
-                to be done; the text is why it must not be taken, mostly empty.
+                to be done; the text is why it must not be taken, mostly empty, the number the time, ns.
             timing: how long the lamp is lit.
             steadiness: what is demanded.
             occupies: ids of the lamps that nobody else may use meanwhile, besides `lamp`.
@@ -50,6 +50,11 @@ class Anchoring(LampProcedure):
         super().__init__((lamp.id, *occupies), timing, self._steadiness.min_samples, "ask again")
         self._target = lamp
         self._judge = judge
+
+    @property
+    def targets(self) -> Sequence[Lamp]:
+        """Return the one lamp."""
+        return (self._target,)
 
     def _forget(self) -> None:
         """Have nothing to forget: the hold is new each time."""
@@ -68,7 +73,7 @@ class Anchoring(LampProcedure):
                 f"the arm wandered by {math.degrees(mean.spread_rad):.1f}° while {self._lamp.id} was lit and "
                 f"at most {math.degrees(limit_rad):.1f}° is accepted; hold it still and try again"
             )
-        judged = self._judge(self._lamp, mean, wrong)
+        judged = self._judge(self._lamp, mean, wrong, now_ns)
         anchor = judged.anchor
         if not judged.is_done:
             return [anchor, *self._end(now_ns, anchor.reason)]

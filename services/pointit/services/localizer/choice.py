@@ -1,9 +1,11 @@
 """Which lamps are lit for a localization, in which order, and when it is enough."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pointit.schemas import Lamp
 from pointit.services.localizer.estimator import Solution
 
 ROUNDS = 2
@@ -26,6 +28,10 @@ class Choice:
         if self.order == "given":
             return min(self.targets, lamps) if self.targets else lamps
         return self.targets or ROUNDS * lamps
+
+    def used(self, lamps: Sequence[Lamp]) -> Sequence[Lamp]:
+        """Return those of `lamps` that may be lit."""
+        return lamps[: self.most(len(lamps))] if self.order == "given" else lamps
 
     def planned(self, lamps: int) -> int:
         """Return how many holds a person should expect."""

@@ -24,7 +24,8 @@ from pointit.services.localizer.drift_model import (
     Fix,
 )
 from pointit.services.localizer.drift_state import DriftState
-from pointit.services.localizer.rejected import AGREED, DRIFTED, Rejected, Sight
+from pointit.services.localizer.rejected import AGREED, DRIFTED, Rejected
+from pointit.services.localizer.sighting import Sight, measured, unusable
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
@@ -49,7 +50,23 @@ class DriftFilter:
         """Return what it was made with."""
         return self._settings
 
-    def reset(self, fix: Fix) -> None:
+    def heed(self, now_ns: int | None) -> None:
+        """Take the time: a clock that was set back is followed, as far as it is beyond late measurements.
+
+        Every other entry takes the time, too, and does this first; without it a clock that was set back looks
+        like a measurement that is too late.
+
+        Args:
+            now_ns: none: not known.
+        """
+        if now_ns is None or not self._is_set_back(now_ns):
+            return
+        self._state.stamp_ns = now_ns
+        self._anchored_ns = min(self._anchored_ns, now_ns)
+        self._fixed_ns = min(self._fixed_ns, now_ns)
+        self._rejected.clear()
+
+    def reset(self, fix: Fix, *, now_ns: int | None = None) -> None:
         """Take a new localization.
 
         The person may have walked anywhere, so the old position is forgotten. The yaw of {H} is the IMU's
@@ -60,7 +77,9 @@ class DriftFilter:
 
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
+            now_ns: the time, see `heed`.
         """
+        self.heed(now_ns)
         since_ns = fix.since_ns if fix.since_ns is not None else fix.stamp_ns
         self._state.move_to(fix, keeps_yaw=since_ns >= self._fixed_ns)
         self._took(fix)
@@ -72,6 +91,7 @@ class DriftFilter:
             stamp_ns: when.
             is_restarted: the device was restarted, so that its drift is unknown, too.
         """
+        self.heed(stamp_ns)
         self._state.advance(stamp_ns)
         self._state.forget_yaw()
         if is_restarted:
@@ -80,11 +100,7 @@ class DriftFilter:
 
     def predict(self, now_ns: int) -> DriftPose:
         """Go on to `now_ns` and return the pose there; a clock that was set back is followed."""
-        if now_ns < self._state.stamp_ns - self._settings.max_late_s * NS_PER_S:
-            self._state.stamp_ns = now_ns
-            self._anchored_ns = min(self._anchored_ns, now_ns)
-            self._fixed_ns = min(self._fixed_ns, now_ns)
-            self._rejected.clear()
+        self.heed(now_ns)
         self._state.advance(now_ns)
         return self.at(now_ns)
 
@@ -102,6 +118,7 @@ class DriftFilter:
         elevation_bias_rad: float = 0.0,
         spread_rad: float = 0.0,
         samples: int = 1,
+        now_ns: int | None = None,
     ) -> AnchorResult:
         """Take one pointing at a known place without a cursor.
 
@@ -117,7 +134,9 @@ class DriftFilter:
             elevation_bias_rad: of the pose: the rays lie higher than the targets by it.
             spread_rad: rms of the rays about their mean.
             samples: rays in the mean.
+            now_ns: the time, see `heed`.
         """
+        self.heed(now_ns)
         sight = Sight(
             stamp_ns=stamp_ns,
             target_m=(target_m[0], target_m[1], target_m[2] - self._floor_m),
@@ -126,7 +145,9 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        wrong = self._untimely(stamp_ns) or self._unusable(sight, direction_h, samples)
+        wrong = self._untimely(stamp_ns) or unusable(
+            self._state.mean, sight, direction_h, samples, self._settings
+        )
         if wrong:
             return AnchorResult(accepted=False, reason=wrong)
         self._state.advance(stamp_ns)
@@ -141,7 +162,13 @@ class DriftFilter:
         return self._doubted(Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed)
 
     def heading(
-        self, stamp_ns: int, azimuth_w_rad: float, direction_h: Vec3, sigma_rad: float = math.radians(3.0)
+        self,
+        stamp_ns: int,
+        azimuth_w_rad: float,
+        direction_h: Vec3,
+        sigma_rad: float = math.radians(3.0),
+        *,
+        now_ns: int | None = None,
     ) -> AnchorResult:
         """Take that the person points in a known direction: "face the wall and press".
 
@@ -152,7 +179,9 @@ class DriftFilter:
             azimuth_w_rad: of that direction, {W}.
             direction_h: of the ray, the person's offset taken out, {H}; any length but 0.
             sigma_rad: how exactly people do that, > 0.
+            now_ns: the time, see `heed`.
         """
+        self.heed(now_ns)
         settings = self._settings
         wrong = self._untimely(stamp_ns)
         if not wrong and abs(vector.elevation(direction_h)) > settings.max_elevation_rad:
@@ -177,7 +206,13 @@ class DriftFilter:
         return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
 
     def still(
-        self, stamp_ns: int, yaw_rate_radps: float, sigma_radps: float, creep_sigma_radps: float = 0.0
+        self,
+        stamp_ns: int,
+        yaw_rate_radps: float,
+        sigma_radps: float,
+        creep_sigma_radps: float = 0.0,
+        *,
+        now_ns: int | None = None,
     ) -> AnchorResult:
         """Take the yaw rate that was measured while the arm rested; see `stillness.StillRate`.
 
@@ -188,7 +223,9 @@ class DriftFilter:
             yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
             sigma_radps: its one sigma, > 0.
             creep_sigma_radps: one sigma of an error that all such rests of this person share.
+            now_ns: the time, see `heed`.
         """
+        self.heed(now_ns)
         settings = self._settings
         sigma = max(math.hypot(sigma_radps, creep_sigma_radps), LEAST_SIGMA)
         usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma)
@@ -213,6 +250,9 @@ class DriftFilter:
         self._state.update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma**2]]))
         return AnchorResult(accepted=True)
 
+    def _is_set_back(self, now_ns: int) -> bool:
+        return now_ns < self._state.stamp_ns - self._settings.max_late_s * NS_PER_S
+
     def _took(self, fix: Fix) -> None:
         self._floor_m = fix.floor_m
         self._fixed_ns = fix.stamp_ns
@@ -226,38 +266,9 @@ class DriftFilter:
             return ""
         return f"the pointing is {late_s:.0f} s old; see the IMU's radio and the clocks, and point again"
 
-    def _unusable(self, sight: Sight, direction_h: Vec3, samples: int) -> str:
-        values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
-        if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
-            return "no usable ray came while the person pointed; see the IMU"
-        if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
-            return "the target is too steeply above or below; choose one farther away"
-        if rejected.seen(self._state.mean, sight)[2] < 0.2:
-            return "the person would stand on the target; choose one farther away"
-        return ""
-
     def _sighted(self, sight: Sight) -> tuple[Array, Array, Array]:
         """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation."""
-        settings = self._settings
-        late_s = self._state.late_s(sight.stamp_ns)
-        mean = self._state.mean.copy()
-        mean[YAW] -= late_s * mean[RATE]
-        expected, slope, _ = rejected.seen(mean, sight)
-        slope[:, RATE] = -late_s * slope[:, YAW]
-        innovation = np.array(
-            [
-                math.remainder(sight.azimuth_rad - float(expected[0]), math.tau),
-                sight.elevation_rad - float(expected[1]),
-            ]
-        )
-        level = math.cos(sight.elevation_rad)
-        noise = np.array(
-            [
-                (settings.anchor_sigma_rad**2 + sight.spread_rad**2) / level**2,
-                settings.elevation_sigma_rad**2 + sight.spread_rad**2,
-            ]
-        )
-        return innovation, slope, noise
+        return measured(self._state.mean, sight, self._state.late_s(sight.stamp_ns), self._settings)
 
     def _doubted(self, doubt: Rejected, allowed: Array) -> AnchorResult:
         """Return what becomes of an anchor beyond the gate."""

@@ -113,7 +113,13 @@ class AnchorResult:
 def predicted(
     mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
 ) -> tuple[Array, Array]:
-    """Return mean (4) and covariance (4 x 4) after `passed_s`; copies."""
+    """Return mean (4) and covariance (4 x 4) after `passed_s`, bounded; copies."""
+    mean, covariance = grown(mean, covariance, passed_s, settings)
+    return mean, bounded(covariance, settings) if passed_s > 0.0 else covariance
+
+
+def grown(mean: Array, covariance: Array, passed_s: float, settings: DriftSettings) -> tuple[Array, Array]:
+    """Return mean (4) and covariance (4 x 4) after `passed_s`, however large; copies."""
     mean = mean.copy()
     if passed_s <= 0.0:
         return mean, covariance.copy()
@@ -127,13 +133,17 @@ def predicted(
     covariance[YAW, RATE] += walk * passed_s / 2.0
     covariance[RATE, YAW] += walk * passed_s / 2.0
     covariance[RATE, RATE] += walk
-    return mean, bounded(covariance, settings)
+    return mean, covariance
 
 
 def bounded(covariance: Array, settings: DriftSettings) -> Array:
-    """Return it (4 x 4) symmetric, no sigma above its bound; correlations stay."""
+    """Return it (of x, y, yaw, 3 x 3, or of the rate, too) symmetric, no sigma above its bound.
+
+    Correlations stay.
+    """
     away = settings.max_position_sigma_m
     largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.max_rate_radps])
+    largest = largest[: len(covariance)]
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     shrink = np.minimum(1.0, largest / sigmas)
     return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))

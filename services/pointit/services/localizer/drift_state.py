@@ -15,6 +15,7 @@ from pointit.services.localizer.drift_model import (
     X,
     Y,
     bounded,
+    grown,
     positive,
     predicted,
 )
@@ -108,12 +109,14 @@ class DriftState:
             joint[4, 4] = self.covariance[YAW, YAW]
             joint[4, YAW] = joint[YAW, 4] = late_s * shared
             joint[4, RATE] = joint[RATE, 4] = shared
-            both = joint[:, YAW] - joint[:, 4]
-            total = float(both[YAW] - both[4])
+            apart = np.array([0.0, 0.0, 1.0, 0.0, -1.0])
+            both = joint @ apart
+            total = float(apart @ both)
             away = math.remainder(yaw - float(mean[YAW]), math.tau)
             if total > 0.0 and abs(away) <= settings.gate * math.sqrt(total):
                 mean = mean + both[:4] / total * away
-                covariance = covariance - np.outer(both[:4], both[:4]) / total
+                keep = np.eye(5) - np.outer(both / total, apart)
+                covariance = (keep @ joint @ keep.T)[:4, :4]  # as it is, not by a difference: stays positive
             else:
                 mean, covariance = self._brought(fix, rate, settings.rate_sigma_radps**2, late_s)
         self.mean, self.covariance = mean, covariance
@@ -150,12 +153,15 @@ class DriftState:
         return (0.5 * self._settings.max_yaw_sigma_rad) ** 2
 
     def _brought(self, fix: Fix, rate: float, rate_variance: float, late_s: float) -> tuple[Array, Array]:
-        """Return mean (4) and covariance (4 x 4) of `fix` and a rate, brought `late_s` on."""
+        """Return mean (4) and covariance (4 x 4) of `fix` and a rate, brought `late_s` on.
+
+        Not bounded after that, or yaw and rate would not fit the old yaw any more, which has the same rate.
+        """
         mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), rate])
         covariance = np.zeros((4, 4))
-        covariance[:3, :3] = positive(fix.covariance)
+        covariance[:3, :3] = bounded(positive(fix.covariance), self._settings)
         covariance[RATE, RATE] = rate_variance
-        return predicted(mean, covariance, late_s, self._settings)
+        return grown(mean, covariance, late_s, self._settings)
 
     def _predicted(self, passed_s: float) -> tuple[Array, Array]:
         return predicted(self.mean, self.covariance, passed_s, self._settings)

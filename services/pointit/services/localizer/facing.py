@@ -9,6 +9,7 @@ from pointit.services.localizer import rays as ray_math
 from pointit.services.localizer.estimator import Refusal
 from pointit.services.localizer.next_target import EYES_M
 from pointit.services.localizer.rays import Mean
+from pointit.services.localizer.set_back import BACK_NS
 
 RECENT_S = 0.5
 """Over so long the rays are averaged."""
@@ -35,7 +36,7 @@ class Facing:
     def add(self, ray: PointingRay) -> None:
         """Take `ray` unless it is a repeated one; after a clock was set back it begins anew."""
         rays = self._rays
-        if rays and ray.stamp_ns < rays[-1].stamp_ns - NS_PER_S:
+        if rays and ray.stamp_ns < rays[-1].stamp_ns - BACK_NS:
             rays.clear()
         if rays and ray.stamp_ns <= rays[-1].stamp_ns:
             return

@@ -4,11 +4,12 @@ Pure: rays and the time go in; lamps to switch and progress come out.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from pointit.schemas import Lamp, Localization, PointingRay
 from pointit.services.localizer.hold import Hold, Timing
 from pointit.services.localizer.outputs import LampSwitch, Output, Phase
+from pointit.services.localizer.set_back import SetBack
 
 
 class LampProcedure(ABC):
@@ -33,17 +34,24 @@ class LampProcedure(ABC):
         self._holds: list[tuple[Hold, Lamp]] = []
         """Since it was started; the last one goes on."""
         self._told: tuple[str, int] | None = None
+        self._clock = SetBack()
 
     @property
     def running(self) -> bool:
         """Return whether a lamp is lit and rays are wanted."""
         return self._running
 
+    @property
+    @abstractmethod
+    def targets(self) -> Sequence[Lamp]:
+        """Return the lamps that are, were or may be pointed at."""
+
     def start(self, now_ns: int) -> list[Output]:
         """Light the first lamp."""
         out = [self._switch(on=False)] if self._running else []
         self._running = True
         self.since_ns = now_ns
+        self._clock.begin(now_ns)
         self._holds = []
         self._forget()
         return [*out, *self._light(now_ns)]
@@ -54,9 +62,11 @@ class LampProcedure(ABC):
             self._hold.add(ray)
 
     def step(self, now_ns: int) -> list[Output]:
-        """Go on when the hold is over; end when it is hopeless."""
+        """Go on when the hold is over; end when it is hopeless; begin it anew when the clock was set back."""
         if not self._running:
             return []
+        if back_ns := self._clock.by_ns(now_ns):
+            self._set_back(back_ns, now_ns)
         hold = self._hold
         if hold.is_over(now_ns, self._fewest):
             return self._held(now_ns)
@@ -125,6 +135,14 @@ class LampProcedure(ABC):
         """Begin a hold at the next lamp."""
         self._holds.append((Hold(now_ns, self._timing), self._next_lamp()))
         return self.again(now_ns)
+
+    def _set_back(self, by_ns: int, now_ns: int) -> None:
+        """Begin the hold anew that goes on; those before stay."""
+        self.since_ns = max(0, self.since_ns - by_ns)
+        for hold, _ in self._holds[:-1]:
+            hold.set_back(by_ns)
+        self._holds[-1] = (Hold(now_ns, self._timing), self._lamp)
+        self._told = None
 
     def _end(self, now_ns: int, reason: str, residual_rad: float | None = None) -> list[Output]:
         self._running = False

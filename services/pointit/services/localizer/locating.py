@@ -109,7 +109,7 @@ class Locating:
             pose = self._tracking.lose_yaw(now_ns, is_restarted=change == "restarted")
             out = [*self._procedures.lose_yaw(now_ns), *([] if pose is None else [pose])]
         if not self._is_cursor_shown and not self._procedures.is_following:
-            self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns)
+            self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns, now_ns)
         return out
 
     def on_interaction(self, news: Interaction) -> None:
@@ -208,10 +208,10 @@ class Locating:
             covariance=query.covariance or NO_COVARIANCE,
             elevation_bias_rad=query.elevation_bias_rad,
         )
-        if query.method == "fixed" or query.covariance is None:
+        if query.covariance is None:
             out.append(self._tracking.given(pose, now_ns))
-        else:  # it was found once, and its localizer died
-            out.append(self._tracking.found(pose, now_ns, now_ns, now_ns))
+        else:  # pointing told it once, whatever it was before, and its localizer died
+            out.append(self._tracking.given_back(pose, now_ns))
         return Answer(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
 
     def set_heading(self, azimuth_rad: float, now_ns: int) -> Answer | Refusal:
@@ -228,7 +228,7 @@ class Locating:
                 return Refusal(self._nowhere())
             self._outside.take_over()
             self._tracking.given(self._config.fixed(now_ns), now_ns)
-        result = self._tracking.heading(mean, azimuth_rad)
+        result = self._tracking.heading(mean, azimuth_rad, now_ns)
         pose = self._tracking.pose(now_ns)
         if not result.accepted or pose is None:
             return Refusal(result.reason)

@@ -10,9 +10,13 @@ from pointit.services.localizer.estimator import Refusal, Solution, Trust, solve
 from pointit.services.localizer.meant import Fit, Meant, probable
 from pointit.services.localizer.outputs import Floor, Output, Phase, extent, pose_message
 from pointit.services.localizer.pairing import RayWindow, Track
+from pointit.services.localizer.set_back import SetBack
 
 ROBOT = "robot"
 """Kind of the objects that are followed when no id is given."""
+
+MAX_TRACKS = 256
+"""Of more robots, those that were reported last."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +43,7 @@ class MovingTarget:
     _due_ns: int
     _rays: RayWindow
     _tracks: dict[tuple[str, str], Track]
-    """By tracker and id."""
+    """By tracker and id, those that were reported last at the end."""
     _meant: Meant
     _fits: list[Fit]
     """Of the last try, the best first."""
@@ -58,6 +62,7 @@ class MovingTarget:
         self._trust = trust if trust is not None else Trust()
         self._floor = floor if floor is not None else Floor()
         self._running = False
+        self._clock = SetBack()
         self._clear(0)
 
     @property
@@ -88,12 +93,21 @@ class MovingTarget:
         wanted = self._following.target_id
         for item in message.objects:
             if item.id == wanted or (not wanted and item.kind == ROBOT):
-                track = self._tracks.setdefault((tracker, item.id), Track(self._following.window_s))
+                key = (tracker, item.id)
+                track = self._tracks.pop(key, None) or Track(self._following.window_s)
                 track.add(message.stamp_ns, item.position_m)
+                self._tracks[key] = track
+        self._forget_left(message.stamp_ns, tracker)
+        while len(self._tracks) > MAX_TRACKS:
+            del self._tracks[next(iter(self._tracks))]
 
     def step(self, now_ns: int) -> list[Output]:
-        """Try again, when it is time."""
-        if not self._running or now_ns < self._due_ns:
+        """Try again, when it is time; begin anew when the clock was set back."""
+        if not self._running:
+            return []
+        if self._clock.by_ns(now_ns):
+            return self.start(now_ns)
+        if now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + round(NS_PER_S / self._following.solve_hz)
         result = self._try()
@@ -119,6 +133,7 @@ class MovingTarget:
 
     def _clear(self, now_ns: int) -> None:
         self._started_ns = self._due_ns = now_ns
+        self._clock.begin(now_ns)
         self._rays = RayWindow(self._following.window_s)
         self._tracks = {}
         self._meant = Meant(self._following.target_id)
@@ -136,9 +151,7 @@ class MovingTarget:
         before_ns, self._tried_ns = self._tried_ns, self._rays.newest_ns
         if self._tried_ns == before_ns:
             return Refusal("no rays come; check that the IMU is on and sends")
-        for name, track in list(self._tracks.items()):  # those that left
-            if track.newest_ns < self._rays.newest_ns - self._following.window_s * NS_PER_S:
-                del self._tracks[name]
+        self._forget_left(self._rays.newest_ns)
         self._span_s = 0.0
         trust = self._rays.believed(self._trust)
         results = [(track_id, self._solve(track, trust)) for (_, track_id), track in self._tracks.items()]
@@ -147,6 +160,13 @@ class MovingTarget:
         independent = 1.0 + trust.independent_hz * self._span_s
         self._fits = probable(results, independent, trust.ray_sigma_rad)
         return self._meant.choose(self._fits)
+
+    def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
+        """Forget what was not reported for a window, of `tracker` or of all; their clocks may differ."""
+        oldest_ns = now_ns - self._following.window_s * NS_PER_S
+        for key, track in list(self._tracks.items()):
+            if tracker in (None, key[0]) and track.newest_ns < oldest_ns:
+                del self._tracks[key]
 
     def _solve(self, track: Track, trust: Trust) -> Solution | Refusal:
         pointings = self._rays.pointings(track)

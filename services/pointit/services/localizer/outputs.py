@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
-from pointit.services.localizer.drift import AnchorResult
+from pointit.services.localizer.drift import AnchorResult, DriftPose
 from pointit.services.localizer.estimator import Solution
 from pointit.services.localizer.rays import Mean
 from pointit.services.localizer.sphere import Array
@@ -80,6 +80,22 @@ def bounded(value: float) -> float:
 def extent(value: float) -> float | None:
     """Return `value` as it may travel; none when it is beyond everything."""
     return value if value <= FARTHEST else None
+
+
+def followed(base: UserPose, now: DriftPose) -> UserPose:
+    """Return the pose `base` as the drift's filter says that it is now."""
+    c = [float(value) for value in now.covariance.ravel()]
+    return base.model_copy(
+        update={
+            "stamp_ns": now.stamp_ns,
+            "position_m": (bounded(now.x_m), bounded(now.y_m), base.position_m[2]),
+            "yaw_rad": now.yaw_rad,
+            "covariance": (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
+            "yaw_rate_radps": now.yaw_rate_radps,
+            "yaw_rate_sigma_radps": now.yaw_rate_sigma_radps,
+            "anchored_ns": now.anchored_ns,
+        }
+    )
 
 
 def covariance_of(pose: UserPose) -> Array:

@@ -1,6 +1,7 @@
 """Poses of a tracker outside: whoever knows better where the person stands is let do it."""
 
 from pointit.schemas import NS_PER_S, UserPose
+from pointit.services.localizer.set_back import BACK_NS
 
 FRESH_S = 2.0
 """A tracker that was heard no longer ago than this gives the pose."""
@@ -25,7 +26,12 @@ class OutsidePose:
         self.pose = None
 
     def age_s(self, now_ns: int) -> float:
-        """Return how long ago the tracker was heard, s; by arrival, whatever its clock says."""
+        """Return how long ago the tracker was heard, s; by arrival, whatever its clock says.
+
+        After this machine's clock was set back nobody knows: from then on it counts from just too long.
+        """
+        if now_ns < self._heard_ns - BACK_NS:
+            self._heard_ns = now_ns - round(FRESH_S * NS_PER_S) - 1
         return max(0, now_ns - self._heard_ns) / NS_PER_S
 
     def is_fresh(self, now_ns: int) -> bool:

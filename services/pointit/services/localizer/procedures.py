@@ -61,8 +61,15 @@ class Procedures:
         return isinstance(self._running, MovingTarget)
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
-        """Take the room; switch off what a localizer that was killed left lit, unless it is somebody's."""
+        """Take the room; switch off what a localizer that was killed left lit, unless it is somebody's.
+
+        Who points at a lamp that is not there any more tells nothing: that is stopped.
+        """
         is_first, self._room = self._room is None, room
+        if isinstance(self._running, LampProcedure):
+            change = lamp_choice.change(self._running.targets, room)
+            reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
+            return self.stop(now_ns, reason) if change else []
         if not is_first or self._config.method != "static_targets" or self._running is not None:
             return []
         wanted = self._config.lamps
@@ -134,7 +141,7 @@ class Procedures:
     def at_lamps(self, now_ns: int) -> StaticTargets | Refusal:
         """Return the procedure with lamps, or why it cannot be."""
         config = self._config
-        lamps = lamp_choice.for_a_pose(self._room, config.lamps)
+        lamps = lamp_choice.for_a_pose(self._room, config.lamps, config.choice())
         if isinstance(lamps, Refusal):
             return lamps
         if others := self._turns.others({lamp.id for lamp in lamps}, now_ns):

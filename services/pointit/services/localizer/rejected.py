@@ -1,17 +1,13 @@
-"""Pointings at known places: how the filter sees them, and what to make of those that do not fit."""
+"""Pointings at known places that do not fit the pose: what to make of them."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-
-Array = NDArray[np.float64]
+from pointit.services.localizer.drift_model import Array
+from pointit.services.localizer.sighting import Sight
 
 AGREED: Literal["agreed"] = "agreed"
 """They say the same: the pose is wrong, not they."""
@@ -21,22 +17,6 @@ SCATTERED: Literal["scattered"] = "scattered"
 """They fit neither the pose nor each other."""
 
 Verdict = Literal["agreed", "drifted", "scattered", ""]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sight:
-    """One pointing at a known place."""
-
-    stamp_ns: int
-    target_m: Vec3
-    """{W}, height over the floor."""
-    origin_m: Vec3
-    """Of the ray, {H}."""
-    azimuth_rad: float
-    """Of the ray, {H}."""
-    elevation_rad: float
-    """Of the ray, the person's bias taken out."""
-    spread_rad: float
 
 
 @dataclass(frozen=True)
@@ -49,36 +29,6 @@ class Rejected:
     elevation_error_rad: float
     azimuth_variance: float
     elevation_variance: float
-
-
-def seen(mean: Array, sight: Sight) -> tuple[Array, Array, float]:
-    """Return how a person would see the target.
-
-    Args:
-        mean: 4: x, y (m), yaw (rad) of {H} in {W}; the rest is ignored.
-        sight: what is pointed at, and from where in {H}.
-
-    Returns:
-        azimuth and elevation in {H} (2), their derivatives by the state (2 x 4), horizontal distance (m).
-    """
-    cos_yaw, sin_yaw = math.cos(mean[2]), math.sin(mean[2])
-    eye_x = cos_yaw * sight.origin_m[0] - sin_yaw * sight.origin_m[1]
-    eye_y = sin_yaw * sight.origin_m[0] + cos_yaw * sight.origin_m[1]
-    east = sight.target_m[0] - float(mean[0]) - eye_x
-    north = sight.target_m[1] - float(mean[1]) - eye_y
-    up = sight.target_m[2] - sight.origin_m[2]
-    away = max(math.hypot(east, north), 1e-9)
-    square = away * away
-    azimuth = math.remainder(math.atan2(north, east) - float(mean[2]), math.tau)
-    lower = -up / (square + up * up)
-    slope = np.zeros((2, 4))
-    slope[0, :3] = north / square, -east / square, -1.0 - (east * eye_x + north * eye_y) / square
-    slope[1, :3] = (
-        -lower * east / away,
-        -lower * north / away,
-        lower * (east * eye_y - north * eye_x) / away,
-    )
-    return np.array([azimuth, math.atan2(up, away)]), slope, away
 
 
 def verdict(

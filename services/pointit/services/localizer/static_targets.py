@@ -52,6 +52,11 @@ class StaticTargets(LampProcedure):
         self._forget()
 
     @property
+    def targets(self) -> Sequence[Lamp]:
+        """Return the lamps that are, were or may be pointed at."""
+        return self._choice.used(self._lamps)
+
+    @property
     def times_ns(self) -> tuple[int, int]:
         """Return when the first ray was captured, and when the middle one was; -1 when there is none."""
         rays = self._rays

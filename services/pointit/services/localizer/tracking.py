@@ -11,20 +11,18 @@ from dataclasses import replace
 import numpy as np
 
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
+from pointit.schemas import Lamp, PointingRay, UserPose
 from pointit.services.localizer.bias import Bias
-from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
-from pointit.services.localizer.outputs import Judged, anchor_message, bounded, covariance_of
+from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings
+from pointit.services.localizer.drift_model import bounded as bounded_covariance
+from pointit.services.localizer.drift_model import positive
+from pointit.services.localizer.figures import figures
+from pointit.services.localizer.fixes import DOUBT, fix_of, is_exact
+from pointit.services.localizer.outputs import Judged, anchor_message, covariance_of, followed
 from pointit.services.localizer.pace import Pace
 from pointit.services.localizer.rays import Mean
 from pointit.services.localizer.sphere import Array
 from pointit.services.localizer.stillness import Stillness, StillRate
-
-GIVEN_SIGMA_M = 0.05
-GIVEN_SIGMA_RAD = math.radians(15.0)
-"""How well a pose that was given is believed once pointing is to set it right."""
-
-_DOUBT: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
 
 HEADING_SIGMA_RAD = math.radians(3.0)
 """One sigma of pointing in a known direction."""
@@ -33,13 +31,6 @@ NO_POSE = "no pose is known yet; localize first, or set one"
 
 MEASURED = "a tracker gives the pose, so the anchor tells only how the person points; nothing is to be done"
 """Why an anchor that is well does not set the pose right."""
-
-FIGURES = (
-    ("drift", "°/min"),
-    ("anchor age", "s"),
-    ("position σ", "m"),  # noqa: RUF001 - sigma is meant
-    ("yaw σ", "°"),  # noqa: RUF001 - sigma is meant
-)
 
 
 class Tracking:
@@ -90,20 +81,36 @@ class Tracking:
         self._bias.found(pose.elevation_bias_rad)
         if not self._follows:
             return self._pace.stamped(pose, now_ns)
-        fix = replace(_fix(pose, covariance_of(pose), middle_ns), since_ns=since_ns)
+        fix = replace(fix_of(pose, covariance_of(pose), middle_ns), since_ns=since_ns)
         if known is None:
             known = DriftFilter(fix, self._settings)
         else:
-            known.reset(fix)
+            known.reset(fix, now_ns=now_ns)
         self._filter, self._is_told = known, True
         return self._message(pose.stamp_ns, now_ns)
+
+    def given_back(self, pose: UserPose, now_ns: int) -> UserPose:
+        """Take a pose that was found once, with its covariance; return it as it is to be published.
+
+        Nothing is known of the drift, nor when something told the pose; what was known before is forgotten,
+        for it may be the same.
+        """
+        self._take(pose, follow=self._may_follow is not False)
+        if pose.method == "fixed":
+            self._bias.given()
+        else:
+            self._bias.found(pose.elevation_bias_rad)
+        if self._follows:
+            fix = replace(fix_of(pose, covariance_of(pose), now_ns), is_anchored=False)
+            self._filter, self._is_told = DriftFilter(fix, self._settings), True
+        return self._message(now_ns, now_ns)
 
     def given(self, pose: UserPose, now_ns: int) -> UserPose:
         """Take a pose that is exact because somebody says so; return it as it is to be published."""
         self._take(pose, follow=self._may_follow is True)
         self._bias.given()
         if self._follows:
-            self._filter = DriftFilter(_fix(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
+            self._filter = DriftFilter(fix_of(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
             self._is_told = True
         return self._pace.stamped(pose, now_ns)
 
@@ -124,11 +131,11 @@ class Tracking:
         self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
         return self._message(now_ns, now_ns)
 
-    def on_orientation(self, orientation_xyzw: Quaternion, stamp_ns: int) -> None:
+    def on_orientation(self, orientation_xyzw: Quaternion, stamp_ns: int, now_ns: int | None = None) -> None:
         """Look for rests of the arm; only while no cursor is shown."""
         if self._filter is None or not self._follows:
             return
-        self._rested(self._still.add(orientation_xyzw, stamp_ns))
+        self._rested(self._still.add(orientation_xyzw, stamp_ns), now_ns)
 
     def disturb(self) -> None:
         """End the present rest, which counts until now: the arm follows something from now on."""
@@ -149,10 +156,10 @@ class Tracking:
         else:
             self.disturb()
         base = self._base
-        if base is None or self._is_outside or (base.method == "fixed" and not self._follows):
+        if base is None or self._is_outside or (is_exact(base) and not self._follows):
             return None
         if self._filter is None:
-            self._filter = DriftFilter(_fix(base, covariance_of(base), now_ns), self._settings)
+            self._filter = DriftFilter(fix_of(base, covariance_of(base), now_ns), self._settings)
         self._filter.lose_yaw(now_ns, is_restarted=is_restarted)
         self._is_told = self._has_lost_yaw = True
         return self._message(now_ns, now_ns)
@@ -162,14 +169,17 @@ class Tracking:
         """Return whether nothing has told the yaw since the IMU's origin changed."""
         return self._has_lost_yaw
 
-    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "") -> Judged:
+    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "", now_ns: int | None = None) -> Judged:
         """Take one pointing at `lamp` and return what became of it.
 
         Args:
             lamp: what was pointed at.
             mean: of the rays.
             wrong: why it must not be taken; empty when it may.
+            now_ns: the time, see `DriftFilter.heed`.
         """
+        if self._filter is not None:
+            self._filter.heed(now_ns)
         base = self._base
         if base is None:
             nowhere = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
@@ -188,6 +198,7 @@ class Tracking:
             elevation_bias_rad=base.elevation_bias_rad,
             spread_rad=mean.spread_rad,
             samples=mean.samples,
+            now_ns=now_ns,
         )
         if wrong:
             result = replace(result, accepted=False, reason=wrong)
@@ -195,13 +206,13 @@ class Tracking:
             self._believe()
         return Judged(anchor_message(lamp, mean, before, result), is_done=result.accepted or is_only_measured)
 
-    def heading(self, mean: Mean, azimuth_rad: float) -> AnchorResult:
-        """Take that the person points towards `azimuth_rad` in {W}."""
+    def heading(self, mean: Mean, azimuth_rad: float, now_ns: int | None = None) -> AnchorResult:
+        """Take that the person points towards `azimuth_rad` in {W}; the time as for an anchor."""
         base = self._base
         if base is None or self._is_outside:
             return AnchorResult(accepted=False, reason=NO_POSE)
         told = self._believing(base, mean.stamp_ns)
-        result = told.heading(mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD)
+        result = told.heading(mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD, now_ns=now_ns)
         if result.accepted:
             self._believe()
         return result
@@ -231,21 +242,12 @@ class Tracking:
         if self._base is None:
             raise ValueError(NO_POSE)
         now = self._at(self._base, now_ns)
-        return now.position_m[:2], covariance_of(now) + (0.0 if self._is_told else _DOUBT)
+        covariance = positive(covariance_of(now)) + (0.0 if self._is_told else DOUBT)
+        return now.position_m[:2], bounded_covariance(covariance, self._settings)
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
         """Yield name, value and unit of what health shows; no value where nothing is estimated."""
-        values: tuple[float | None, ...] = (None,) * len(FIGURES)
-        if self._filter is not None and self._is_told:
-            now = self._filter.at(now_ns)
-            values = (
-                math.degrees(now.yaw_rate_radps) * 60.0,
-                (now_ns - now.anchored_ns) / NS_PER_S if now.anchored_ns else None,
-                now.position_sigma_m,
-                math.degrees(now.yaw_sigma_rad),
-            )
-        for (name, unit), value in zip(FIGURES, values, strict=True):
-            yield name, value, unit
+        return figures(self._filter.at(now_ns) if self._filter and self._is_told else None, now_ns)
 
     def yaw_sigma_rad(self, now_ns: int) -> float:
         """Return one sigma of the yaw; 0 where nothing is estimated."""
@@ -258,9 +260,15 @@ class Tracking:
         self._follows = follow
         self._still = Stillness()
 
-    def _rested(self, told: StillRate | None) -> None:
+    def _rested(self, told: StillRate | None, now_ns: int | None = None) -> None:
         if told is not None and self._filter is not None and self._follows:
-            self._filter.still(told.stamp_ns, told.yaw_rate_radps, told.sigma_radps, told.creep_sigma_radps)
+            self._filter.still(
+                told.stamp_ns,
+                told.yaw_rate_radps,
+                told.sigma_radps,
+                told.creep_sigma_radps,
+                now_ns=now_ns,
+            )
 
     def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:
         """Return the filter that takes what pointing tells."""
@@ -270,7 +278,7 @@ class Tracking:
 
     def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
         """Return a filter that believes `pose` only so far."""
-        return DriftFilter(_fix(pose, covariance_of(pose) + _DOUBT, stamp_ns), self._settings)
+        return DriftFilter(fix_of(pose, covariance_of(pose) + DOUBT, stamp_ns), self._settings)
 
     def _believe(self) -> None:
         self._is_told = True
@@ -281,35 +289,13 @@ class Tracking:
         """Return the pose at `stamp_ns`."""
         if self._filter is None or not self._is_told:
             return base
-        now = self._filter.at(stamp_ns)
-        c = [float(value) for value in now.covariance.ravel()]
-        return base.model_copy(
-            update={
-                "stamp_ns": now.stamp_ns,
-                "position_m": (bounded(now.x_m), bounded(now.y_m), base.position_m[2]),
-                "yaw_rad": now.yaw_rad,
-                "covariance": (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
-                "yaw_rate_radps": now.yaw_rate_radps,
-                "yaw_rate_sigma_radps": now.yaw_rate_sigma_radps,
-                "anchored_ns": now.anchored_ns,
-            }
-        )
+        return followed(base, self._filter.at(stamp_ns))
 
     def _message(self, stamp_ns: int, now_ns: int) -> UserPose:
         base = self._base
         if base is None:
             raise ValueError(NO_POSE)
+        if self._filter is not None:
+            self._filter.heed(now_ns)
         pose = self._at(base, stamp_ns)
         return self._pace.stamped(pose.model_copy(update={"stamp_ns": max(stamp_ns, 0)}), now_ns)
-
-
-def _fix(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
-    return Fix(
-        x_m=pose.position_m[0],
-        y_m=pose.position_m[1],
-        yaw_rad=pose.yaw_rad,
-        covariance=covariance,
-        stamp_ns=stamp_ns,
-        floor_m=pose.position_m[2],
-        is_anchored=pose.method in ("static_targets", "moving_target"),
-    )

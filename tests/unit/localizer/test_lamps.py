@@ -1,0 +1,112 @@
+"""Which lamps will do, and a map that changes while somebody points at them."""
+
+from typing import Literal
+
+import pytest
+
+from pointit.schemas import NS_PER_S, Environment, Lamp, Localization
+from pointit.services.localizer.choice import Choice
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimator import Refusal
+from pointit.services.localizer.lamps import change, for_a_pose
+from pointit.services.localizer.locating import Answer, Locating
+from pointit.services.localizer.outputs import LampSwitch
+
+START_NS = 1_700_000_000 * NS_PER_S
+A, B, C = (
+    Lamp(id="a", position_m=(3.0, 2.0, 0.1)),
+    Lamp(id="b", position_m=(-3.0, 2.5, 0.9)),
+    Lamp(id="c", position_m=(-2.5, -3.0, 2.0)),
+)
+
+
+def at(lamp: Lamp, x_m: float = 0.0, z_m: float = 0.0, name: str = "") -> Lamp:
+    x, y, z = lamp.position_m
+    return Lamp(id=name or f"{lamp.id}2", position_m=(x + x_m, y, z + z_m))
+
+
+def room(*lamps: Lamp) -> Environment:
+    return Environment(stamp_ns=0, name="lab", lamps=lamps)
+
+
+NEEDS = "needs two at different places"
+
+
+@pytest.mark.parametrize(
+    ("lamps", "choice", "sentence"),
+    [
+        ((A, B), Choice(), ""),
+        ((A,), Choice(), NEEDS),
+        (tuple(at(A, 1e-6 * n, name=f"led_{n}") for n in range(5)), Choice(order="informative"), NEEDS),
+        ((A, at(A, 0.04)), Choice(order="informative"), NEEDS),
+        ((A, at(A, 0.06)), Choice(order="informative"), ""),
+        ((A, at(A), B), Choice(targets=2), NEEDS),
+        ((A, at(A), B), Choice(), ""),
+        ((A, at(A), B), Choice(order="informative", targets=2), ""),
+        ((A, at(A, 0.04, 1.0)), Choice(order="informative"), "above one another"),
+        ((A, at(A, 0.0, 1.0), B), Choice(targets=2), "above one another"),
+    ],
+)
+def test_lamps_that_can_tell_no_pose_are_refused_at_once(
+    lamps: tuple[Lamp, ...], choice: Choice, sentence: str
+) -> None:
+    result = for_a_pose(room(*lamps), (), choice)
+    if sentence:
+        assert isinstance(result, Refusal)
+        assert sentence in result.reason
+        assert "; " not in result.reason or result.reason.count(";") == 1
+    else:
+        assert result == list(lamps)
+
+
+def test_the_choice_is_that_of_the_configuration() -> None:
+    locating = Locating("anna", LocalizerConfig(method="static_targets", order="given", targets=2))
+    locating.begin(START_NS)
+    locating.on_map(room(A, at(A), B), START_NS)
+    assert isinstance(locating.start(None, START_NS), Refusal)
+
+
+def test_what_became_of_lamps() -> None:
+    assert change([A, B], room(B, A, C)) == ""
+    assert change([A, B], room(A, at(B, 0.04, name="b"))) == ""
+    assert change([A, B], room(A, at(B, 0.06, name="b"))) == "lamp b moved by 0.06 m"
+    assert change([A, B], room(B)) == "lamp a left"
+
+
+def localizing(procedure: Literal["pose", "anchor"]) -> Locating:
+    """Return one that points at a, or may."""
+    config = LocalizerConfig(position_m=(0.5, 0.5, 0.0))
+    locating = Locating("anna", config)
+    locating.begin(START_NS)
+    locating.on_map(room(A, B, C), START_NS)
+    if procedure == "pose":
+        answer = locating.start("static_targets", START_NS)
+    else:
+        answer = locating.point_anchor("a", START_NS)
+    assert isinstance(answer, Answer)
+    return locating
+
+
+@pytest.mark.parametrize("procedure", ["pose", "anchor"])
+@pytest.mark.parametrize("lamps", [(B, C), (at(A, 0.5, name="a"), B, C), ()])
+def test_a_map_that_changes_ends_it_with_a_sentence(
+    procedure: Literal["pose", "anchor"], lamps: tuple[Lamp, ...]
+) -> None:
+    locating = localizing(procedure)
+    off, news = locating.on_map(room(*lamps), START_NS + NS_PER_S)
+    assert not locating.is_busy
+    assert isinstance(off, LampSwitch)
+    assert not off.on
+    assert isinstance(news, Localization)
+    assert news.phase == "cancelled"
+    assert news.reason.startswith("the map changed while anna was pointing at its lamps: lamp a ")
+    assert news.reason.endswith("; start again")
+
+
+def test_a_map_that_changes_elsewhere_is_taken() -> None:
+    locating = localizing("pose")
+    assert locating.on_map(room(A, B, C, at(C)), START_NS) == []
+    assert locating.is_busy
+    locating = localizing("anchor")
+    assert locating.on_map(room(A), START_NS) == []
+    assert locating.is_busy

@@ -54,9 +54,9 @@ class SetPose(Query):
     yaw_rad: Real = 0.0
     method: Annotated[
         Literal["fixed", "static_targets", "moving_target"],
-        Field(description="fixed: it is exact; otherwise how it was found, and it is followed as it drifts"),
+        Field(description="how it was found; with a covariance it is followed as the IMU drifts"),
     ] = "fixed"
-    covariance: Annotated[Covariance | None, Field(description="of a pose that was found")] = None
+    covariance: Annotated[Covariance | None, Field(description="of a pose that is not exact")] = None
     elevation_bias_rad: Annotated[Real, Field(description="found with it, see UserPose")] = 0.0
 
 

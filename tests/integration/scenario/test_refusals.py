@@ -55,8 +55,10 @@ PATIENT = ("user-sim.press_pause_s=600",)
 def test_two_lamps_at_one_place(seed: int, tmp_path: Path) -> None:
     room = room_with(tmp_path, (4.0, 1.0, 0.5), (4.0, 1.03, 0.5))
     outcome = play(room, Choices(seed=seed, localize=True, targets=2, settings=PATIENT), 15.0)
-    reason = assert_refused_and_shown(outcome)
-    assert "place" in reason
+    reason = outcome.steps[-1].reason
+    assert outcome.states[-1] == "idle"
+    assert "two at different places" in reason
+    assert f"anna: refused: {reason}" in outcome.view[80]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -255,6 +255,15 @@ def test_targets_at_the_height_of_the_eyes_tell_no_position() -> None:
     assert "at the height of the eyes" in sentence or "equally well" in sentence
 
 
+@settings(deadline=None)
+@given(st.floats(1.0, 4.0), st.floats(-1.0, 1.0), angles, st.integers(0, 100))
+def test_nobody_is_found_with_their_eyes_at_a_target(x: float, y: float, yaw_rad: float, seed: int) -> None:
+    level = ((0.0, 0.0, EYES_M), (1.0, -4.0, EYES_M))
+    result = solve(pointings(Person(x, y, yaw_rad), level, noise_rad=0.05, seed=seed), UNLIMITED)
+    if isinstance(result, Solution):
+        assert min(math.hypot(t[0] - result.x_m, t[1] - result.y_m) for t in level) > 0.3
+
+
 def test_an_arm_that_rests_while_targets_change_is_named() -> None:
     person = Person(0.3, 0.2, 0.1)
     gathered = pointings(person, CORNERS)

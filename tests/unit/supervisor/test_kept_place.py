@@ -82,6 +82,14 @@ def test_a_fixed_pose_that_anchors_made_uncertain_stays_so() -> None:
     assert place.due(11 * S) == BACK.model_copy(update={"method": "fixed"})
 
 
+def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -> None:
+    place = KeptPlace()
+    place.pose(pose(2, "fixed"))
+    place.localization(*idle(10))
+    place.pose(UserPose(stamp_ns=10 * S, position_m=(9.0, 9.0, 0.0), yaw_rad=0.0))
+    assert place.due(11 * S) == BACK.model_copy(update={"method": "fixed"})
+
+
 def test_a_localizer_that_was_away_gets_it_back() -> None:
     place = KeptPlace()
     place.localizer(1 * S, is_present=True)

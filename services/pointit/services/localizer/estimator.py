@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pointit.services.localizer.acceptance import AMBIGUOUS_COST, accepted
+from pointit.services.localizer.acceptance import AMBIGUOUS_COST, NOWHERE, accepted
 from pointit.services.localizer.blocks import GAP_S, Blocks, Pointings, blocks
 from pointit.services.localizer.certainty import covariance, independent
 from pointit.services.localizer.descent import costs_of, descend, starts
@@ -23,6 +23,9 @@ __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "Trust
 
 NEGLIGIBLE = 1e-3
 """A place less probable than this is left out of the uncertainty."""
+
+NEAREST_M = 0.4
+"""Nobody points with a straight arm at what is nearer to their eyes."""
 
 SAME_PLACE_M = 0.05
 """Targets closer together than this are one."""
@@ -61,19 +64,29 @@ def solve(
     first = starts(rays, weights)
     if start is not None:
         first = np.vstack([first, _pose_of(start, centre)])
-    minima = descend(rays, first, weights)
-    solution = _solution(rays, summary, minima.poses, trust)
+    poses = _out_of_reach(rays, descend(rays, first, weights).poses)
+    if not len(poses):
+        return Refusal(NOWHERE)
+    solution = _solution(rays, summary, poses, trust)
     exact = Rays.of(pointings.origins_m, pointings.directions, targets - centre)
     solution = replace(
         solution,
         x_m=float(solution.x_m + centre[0]),
         y_m=float(solution.y_m + centre[1]),
-        residual_rad=_missing_rad(exact, minima.poses[0]),
+        residual_rad=_missing_rad(exact, poses[0]),
         samples=count,
     )
-    place_m = (float(minima.poses[0, 0]), float(minima.poses[0, 1]))
+    place_m = (float(poses[0, 0]), float(poses[0, 1]))
     limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
     return accepted(solution, place_m, rays, trust, limit_rad)
+
+
+def _out_of_reach(rays: Rays, poses: Array) -> Array:
+    """Return those of `poses` (k x 5) with no target nearer to the eyes than a straight arm allows."""
+    turned = np.exp(1j * poses[:, 2])[:, None] * (rays.origins * np.conj(rays.back))
+    level = np.abs(rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None] - turned)
+    nearest = np.hypot(level, rays.heights - poses[:, 4, None]).min(axis=1)
+    return np.asarray(poses[nearest >= NEAREST_M], dtype=np.float64)
 
 
 def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Solution:

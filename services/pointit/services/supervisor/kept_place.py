@@ -31,7 +31,11 @@ class KeptPlace:
         return self._new_ns + OWN_NS
 
     def pose(self, pose: UserPose) -> None:
-        """Take a pose: whoever published it has it."""
+        """Take a pose: whoever published it has it; what a new localizer is configured with is no news."""
+        kept = self._pose
+        is_configured = pose.method == "fixed" and not any(pose.covariance)
+        if self._new_ns is not None and is_configured and kept is not None and any(kept.covariance):
+            return
         self._pose = pose
         self._new_ns = None
         self._is_away = False

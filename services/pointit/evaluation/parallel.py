@@ -61,6 +61,9 @@ def spread(
                 process.terminate()
             for process in ours:
                 process.join(END_PATIENCE_S)
+                if process.is_alive():
+                    process.kill()
+                    process.join()
 
 
 def _begin() -> None:

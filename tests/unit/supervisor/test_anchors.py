@@ -4,12 +4,11 @@ from typing import Literal
 
 import pytest
 
-from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, StartAnchor
+from pointit.services.supervisor.life_cycle import LifeCycle
+from tests.unit.supervisor.played import S, sample, shown, told
 
-S = 1_000_000_000
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
 AIM = "Point at led_1 with your arm straight and stay on it; no cursor is shown."
@@ -22,32 +21,6 @@ def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
 def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
     fields = {"stamp_ns": round(now_s * S), "phase": phase, "purpose": "anchor", **more}
     return Localization.model_validate(fields), round(now_s * S)
-
-
-def sample(now_s: float) -> tuple[ImuSample, int]:
-    return ImuSample(stamp_ns=round(now_s * S), orientation_xyzw=IDENTITY), round(now_s * S)
-
-
-def told(outputs: list[Output]) -> list[str]:
-    """Return outputs in short: states, cues, requests."""
-    short: list[str] = []
-    for output in outputs:
-        match output:
-            case Interaction():
-                short.append(output.state)
-            case Feedback():
-                short.append(f"cue {output.cue}")
-            case StartAnchor():
-                short.append("anchor")
-            case Cancel():
-                short.append("cancel")
-            case _:
-                short.append("start")
-    return short
-
-
-def shown(outputs: list[Output]) -> Interaction:
-    return next(output for output in outputs if isinstance(output, Interaction))
 
 
 def resting(*, has_pose: bool = True) -> LifeCycle:

@@ -4,12 +4,11 @@ from typing import Literal
 
 import pytest
 
-from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas import ButtonEvent, Localization, UserPose
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.life_cycle import LifeCycle, Output, Start, StartAnchor
+from pointit.services.supervisor.life_cycle import LifeCycle
+from tests.unit.supervisor.played import S, sample, shown, told
 
-S = 1_000_000_000
 Phase = Literal["refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
 
@@ -24,33 +23,6 @@ def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
 
 def news(now_s: float, phase: Phase) -> tuple[Localization, int]:
     return Localization(stamp_ns=round(now_s * S), phase=phase), round(now_s * S)
-
-
-def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
-    now_ns = round(now_s * S)
-    return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
-
-
-def told(outputs: list[Output]) -> list[str]:
-    """Return outputs in short: states, cues, requests."""
-    short: list[str] = []
-    for output in outputs:
-        match output:
-            case Interaction():
-                short.append(output.state)
-            case Feedback():
-                short.append(f"cue {output.cue}")
-            case Start():
-                short.append("start")
-            case StartAnchor():
-                short.append("anchor")
-            case _:
-                short.append("cancel")
-    return short
-
-
-def shown(outputs: list[Output]) -> Interaction:
-    return next(output for output in outputs if isinstance(output, Interaction))
 
 
 def eager(*, localize: bool = False) -> LifeCycle:

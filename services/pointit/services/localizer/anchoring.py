@@ -6,12 +6,13 @@ Pure: rays and the time go in; the lamp, progress and the anchor come out.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
-from pointit.schemas import Lamp, Localization
+from pointit.schemas import Lamp
 from pointit.services.localizer import rays as ray_math
 from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.lamp_procedure import LampProcedure
-from pointit.services.localizer.outputs import Judged, Output, Phase
+from pointit.services.localizer.outputs import Judged, Output
 from pointit.services.localizer.rays import Mean
 
 
@@ -26,6 +27,8 @@ class Steadiness:
 
 class Anchoring(LampProcedure):
     """One pointing at one lamp; `start` begins it again."""
+
+    PURPOSE: ClassVar[Literal["pose", "anchor"]] = "anchor"
 
     def __init__(
         self,
@@ -86,25 +89,3 @@ class Anchoring(LampProcedure):
 
     def _share(self, now_ns: int) -> float:
         return self._hold.share(now_ns)
-
-    def _localization(
-        self,
-        now_ns: int,
-        phase: Phase,
-        *,
-        progress: float = 0.0,
-        residual_rad: float | None = None,
-        reason: str = "",
-    ) -> Localization:
-        return Localization(
-            stamp_ns=now_ns,
-            phase=phase,
-            purpose="anchor",
-            target_id=self._lamp.id if phase == "sampling" else "",
-            target_count=1,
-            samples=len(self._hold.rays),
-            since_ns=self.since_ns,
-            progress=progress,
-            residual_rad=residual_rad,
-            reason=reason,
-        )

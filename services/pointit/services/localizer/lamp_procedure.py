@@ -5,6 +5,7 @@ Pure: rays and the time go in; lamps to switch and progress come out.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
+from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp, Localization, PointingRay
 from pointit.services.localizer.hold import Hold, Timing
@@ -14,6 +15,8 @@ from pointit.services.localizer.set_back import SetBack
 
 class LampProcedure(ABC):
     """Keeps one lamp lit while it runs; `start` begins it again."""
+
+    PURPOSE: ClassVar[Literal["pose", "anchor"]] = "pose"
 
     def __init__(self, lamp_ids: Iterable[str], timing: Timing | None, fewest: int, then: str) -> None:
         """Prepare.
@@ -119,7 +122,16 @@ class LampProcedure(ABC):
     def _share(self, now_ns: int) -> float:
         """Return how far all of it is, 0 to 1."""
 
-    @abstractmethod
+    @property
+    def _count(self) -> int:
+        """Return how many holds it will take, as far as is known."""
+        return 1
+
+    @property
+    def _sigmas(self) -> tuple[float | None, float | None]:
+        """Return one sigma of the position (m) and the yaw (rad) so far; none while nothing is known."""
+        return None, None
+
     def _localization(
         self,
         now_ns: int,
@@ -130,6 +142,22 @@ class LampProcedure(ABC):
         reason: str = "",
     ) -> Localization:
         """Return where it stands."""
+        position_sigma_m, yaw_sigma_rad = self._sigmas
+        return Localization(
+            stamp_ns=now_ns,
+            phase=phase,
+            purpose=self.PURPOSE,
+            target_id=self._lamp.id if phase == "sampling" else "",
+            target_index=len(self._holds) - 1,
+            target_count=self._count,
+            samples=sum(len(hold.rays) for hold, _ in self._holds),
+            since_ns=self.since_ns,
+            progress=progress,
+            residual_rad=residual_rad,
+            reason=reason,
+            position_sigma_m=position_sigma_m,
+            yaw_sigma_rad=yaw_sigma_rad,
+        )
 
     def _light(self, now_ns: int) -> list[Output]:
         """Begin a hold at the next lamp."""

@@ -11,14 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay
+from pointit.schemas import NS_PER_S, Lamp, PointingRay
 from pointit.services.localizer import rays as ray_math
 from pointit.services.localizer.choice import Choice
 from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
 from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.lamp_procedure import LampProcedure
 from pointit.services.localizer.next_target import EYES_M, Acuity, next_target
-from pointit.services.localizer.outputs import Floor, Output, Phase, extent, pose_message
+from pointit.services.localizer.outputs import Floor, Output, extent, pose_message
 
 FEWEST = 2
 """Lamps before a pose can be tried."""
@@ -150,30 +150,12 @@ class StaticTargets(LampProcedure):
     def _count(self) -> int:
         return max(len(self._holds), self._choice.planned(len(self._lamps)))
 
-    def _localization(
-        self,
-        now_ns: int,
-        phase: Phase,
-        *,
-        progress: float = 0.0,
-        residual_rad: float | None = None,
-        reason: str = "",
-    ) -> Localization:
+    @property
+    def _sigmas(self) -> tuple[float | None, float | None]:
         solution = self._solution
-        return Localization(
-            stamp_ns=now_ns,
-            phase=phase,
-            target_id=self._lamp.id if phase == "sampling" else "",
-            target_index=len(self._holds) - 1,
-            target_count=self._count,
-            samples=sum(len(hold.rays) for hold, _ in self._holds),
-            since_ns=self.since_ns,
-            progress=progress,
-            residual_rad=residual_rad,
-            reason=reason,
-            position_sigma_m=None if solution is None else extent(solution.position_sigma_m),
-            yaw_sigma_rad=None if solution is None else extent(solution.yaw_sigma_rad),
-        )
+        if solution is None:
+            return None, None
+        return extent(solution.position_sigma_m), extent(solution.yaw_sigma_rad)
 
 
 def _lax(trust: Trust) -> Trust:

@@ -1,0 +1,38 @@
+"""What the life cycle hears and says, for its tests: samples of a wrist, outputs in short."""
+
+from collections.abc import Sequence
+
+from pointit.geometry.rotation import IDENTITY
+from pointit.schemas import Feedback, ImuSample, Interaction
+from pointit.services.supervisor.life_cycle import Cancel, Output, Start, StartAnchor
+
+S = 1_000_000_000
+
+
+def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
+    """Return a sample of a wrist and the time at which it is heard."""
+    now_ns = round(now_s * S)
+    return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
+
+
+def told(outputs: Sequence[Output]) -> list[str]:
+    """Return outputs in short: states, cues, requests."""
+    short: list[str] = []
+    for output in outputs:
+        match output:
+            case Interaction():
+                short.append(output.state)
+            case Feedback():
+                short.append(f"cue {output.cue}")
+            case Start():
+                short.append("start")
+            case StartAnchor():
+                short.append("anchor")
+            case Cancel():
+                short.append("cancel")
+    return short
+
+
+def shown(outputs: Sequence[Output]) -> Interaction:
+    """Return the interaction among `outputs`."""
+    return next(output for output in outputs if isinstance(output, Interaction))

@@ -4,7 +4,20 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import FARTHEST, Along, Extent, Many, Message, Name, Part, Real, Rgb, Vec3
+from pointit.schemas.base import (
+    FARTHEST,
+    Along,
+    Count,
+    Extent,
+    Many,
+    Message,
+    Name,
+    Part,
+    Real,
+    Rgb,
+    UnitVec3,
+    Vec3,
+)
 from pointit.schemas.pointing import SurfaceKind
 
 Line = Annotated[Many[Vec3], Field(min_length=2)]
@@ -36,14 +49,77 @@ class Belt(Part):
 
 
 class BeltLink(Part):
-    """One belt hands its objects over to the next."""
+    """One belt hands its objects over to another; where several leave at one place, a diverter chooses."""
 
     source: str
     target: str
+    source_position_m: Annotated[
+        Along | None, Field(description="arc length on `source` where they leave it; empty: its end")
+    ] = None
+    target_position_m: Annotated[Along, Field(description="arc length on `target` where they enter it")] = 0.0
+
+
+class Bay(Part):
+    """Where objects leave the conveyor: the end of a belt."""
+
+    id: Name
+    belt: str
+
+
+Size = Annotated[float, Field(gt=0, le=FARTHEST)]
+
+
+class Box(Part):
+    """A box that stands upright."""
+
+    id: Name
+    center_m: Vec3
+    size_m: Annotated[tuple[Size, Size, Size], Field(description="along its own x, y and z")]
+    yaw_rad: Annotated[Real, Field(description="of its x axis in {W}")] = 0.0
+
+
+class Plane(Part):
+    """A flat thing that is seen from both sides: a floor, a wall, a table, a screen.
+
+    Its v axis is the one in the plane that rises most (y where the plane is level), u is v x normal.
+    """
+
+    id: Name
+    center_m: Vec3
+    normal: UnitVec3
+    size_m: Annotated[tuple[Size, Size] | None, Field(description="along u and v; empty: without end")] = None
+
+
+class Cylinder(Part):
+    """An upright cylinder: a column, a tank."""
+
+    id: Name
+    center_m: Annotated[Vec3, Field(description="of its foot")]
+    radius_m: Size
+    height_m: Size
+
+
+class Sphere(Part):
+    """A ball."""
+
+    id: Name
+    center_m: Vec3
+    radius_m: Size
+
+
+class Cloud(Part):
+    """A point cloud, read from a file by whoever casts; only what it is travels."""
+
+    id: Name
+    points: Count
+    low_m: Annotated[Vec3, Field(description="least x, y, z")]
+    high_m: Annotated[Vec3, Field(description="greatest x, y, z")]
 
 
 class Environment(Message):
-    """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`."""
+    """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more."""
+
+    version: ClassVar[int] = 2
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""
@@ -53,6 +129,12 @@ class Environment(Message):
     strips: Many[Strip] = ()
     belts: Many[Belt] = ()
     links: Many[BeltLink] = ()
+    bays: Many[Bay] = ()
+    boxes: Many[Box] = ()
+    planes: Many[Plane] = ()
+    cylinders: Many[Cylinder] = ()
+    spheres: Many[Sphere] = ()
+    clouds: Many[Cloud] = ()
 
 
 class TrackedObject(Part):
@@ -67,10 +149,13 @@ class TrackedObject(Part):
     surface_id: str = ""
     surface_position_m: Annotated[Along, Field(description="arc length of its centre on the surface")] = 0.0
     surface_speed_mps: Annotated[Real, Field(description="along the surface, signed")] = 0.0
+    bay: Annotated[str, Field(description="where it is on its way to; empty: not decided, or nowhere")] = ""
 
 
 class TrackedObjects(Message):
     """All tracked objects of one tracker at one time; an object that is no longer listed has left."""
+
+    version: ClassVar[int] = 2
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 2000 objects with all fields."""
@@ -78,12 +163,34 @@ class TrackedObjects(Message):
     objects: Many[TrackedObject] = ()
 
 
+class BeltSpeed(Part):
+    """How fast one belt runs."""
+
+    id: str
+    speed_mps: Real
+
+
+class BayCount(Part):
+    """What came out at a bay."""
+
+    bay: str
+    kind: str
+    count: Count
+    selected: Annotated[Count, Field(description="of these, how many were selected")] = 0
+
+
 class ConveyorState(Message):
     """What the conveyor does."""
+
+    version: ClassVar[int] = 2
 
     speed_mps: Annotated[Real, Field(description="0: it stands still; negative: backwards")]
     fed: Annotated[int, Field(ge=0, description="objects put on the conveyor so far")] = 0
     left: Annotated[int, Field(ge=0, description="objects that reached the end of their lane")] = 0
+    belts: Annotated[Many[BeltSpeed], Field(description="those with a speed of their own")] = ()
+    bays: Many[BayCount] = ()
+    refused: Annotated[Count, Field(description="selections that came past the point of no return")] = 0
+    step: Annotated[str, Field(description="of a feeding schedule; empty: there is none")] = ""
 
 
 class LampColor(Message):

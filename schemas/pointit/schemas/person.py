@@ -76,7 +76,7 @@ class PointingOffset(Part):
 class UserProfile(Message):
     """Who the person is to the system: body measures, handedness, colour of the cursor."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     body: BodyMeasures = BodyMeasures()
     hand: Literal["left", "right"] = "right"
@@ -87,3 +87,10 @@ class UserProfile(Message):
         Field(description="from the eyes through the fingertip, from the shoulder or from the elbow"),
     ] = "eye_finger"
     offset: Annotated[PointingOffset | None, Field(description="empty: not calibrated")] = None
+    cursor_colormap: Annotated[
+        str, Field(max_length=32, description="of the cursor by distance, such as viridis; empty: its colour")
+    ] = ""
+    pattern: Annotated[
+        Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"],
+        Field(description="second sign of what is this person's, beside the colour"),
+    ] = "solid"

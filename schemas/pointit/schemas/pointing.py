@@ -15,6 +15,7 @@ from pointit.schemas.base import (
     Ns,
     Part,
     Real,
+    Rgb,
     UnitVec3,
     Vec3,
 )
@@ -28,7 +29,10 @@ Covariance = Annotated[
 """Of a pose on the floor."""
 
 SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
-"""What a cursor can be on; `none` when the ray passes everything by."""
+"""What a cursor can be on; `none` when the ray passes everything by, or meets something with an area."""
+
+Solid = Literal["", "box", "plane", "cylinder", "sphere"]
+"""What has an area and can be pointed at; empty: the cursor is on none."""
 
 
 class PointingRay(Message):
@@ -87,7 +91,7 @@ class Candidate(Part):
 class Localization(Message):
     """Progress of one localization, as the person and a dashboard should see it."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     phase: Literal["idle", "sampling", "solved", "refused", "cancelled"]
     target_id: Annotated[str, Field(description="lamp or robot to point at now; empty when none")] = ""
@@ -108,6 +112,10 @@ class Localization(Message):
     yaw_sigma_rad: Annotated[Extent | None, Field(description="1 sigma so far; empty: unknown")] = None
     candidates: Annotated[
         Many[Candidate], Field(description="of several robots, which may be meant; the likeliest first")
+    ] = ()
+    ahead: Annotated[
+        Many[str],
+        Field(description="who uses the lamps, who is before them; then they wait, not sampling"),
     ] = ()
 
 
@@ -134,8 +142,17 @@ class Anchor(Message):
     reason: Annotated[str, Field(description="why it was not, and what to do")] = ""
 
 
+class LampMiss(Part):
+    """How far the ray passes a lamp."""
+
+    id: str
+    miss_rad: Extent
+
+
 class Cursor(Message):
     """Where the pointing ray meets the environment, in {W}."""
+
+    version: ClassVar[int] = 2
 
     surface: SurfaceKind = "none"
     surface_id: str = ""
@@ -144,25 +161,62 @@ class Cursor(Message):
     miss_m: Annotated[Distance, Field(description="from the ray to the point")] = 0.0
     miss_rad: Annotated[Extent, Field(description="angle at the eyes between ray and point")] = 0.0
     range_m: Annotated[Distance, Field(description="from the eyes to the point")] = 0.0
+    solid: Annotated[Solid, Field(description="thing with an area it is on; `surface` is none then")] = ""
+    uv_m: Annotated[
+        tuple[Along, Along] | None, Field(description="place on such a thing, in its own two axes")
+    ] = None
+    origin_m: Annotated[Vec3 | None, Field(description="where the ray begins, {W}")] = None
+    direction: Annotated[UnitVec3 | None, Field(description="of the ray, {W}")] = None
+    lamps: Annotated[Many[LampMiss], Field(description="lamps near the ray, where that is asked for")] = ()
 
 
 class Hover(Message):
     """The object under the person's cursor and how far its selection has come."""
 
+    version: ClassVar[int] = 2
+
     object_id: Annotated[str, Field(description="empty when none")] = ""
     progress: Fraction = 0.0
+    action: Annotated[
+        Literal["", "select", "deselect", "refuse"], Field(description="what staying there would do")
+    ] = ""
+    taken_by: Annotated[str, Field(description="who else has it selected, or is about to")] = ""
+    is_selected: bool = False
+    snapped_m: Annotated[
+        Vec3 | None, Field(description="where the cursor is drawn to, {W}; the true one is the cursor's")
+    ] = None
+    snapped_position_m: Annotated[
+        Along | None, Field(description="the same along the cursor's surface; empty: not drawn to anything")
+    ] = None
+    miss_rad: Annotated[Extent | None, Field(description="from the ray to the object, 0: on it")] = None
 
 
 class Interaction(Message):
     """Where the person is in the interaction's life cycle (paper, §II-D), and what they should do next."""
 
+    version: ClassVar[int] = 2
+
     state: Literal["idle", "localizing", "pointing"]
     next_step: Annotated[str, Field(description="one sentence for the person")] = ""
     reason: Annotated[str, Field(description="why the state was entered")] = ""
+    ahead: Annotated[
+        Many[str], Field(description="who is to be localized first, in turn; empty: nobody, or no wish to be")
+    ] = ()
 
 
 class Feedback(Message):
     """A cue for the person's senses."""
 
+    version: ClassVar[int] = 2
+
     cue: Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
     text: str = ""
+    chime: Annotated[
+        Literal["", "up", "down", "single", "double", "buzz"], Field(description="what is to be heard")
+    ] = ""
+    haptic_ms: Annotated[
+        Many[Annotated[int, Field(gt=0, le=2000)]],
+        Field(description="what is to be felt: on, off, on ..., ms; empty: nothing"),
+    ] = ()
+    color: Annotated[Rgb | None, Field(description="what a state lamp is to show for a moment")] = None
+    target_id: Annotated[str, Field(description="what the person is asked to point at")] = ""

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, QuaternionXyzw, Query, Real, Reply, Vec3
+from pointit.schemas.base import Fraction, Many, QuaternionXyzw, Query, Real, Reply, Vec3
 from pointit.schemas.person import PointingOffset
 from pointit.schemas.pointing import Covariance
 
@@ -26,7 +26,10 @@ class AddPackageReply(Reply):
 class SetSpeed(Query):
     """Set the conveyor's speed; 0 stops it, negative runs it backwards."""
 
+    version: ClassVar[int] = 2
+
     speed_mps: Annotated[float, Field(ge=-5, le=5)]
+    belts: Annotated[Many[str], Field(description="ids of belts; empty: all of them")] = ()
 
 
 class ResetConveyor(Query):
@@ -98,6 +101,34 @@ class SetMountingReply(Reply):
 
 class ClearSelection(Query):
     """Deselect everything a person has selected."""
+
+
+class UndoSelection(Query):
+    """Take back the last selection or deselection of a person."""
+
+
+class ReleaseObject(Query):
+    """Deselect one object, whoever selected it: for a supervisor, or to take it over."""
+
+    object_id: Annotated[str, Field(min_length=1)]
+    take_over: Annotated[bool, Field(description="select it for the person who asks at once")] = False
+
+
+class SetWorkspace(Query):
+    """Choose a surface about a person on which their cursor moves, instead of the things of the map."""
+
+    kind: Annotated[
+        Literal["none", "horizontal", "facing", "cylinder", "sphere"],
+        Field(
+            description="none: the map; horizontal plane; vertical plane that faces the person; upright "
+            "cylinder about the person; sphere about their eyes"
+        ),
+    ]
+    anchor: Annotated[Literal["pointer", "object", "point"], Field(description="through what it is laid")] = (
+        "pointer"
+    )
+    object_id: str = ""
+    point_m: Vec3 | None = None
 
 
 class SetBrightness(Query):

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Many, Message, Ns, Part
+from pointit.schemas.base import Fraction, Many, Message, Ns, Part
 
 
 class SelectedObject(Part):
@@ -13,22 +13,45 @@ class SelectedObject(Part):
     id: str
     user: str
     since_ns: Ns
+    kind: str = ""
+    confidence: Annotated[
+        Fraction | None, Field(description="that it was meant, of all that was near; empty: unknown")
+    ] = None
+
+
+class ReservedObject(Part):
+    """An object that somebody is about to select; others see it as taken."""
+
+    id: str
+    user: str
+    until_ns: Annotated[Ns, Field(description="free again then, unless held on")]
 
 
 class Selection(Message):
     """Everything that is selected now."""
 
+    version: ClassVar[int] = 2
+
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for all objects that can be tracked."""
 
     objects: Many[SelectedObject] = ()
+    reserved: Many[ReservedObject] = ()
 
 
 class SelectionEvent(Message):
     """Something happened to an object: a person (de)selected it, or it left."""
+
+    version: ClassVar[int] = 2
 
     event: Literal["selected", "deselected", "refused", "left", "dispatched"]
     object_id: str
     kind: str = ""
     user: Annotated[str, Field(description="who did it; for `left`: who had it selected, or empty")] = ""
     reason: str = ""
+    bay: Annotated[str, Field(description="of `dispatched`: where it went")] = ""
+    cause: Annotated[
+        Literal["", "dwell", "button", "undo", "clear", "release"],
+        Field(description="what the person did; empty: nothing, or unknown"),
+    ] = ""
+    confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None

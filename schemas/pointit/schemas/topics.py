@@ -34,6 +34,7 @@ __all__ = [
     "PRESENCES",
     "PROFILE",
     "RAY",
+    "RELEASE_OBJECT",
     "REQUESTS",
     "RESET_CONVEYOR",
     "SELECTION",
@@ -45,11 +46,13 @@ __all__ = [
     "SET_OFFSET",
     "SET_POSE",
     "SET_SPEED",
+    "SET_WORKSPACE",
     "SET_YAW_ORIGIN",
     "STALE_PERIODS",
     "START_LOCALIZATION",
     "STRIPS_FRAME",
     "TOPICS",
+    "UNDO_SELECTION",
     "USER_ALIVE",
     "Delivery",
     "Presence",
@@ -186,7 +189,7 @@ LAMP_COLOR = Topic(
     message=environment.LampColor,
     delivery=_STATE,
     rate_hz=None,
-    writers=("localizer",),
+    writers=("localizer", "led-driver"),
     about="colour of a single lamp",
 )
 STRIPS_FRAME = Topic(
@@ -324,6 +327,27 @@ CLEAR_SELECTION = Request(
     server="selector",
     about="deselect all that is the person's",
 )
+UNDO_SELECTION = Request(
+    key="selector/{user}/undo",
+    query=requests.UndoSelection,
+    reply=requests.Done,
+    server="selector",
+    about="take back the person's last (de)selection",
+)
+RELEASE_OBJECT = Request(
+    key="selector/{user}/release",
+    query=requests.ReleaseObject,
+    reply=requests.Done,
+    server="selector",
+    about="deselect or take over anybody's object",
+)
+SET_WORKSPACE = Request(
+    key="pui/{user}/set_workspace",
+    query=requests.SetWorkspace,
+    reply=requests.Done,
+    server="pui",
+    about="a surface about the person for their cursor",
+)
 SET_BRIGHTNESS = Request(
     key="leds/brightness",
     query=requests.SetBrightness,
@@ -357,6 +381,9 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     POINT_ANCHOR,
     SET_OFFSET,
     CLEAR_SELECTION,
+    UNDO_SELECTION,
+    RELEASE_OBJECT,
+    SET_WORKSPACE,
     SET_BRIGHTNESS,
     SET_YAW_ORIGIN,
     SET_MOUNTING,

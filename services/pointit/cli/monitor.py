@@ -148,7 +148,8 @@ class Monitor:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         self.score.on_event(event)
         kind = self.score.kinds.get(event.object_id, "object")
-        who = f" by {event.user}" if event.user else ""
+        where = f" at bay {event.bay}" if event.bay else ""
+        who = f"{where} by {event.user}" if event.user and not where else where
         number = event.object_id.rpartition("-")[2]
         reason = f": {event.reason}" if event.reason else ""
         if not self.person or event.user == self.person:
@@ -227,7 +228,7 @@ class Monitor:
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self.cursors[user] = cursor
-        if cursor.surface != "none":
+        if cursor.surface != "none" or cursor.solid:
             self.cursor_count += 1
             if self.first_cursor_unix_s is None:
                 self.first_cursor_unix_s = time.time()

@@ -36,8 +36,12 @@ class Score:
     """By tracker, the objects that are there now."""
     corrected: int = 0
     """Wrong selections that were taken back."""
+    bays: dict[str, str] = field(default_factory=dict[str, str])
+    """Where objects came out, by object id."""
     past: Counter[str] = field(default_factory=Counter[str])
     """What came of objects that are forgotten."""
+    past_bays: Counter[tuple[str, str]] = field(default_factory=Counter[tuple[str, str]])
+    """Where forgotten objects came out: bay and kind."""
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
         """Take note of what `tracker` lists."""
@@ -57,8 +61,10 @@ class Score:
             self.selected.discard(event.object_id)
             if self.target_kinds and self.kinds.get(event.object_id) not in self.target_kinds:
                 self.corrected += 1
-        elif event.event == "left":
+        elif event.event in {"left", "dispatched"}:  # may be told twice, when its teller was killed meanwhile
             self.left.add(event.object_id)
+            if event.event == "dispatched":
+                self.bays[event.object_id] = event.bay
             if event.user:  # they had it, whichever came first: this, or the selection without it
                 self.selected.add(event.object_id)
 
@@ -76,7 +82,10 @@ class Score:
             self._forget(next(iter(self.kinds)))
 
     def _forget(self, name: str) -> None:
-        is_target = self.kinds.pop(name) in self.target_kinds or not self.target_kinds
+        kind = self.kinds.pop(name)
+        is_target = kind in self.target_kinds or not self.target_kinds
+        if name in self.bays:
+            self.past_bays[self.bays.pop(name), kind] += 1
         if name in self.selected:
             self.past["selected" if is_target else "wrong"] += 1
         elif name in self.left and self.target_kinds and is_target:
@@ -101,6 +110,16 @@ class Score:
             "corrected": self.corrected,
         }
 
+    def dispatched(self) -> dict[str, dict[str, int]]:
+        """Return how many objects came out, by bay and kind."""
+        kinds, bays = dict(self.kinds), dict(self.bays)
+        total = Counter(self.past_bays)
+        total.update((bay, kinds.get(name, UNKNOWN)) for name, bay in bays.items())
+        found: dict[str, dict[str, int]] = {}
+        for (bay, kind), count in sorted(total.items()):
+            found.setdefault(bay, {})[kind] = count
+        return found
+
 
 class Latency:
     """Time from capture at the wrist to the frame that shows it, wall seconds; another thread may read it."""
@@ -111,7 +130,7 @@ class Latency:
 
     def on_cursor(self, cursor: Cursor) -> None:
         """Remember a capture whose frame is to come."""
-        if cursor.surface == "none":
+        if cursor.surface == "none" and not cursor.solid:
             return
         self._pending[cursor.stamp_ns] = None
         while len(self._pending) > RECENT:
@@ -165,6 +184,9 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             f"missed {summary['missed']}, still to do {summary['pending']}, "
             f"wrong {summary['wrong']} (taken back {summary['corrected']})."
         )
+    for bay, kinds in summary.get("dispatched", {}).items():
+        came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        lines.append(f"Bay {bay}: {came}.")
     for user, found in summary.get("people", {}).items():
         x_m, y_m = found["position_m"]
         off_m = found["position_error_m"]

@@ -81,6 +81,7 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "speed": plan.speed,
         "target_kinds": list(plan.target_kinds),
         **monitor.score.counts(),
+        "dispatched": monitor.score.dispatched(),
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,

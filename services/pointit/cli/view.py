@@ -1,7 +1,7 @@
 """The terminal view: strips in their real colours, cursors, people, rates and latency."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,11 @@ REFRESH_HZ = 8
 NAME_WIDTH = 8
 BORDER_WIDTH = 4
 """Columns that the frame and its padding take."""
+MOST_STRIPS = 6
+"""More are drawn side by side, without the marks below them."""
+GAP_WIDTH = 2
+CELLS_PER_M = 8
+"""Of strips drawn side by side; they shrink together when one is wider than the terminal."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown, the chain from wrist to light."""
 
@@ -50,8 +55,11 @@ class _View:
             parts.append(Text("waiting for the map …", style="dim"))
         else:
             width = max(1, options.max_width - NAME_WIDTH - BORDER_WIDTH)
-            for strip in environment.strips:
-                parts.extend(_strip(monitor, strip, width))
+            if len(environment.strips) > MOST_STRIPS:
+                parts.extend(_side_by_side(monitor, environment.strips, width + NAME_WIDTH))
+            else:
+                for strip in environment.strips:
+                    parts.extend(_strip(monitor, strip, width))
             if monitor.lamps:
                 parts.append(_lamps(monitor))
         parts += [*people(monitor, options.max_width), figures(monitor)]
@@ -71,11 +79,7 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
     pixels = pixels_along(monitor.frame, strip)
     cells = min(width, (len(pixels) + 1) // 2)
     line = Text(f"{strip.id:<{NAME_WIDTH}.{NAME_WIDTH}}", style="bold", no_wrap=True)
-    columns = 2 * cells
-    for cell in range(cells):
-        left = pixels[(2 * cell) * len(pixels) // columns]
-        right = pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)]
-        line.append("▌", style=f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})")
+    _light(line, pixels, cells)
     marks = Text(" " * (NAME_WIDTH + cells), no_wrap=True)
     length = Polyline(strip.line_m).length_m
     cursors = sorted(monitor.cursors.items())
@@ -86,6 +90,31 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
             at = NAME_WIDTH + cell
             marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
     return [line, marks]
+
+
+def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
+    """Append `pixels` to `line` as so many half blocks."""
+    columns = 2 * cells
+    for cell in range(cells):
+        left = pixels[(2 * cell) * len(pixels) // columns]
+        right = pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)]
+        line.append("▌", style=f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})")
+
+
+def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list[Text]:
+    """Return many strips to scale, as many in a row as there is room for; cursors show as what they light."""
+    lengths_m = [Polyline(strip.line_m).length_m for strip in strips]
+    scale = min(CELLS_PER_M, (width - NAME_WIDTH) / max(lengths_m))
+    rows = [Text(no_wrap=True)]
+    for strip, length_m in zip(strips, lengths_m, strict=True):
+        name = f"{strip.id:.{NAME_WIDTH}} "
+        cells = max(1, int(length_m * scale))
+        if rows[-1].cell_len and rows[-1].cell_len + GAP_WIDTH + len(name) + cells > width:
+            rows.append(Text(no_wrap=True))
+        rows[-1].append(" " * GAP_WIDTH if rows[-1].cell_len else "")
+        rows[-1].append(name, style="bold")
+        _light(rows[-1], pixels_along(monitor.frame, strip), cells)
+    return rows
 
 
 def pixels_along(frame: StripsFrame | None, strip: Strip) -> list[tuple[int, int, int]]:

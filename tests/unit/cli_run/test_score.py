@@ -69,8 +69,33 @@ def test_another_kind_is_wrong_until_it_is_taken_back() -> None:
     assert of_reds(TWO, event("selected", "b"), event("left", "b"))["wrong"] == 1
 
 
-def test_refusals_and_dispatches_do_not_count() -> None:
-    assert of_reds(TWO, event("refused", "b"), event("dispatched", "a")) == {**NONE, "pending": 1}
+def test_refusals_do_not_count() -> None:
+    assert of_reds(TWO, event("refused", "b")) == {**NONE, "pending": 1}
+
+
+def test_what_is_dispatched_has_left_whoever_had_it() -> None:
+    assert of_reds(TWO, event("dispatched", "a")) == {**NONE, "missed": 1}
+    assert of_reds(TWO, event("dispatched", "a", user="anna")) == {**NONE, "selected": 1}
+
+
+def dispatched(object_id: str, kind: str, bay: str, user: str = "") -> SelectionEvent:
+    return event("dispatched", object_id, kind, user).model_copy(update={"bay": bay})
+
+
+def test_bays_count_what_came_out_once_however_often_it_is_told() -> None:
+    score = Score(("red",))
+    for told in (dispatched("a", "red", "1", "anna"), dispatched("b", "blue", "3")):
+        score.on_event(told)
+        score.on_event(told)  # the conveyor was killed between telling and noting that it had told
+    assert score.dispatched() == {"1": {"red": 1}, "3": {"blue": 1}}
+
+
+def test_bays_keep_counting_what_is_forgotten() -> None:
+    score = Score(("red",))
+    for number in range(MAX_OBJECTS + 5):
+        score.on_event(dispatched(f"p{number}", "red", "1", "anna"))
+    assert score.dispatched() == {"1": {"red": MAX_OBJECTS + 5}}
+    assert len(score.bays) == MAX_OBJECTS
 
 
 def test_an_event_may_come_before_the_object_is_listed() -> None:

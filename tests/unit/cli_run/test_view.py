@@ -1,6 +1,7 @@
 """The terminal view of a monitor that is fed by hand."""
 
 import io
+import re
 import time
 
 import pytest
@@ -9,7 +10,7 @@ from rich.segment import Segment
 
 from pointit.cli.monitor import LINES, Monitor
 from pointit.cli.observation import SILENT_S
-from pointit.cli.view import NAME_WIDTH, draw, pixels_along
+from pointit.cli.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
 from pointit.runtime import Exchange, MemoryBus
 from pointit.schemas import (
     Cursor,
@@ -236,3 +237,14 @@ def test_only_the_newest_events_are_kept() -> None:
     text = "\n".join(shown(monitor))
     assert "event 2" not in text
     assert f"event {LINES + 2}" in text
+
+
+@pytest.mark.parametrize("width", [40, 80, 160])
+def test_many_strips_stand_side_by_side_each_as_long_as_it_is(width: int) -> None:
+    monitor = monitor_of(*(strip(f"s{number}") for number in range(MOST_STRIPS + 1)))
+    monitor.frame = frame([RED] * 40, "s3")
+    rows = [line for line in shown(monitor, width) if "▌" in line]
+    assert len(rows) <= (MOST_STRIPS + 1 if width < 80 else 4 if width < 160 else 2)
+    assert all(f"s{number} ▌" in " ".join(rows) for number in range(MOST_STRIPS + 1))
+    counts = {len(run) for row in rows for run in re.findall("▌+", row)}
+    assert len(counts) == 1  # all are 4 m long

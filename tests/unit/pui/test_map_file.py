@@ -88,7 +88,7 @@ def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch
 
 
 def test_an_unknown_name_lists_the_shipped_maps() -> None:
-    with pytest.raises(ConfigError, match=r"map 'laboratory' is not shipped: use one of lab") as caught:
+    with pytest.raises(ConfigError, match=r"map 'laboratory' is not shipped: use one of conveyor, lab") as caught:
         load_map("laboratory", 0)
     assert "./laboratory.yaml" in str(caught.value)
 

@@ -1,28 +1,35 @@
-"""Reads maps in the YAML format of the ROS toolkit."""
+"""Reads maps: the YAML format of the ROS toolkit, and what it lacks."""
 
+import math
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, cast
 
-from pydantic import BaseModel, ValidationError
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from pointit.geometry.polyline import Polyline
 from pointit.runtime.complaint import field_names, listed, more_mistakes, shown
 from pointit.runtime.config import read_yaml
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Belt, BeltLink, Environment, KeyNameError, Lamp, Strip, encode
+from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
-from pointit.services.pui.map_model import BeltEntry, LedEntry, LinkEntry, MapFile, StripEntry
+from pointit.services.pui.cloud_file import read_cloud
+from pointit.services.pui.map_environment import environment
+from pointit.services.pui.map_model import ENTRIES, CloudEntry, MapFile
 
 PACKAGE = "pointit.services.pui"
 FOLDER = "maps"
 SUFFIX = ".yaml"
 
-_ENTRIES: dict[str, type[BaseModel]] = {
-    "leds": LedEntry,
-    "strips": StripEntry,
-    "belts": BeltEntry,
-    "links": LinkEntry,
-}
+Clouds = dict[str, NDArray[np.float64]]
+"""Points in {W}, n x 3, by the cloud's id."""
+
+_OVERHANG_M = 0.01
+"""A position this far off its belt is one that was rounded."""
 
 
 def shipped_maps() -> tuple[str, ...]:
@@ -31,24 +38,45 @@ def shipped_maps() -> tuple[str, ...]:
     return tuple(sorted(entry.name.removesuffix(SUFFIX) for entry in entries if entry.name.endswith(SUFFIX)))
 
 
-def load_map(name_or_path: str, stamp_ns: int) -> Environment:
-    """Return the shipped map of that name, or the one in the file of that path.
+@contextmanager
+def map_path(name_or_path: str) -> Generator[Path]:
+    """Give the file of the shipped map of that name, or the path itself.
 
     Whatever has a folder or a suffix (`./site.yaml`) is a path, relative to the current directory.
 
     Raises:
-        ConfigError: one sentence with file, key, value and what to do.
+        ConfigError: no map of that name is shipped.
     """
     path = Path(name_or_path)
     if path.suffix or len(path.parts) != 1 or name_or_path.endswith("/"):
-        return read_map(path, stamp_ns)
+        yield path
+        return
     if name_or_path not in shipped_maps():
         raise ConfigError(
             f"map {name_or_path!r} is not shipped: use one of {', '.join(shipped_maps())}, "
             f"or the path of a file such as ./{name_or_path}{SUFFIX}"
         )
     with as_file(files(PACKAGE).joinpath(FOLDER, name_or_path + SUFFIX)) as shipped:
-        return read_map(shipped, stamp_ns)
+        yield shipped
+
+
+def load_map(name_or_path: str, stamp_ns: int) -> Environment:
+    """Return the shipped map of that name, or the one in the file of that path.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    return load_map_and_clouds(name_or_path, stamp_ns)[0]
+
+
+def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, Clouds]:
+    """Return the map as `load_map`, and the points of its clouds in {W}, n x 3, by id.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    with map_path(name_or_path) as path:
+        return _read_map_and_clouds(path, stamp_ns)
 
 
 def read_map(path: Path, stamp_ns: int) -> Environment:
@@ -57,36 +85,108 @@ def read_map(path: Path, stamp_ns: int) -> Environment:
     Raises:
         ConfigError: one sentence with file, key, value and what to do.
     """
+    return _read_map_and_clouds(path, stamp_ns)[0]
+
+
+def _read_map_and_clouds(path: Path, stamp_ns: int) -> tuple[Environment, Clouds]:
+    file = read_map_file(path)
+    broken = list(broken_references(file))
+    if broken:
+        raise ConfigError(f"{path}: {broken[0]}{more_mistakes(len(broken) - 1)}")
+    clouds = read_clouds(path, file)
+    return travelling(path, file, clouds, stamp_ns), clouds
+
+
+def read_map_file(path: Path) -> MapFile:
+    """Return what stands in the file at `path`; names in `links` and `bays` may still lead nowhere.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
     data = {section: value for section, value in read_yaml(path).items() if value is not None}
-    for section in ("leds", "strips", "belts"):
+    for section in MapFile.model_fields:
         _check_names(path, section, data.get(section))
     try:
         file = MapFile.model_validate(data)
     except ValidationError as error:
         raise ConfigError(f"{path}: {_sentence(error)}") from error
-    if not (file.leds or file.strips or file.belts):
+    if not any(
+        getattr(file, section) for section in MapFile.model_fields if section not in ("links", "bays")
+    ):
         raise ConfigError(f"{path}: the map is empty; give at least one of leds, strips, belts")
-    _check_links(path, file)
-    environment = Environment(
-        stamp_ns=stamp_ns,
-        name=path.stem,
-        lamps=tuple(Lamp(id=name, position_m=led.position) for name, led in file.leds.items()),
-        strips=tuple(
-            Strip(id=name, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
-            for name, strip in file.strips.items()
-        ),
-        belts=tuple(
-            Belt(id=name, line_m=belt.centerline, width_m=belt.width) for name, belt in file.belts.items()
-        ),
-        links=tuple(BeltLink(source=link.source, target=link.target) for link in file.links),
-    )
-    size = len(encode(environment))
+    return file
+
+
+def read_clouds(path: Path, file: MapFile) -> Clouds:
+    """Return the points of the clouds of `file`, which is at `path`, in {W}.
+
+    Raises:
+        ConfigError: a cloud's file cannot be used.
+    """
+    clouds: Clouds = {}
+    for name, entry in file.clouds.items():
+        try:
+            clouds[name] = _placed(read_cloud(path.parent / entry.file), entry)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: clouds.{name}.file: {error}") from error
+    return clouds
+
+
+def travelling(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Environment:
+    """Return the message that `file` makes, named as its path.
+
+    Raises:
+        ConfigError: it is too large to travel.
+    """
+    room = environment(file, clouds, name=path.stem, stamp_ns=stamp_ns)
+    size = len(encode(room))
     if size > Environment.max_bytes:
         raise ConfigError(
             f"{path}: the map has {size} bytes as it travels and at most {Environment.max_bytes} are taken; "
             "split it into several sites"
         )
-    return environment
+    return room
+
+
+def broken_references(file: MapFile) -> Iterator[str]:
+    """Yield a sentence for each link and bay that names no lane, or a place off its lane.
+
+    Strips are the lanes of a map without belts.
+    """
+    kind, lanes = ("belt" if file.belts else "strip"), file.lanes
+    lengths = {name: Polyline(line).length_m for name, line in lanes.items()}
+    known = f"use one of {listed(lanes)}" if lanes else "the map has neither belts nor strips"
+    for index, link in enumerate(file.links):
+        for end, name, position in (
+            ("from", link.source, link.from_position),
+            ("to", link.target, link.to_position),
+        ):
+            if name not in lanes:
+                yield f"links.{index}.{end}: there is no {kind} {name!r}; {known}"
+            elif position is not None and not -_OVERHANG_M <= position <= lengths[name] + _OVERHANG_M:
+                yield (
+                    f"links.{index}.{end}_position: {position:g} m is off {kind} {name}; "
+                    f"write 0 to {math.floor(lengths[name] * 1000) / 1000:g}"
+                )
+    for bay, name in file.bays.items():
+        if name not in lanes:
+            yield f"bays.{bay}: there is no {kind} {name!r}; {known}"
+
+
+def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
+    """Return `points` where the map puts them."""
+    placed = points * entry.scale
+    if entry.yaw_deg:
+        c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
+        placed[:, :2] = placed[:, :2] @ np.array([[c, s], [-s, c]])
+    placed += entry.position
+    farthest = float(np.abs(placed).max())
+    if not farthest <= FARTHEST:
+        raise ConfigError(
+            f"{entry.file}: a coordinate is {farthest:g} and at most {FARTHEST:g} m are taken; "
+            "bring it near to the room's origin with scale and position"
+        )
+    return placed
 
 
 def _check_names(path: Path, section: str, entries: Any) -> None:
@@ -105,23 +205,12 @@ def _check_names(path: Path, section: str, entries: Any) -> None:
         seen.add(name)
 
 
-def _check_links(path: Path, file: MapFile) -> None:
-    """Refuse links between lanes that do not exist; strips are the lanes of a map without belts."""
-    kind, lanes = ("belt", file.belts.keys()) if file.belts else ("strip", file.strips.keys())
-    for index, link in enumerate(file.links):
-        for end, name in (("from", link.source), ("to", link.target)):
-            if name not in lanes:
-                raise ConfigError(
-                    f"{path}: links.{index}.{end}: there is no {kind} {name!r}; use one of {listed(lanes)}"
-                )
-
-
 def _sentence(error: ValidationError) -> str:
     """Return the first complaint as key, value and what to do, and how many more there are."""
     details = error.errors(include_url=False)
     loc, kind, value = details[0]["loc"], details[0]["type"], details[0]["input"]
     where = ".".join(str(part) for part in loc)
-    model = MapFile if len(loc) == 1 else _ENTRIES[str(loc[0])]
+    model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
     if kind == "missing":
         text = f"is missing; add it beside {listed(value) or 'the name'}"
     elif kind == "extra_forbidden":
@@ -130,6 +219,8 @@ def _sentence(error: ValidationError) -> str:
         text = details[0]["msg"].removeprefix("Value error, ")
     elif loc == ("links",):
         text = f"write a list of {{from: belt, to: belt}}, not {shown(value)}"
+    elif loc == ("bays",):
+        text = f"write a mapping of bays to belts such as {{1: belt}}, not {shown(value)}"
     elif len(loc) == 1:
         text = f"write a mapping of names to entries, not {shown(value)}"
     else:

@@ -1,11 +1,12 @@
-"""What stands in a map file: the ROS toolkit's `leds`, `strips`, `belts`, `links`; {W}, metres, z up."""
+"""What stands in a map file: the sections of the ROS toolkit, and more; {W}, metres, z up."""
 
+import math
 from typing import Annotated, Literal, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from pointit.geometry.polyline import Polyline
-from pointit.geometry.vector import Vec3
+from pointit.geometry.polyline import SAME_M, Polyline
+from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.runtime.complaint import shown
 from pointit.schemas import FARTHEST
 
@@ -56,6 +57,42 @@ def _above_zero(value: object) -> float:
     return number
 
 
+def _sizes(value: object, count: int) -> tuple[float, ...]:
+    try:
+        sizes = tuple(_number(number) for number in cast("list[object]", value))
+    except (TypeError, ValueError):
+        sizes = ()
+    if len(sizes) != count or min(sizes) <= 0:
+        raise ValueError(f"write {count} sizes in metres, all above 0, not {shown(value)}")
+    return sizes
+
+
+def _normal(value: object) -> Vec3:
+    normal = _point(value)
+    if norm(normal) < SAME_M:
+        raise ValueError(f"a normal points away from the plane, {shown(value)} has no direction")
+    return normalized(normal)
+
+
+def _finite(value: object, unit: str) -> float:
+    try:
+        return _number(value)
+    except ValueError:
+        raise ValueError(f"write a number of {unit}, not {shown(value)}") from None
+
+
+def _name(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"write the name of a belt, not {shown(value)}")  # noqa: TRY004 - pydantic's
+    return str(value)
+
+
+def _file(value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"write the path of a .ply or .xyz file, relative to the map, not {shown(value)}")
+    return value
+
+
 def _pixels(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= MAX_PIXELS:
         raise ValueError(f"write a whole number of pixels from 1 to {MAX_PIXELS}, not {shown(value)}")
@@ -71,7 +108,9 @@ def _direction(value: object) -> int:
 _Point = Annotated[Vec3, BeforeValidator(_point)]
 _Line = Annotated[tuple[Vec3, ...], BeforeValidator(_line)]
 _Metres = Annotated[float, BeforeValidator(_above_zero)]
-_Name = Annotated[str, BeforeValidator(str)]
+_Along = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres along the belt"))]
+_Degrees = Annotated[float, BeforeValidator(lambda value: _finite(value, "degrees"))]
+_Name = Annotated[str, BeforeValidator(_name)]
 
 
 class _Entry(BaseModel):
@@ -102,10 +141,57 @@ class BeltEntry(_Entry):
 
 
 class LinkEntry(_Entry):
-    """Objects go from the end of one belt to the start of another."""
+    """Objects go from one belt to another; without positions, from its end to the other's start."""
 
     source: Annotated[_Name, Field(alias="from")]
     target: Annotated[_Name, Field(alias="to")]
+    from_position: _Along | None = None
+    to_position: _Along = 0.0
+
+
+class BoxEntry(_Entry):
+    """A box that stands upright; `size` along its own x, y, z."""
+
+    center: _Point
+    size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))]
+    yaw_deg: _Degrees = 0.0
+
+    @property
+    def yaw_rad(self) -> float:
+        """Return where its x axis points."""
+        return math.radians(self.yaw_deg)
+
+
+class PlaneEntry(_Entry):
+    """A wall, a table; without `size` it has no end."""
+
+    center: _Point
+    normal: Annotated[Vec3, BeforeValidator(_normal)]
+    size: Annotated[tuple[float, float], BeforeValidator(lambda value: _sizes(value, 2))] | None = None
+
+
+class CylinderEntry(_Entry):
+    """An upright cylinder; `center` is that of its foot."""
+
+    center: _Point
+    radius: _Metres
+    height: _Metres
+
+
+class SphereEntry(_Entry):
+    """A ball."""
+
+    center: _Point
+    radius: _Metres
+
+
+class CloudEntry(_Entry):
+    """A point cloud in a file: its points times `scale`, turned by `yaw_deg` about z, moved by `position`."""
+
+    file: Annotated[str, BeforeValidator(_file)]
+    scale: _Metres = 1.0
+    yaw_deg: _Degrees = 0.0
+    position: _Point = (0.0, 0.0, 0.0)
 
 
 class MapFile(_Entry):
@@ -115,3 +201,30 @@ class MapFile(_Entry):
     strips: dict[_Name, StripEntry] = {}
     belts: dict[_Name, BeltEntry] = {}
     links: tuple[LinkEntry, ...] = ()
+    bays: dict[_Name, _Name] = {}
+    boxes: dict[_Name, BoxEntry] = {}
+    planes: dict[_Name, PlaneEntry] = {}
+    cylinders: dict[_Name, CylinderEntry] = {}
+    spheres: dict[_Name, SphereEntry] = {}
+    clouds: dict[_Name, CloudEntry] = {}
+
+    @property
+    def lanes(self) -> dict[str, tuple[Vec3, ...]]:
+        """Return the lines that objects move along: belts, or strips where there are none."""
+        if self.belts:
+            return {name: belt.centerline for name, belt in self.belts.items()}
+        return {name: strip.line for name, strip in self.strips.items()}
+
+
+ENTRIES: dict[str, type[BaseModel]] = {
+    "leds": LedEntry,
+    "strips": StripEntry,
+    "belts": BeltEntry,
+    "links": LinkEntry,
+    "boxes": BoxEntry,
+    "planes": PlaneEntry,
+    "cylinders": CylinderEntry,
+    "spheres": SphereEntry,
+    "clouds": CloudEntry,
+}
+"""What the entries of each section are; `bays` are plain names."""

@@ -56,7 +56,15 @@ class ProfileConfig(Config):
     cursor_color: Rgb = Field(
         default=(255, 255, 255), description="colour of the person's cursor: red, green, blue, 0 to 255"
     )
+    cursor_colormap: str = Field(
+        default="",
+        max_length=32,
+        description="of the cursor by its distance, such as viridis; empty: it has `cursor_color`",
+    )
     cursor_width_m: float = Field(default=0.1, gt=0, le=1, description="length of the cursor on a strip, m")
+    pattern: Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"] = Field(
+        default="solid", description="second sign of what is this person's, beside the colour"
+    )
 
     @model_validator(mode="after")
     def _body_is_one(self) -> Self:

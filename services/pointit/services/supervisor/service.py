@@ -236,6 +236,8 @@ def profile(config: ProfileConfig, now_ns: int) -> UserProfile:
         ray_model=config.ray_model,
         cursor_color=config.cursor_color,
         cursor_width_m=config.cursor_width_m,
+        cursor_colormap=config.cursor_colormap,
+        pattern=config.pattern,
     )
 
 

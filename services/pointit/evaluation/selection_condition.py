@@ -1,0 +1,117 @@
+"""What is tried: the paper group's conditions, and a sweep on the paper's conveyor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+LAB = "belts_lab"
+VR = "belts_vr"
+CONVEYOR = "conveyor"
+
+BENCHES = (LAB, VR, CONVEYOR)
+
+LAB_SPEEDS_MPS = (0.2, 0.5, 0.9)
+"""Of the levels 1, 2, 3 of moving packages."""
+VR_SPEEDS_MPS = tuple(0.5 * step for step in range(1, 16))
+
+RING_M = 10.0
+"""The two strips of the laboratory, one after the other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """One line of the table, for each method."""
+
+    bench: str
+    name: str
+    speed_mps: float
+    packages: int
+    targets: int
+    spacing_m: float
+    """From centre to centre, on the average."""
+    users: int = 1
+
+    @property
+    def per_package(self) -> bool:
+        """Return whether packages pass by, so that times are of each and not of a run."""
+        return self.bench != LAB
+
+
+def lab_condition(motion: str, level: int, speed_mps: float) -> str:
+    """Return the name of a condition of the laboratory."""
+    if motion == "moving":
+        return f"moving, {speed_mps:g} m/s"
+    return f"static, {level} of {3 * level}"
+
+
+def vr_condition(speed_mps: float) -> str:
+    """Return the name of a condition of virtual reality."""
+    return f"{speed_mps:g} m/s"
+
+
+def conditions(benches: Sequence[str] = ()) -> list[Condition]:
+    """Return what is tried in `benches` (empty: in all)."""
+    return [
+        condition
+        for bench, of_it in ((LAB, _lab()), (VR, _vr()), (CONVEYOR, _conveyor()))
+        if not benches or bench in benches
+        for condition in of_it
+    ]
+
+
+def _lab() -> list[Condition]:
+    static = [("static", level, 0.0, 3 * level, level) for level in (1, 2, 3)]
+    moving = [("moving", level, speed_mps, 9, 3) for level, speed_mps in enumerate(LAB_SPEEDS_MPS, start=1)]
+    return [
+        Condition(
+            bench=LAB,
+            name=lab_condition(motion, level, speed_mps),
+            speed_mps=speed_mps,
+            packages=packages,
+            targets=targets,
+            spacing_m=RING_M / packages,
+        )
+        for motion, level, speed_mps, packages, targets in (*static, *moving)
+    ]
+
+
+def _vr() -> list[Condition]:
+    return [
+        Condition(
+            bench=VR,
+            name=vr_condition(speed_mps),
+            speed_mps=speed_mps,
+            packages=24,
+            targets=8,
+            spacing_m=3.7 * speed_mps,  # they fed by time: one every 3.7 s, whatever the speed
+        )
+        for speed_mps in VR_SPEEDS_MPS
+    ]
+
+
+def _conveyor() -> list[Condition]:
+    """Return one thing varied at a time; the first has them all as usual."""
+
+    def condition(
+        name: str, *, speed_mps: float = 0.5, packages: int = 12, spacing_m: float = 2.0, users: int = 1
+    ) -> Condition:
+        return Condition(
+            bench=CONVEYOR,
+            name=name,
+            speed_mps=speed_mps,
+            packages=packages,
+            targets=packages // 3,
+            spacing_m=spacing_m,
+            users=users,
+        )
+
+    return [
+        condition("0.5 m/s, 12 packages 2 m apart"),
+        condition("1 m/s", speed_mps=1.0),
+        condition("2 m/s", speed_mps=2.0),
+        condition("0.6 m apart", spacing_m=0.6),
+        condition("1 m apart", spacing_m=1.0),
+        condition("6 packages", packages=6),
+        condition("24 packages", packages=24),
+        condition("2 users", users=2),
+        condition("4 users", users=4),
+    ]

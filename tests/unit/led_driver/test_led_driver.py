@@ -35,12 +35,15 @@ from pointit.schemas.topics import (
 )
 from pointit.services.led_driver.config import LedDriverConfig, OutputConfig, StyleConfig
 from pointit.services.led_driver.render import Renderer
+from pointit.services.led_driver.layout import Layout
 from pointit.services.led_driver.scene import Scene
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.support.pty_device import Listener, pty_device
 
-FAST = LedDriverConfig(max_rate_hz=1000, patience_s=0, style=StyleConfig(kind_colors={"red": (200, 0, 0)}))
+FAST = LedDriverConfig(
+    max_rate_hz=1000, patience_s=0, style=StyleConfig(kind_colors={"red": (200, 0, 0)}, tail_s=0.0)
+)
 MAP_MESSAGE = Environment(
     stamp_ns=1,
     name="test",
@@ -162,7 +165,8 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
         bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(9, 9, 9)), "anna")
         await next_frame(frames)
         bench.put(HOVER, Hover(stamp_ns=1, object_id="p1", progress=0.0), "anna")
-        assert pixels(await next_frame(frames), "a")[5] == (9, 9, 9)
+        shown = pixels(await next_frame(frames), "a")
+        assert (shown[5], shown[8]) == ((255, 255, 255), (9, 9, 9))  # one pixel at each end has to do
 
 
 async def test_trackers_do_not_take_each_others_objects_away() -> None:
@@ -256,22 +260,24 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
 
 def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
     clock = ManualClock()
-    scene = Scene()
+    scene = Scene(FAST)
+    scene.set_layout(Layout(MAP_MESSAGE.strips))
     scene.set_cursor("anna", cursor(clock, 0.5), clock.now_ns())
     scene.set_objects("conveyor", package(clock), clock.now_ns())
     clock.advance(-3600.0)
     scene.forget(clock.now_ns())
     assert scene.cursors() == []
-    assert scene.objects(clock.now_ns()) == []
+    assert not len(scene.segments(clock.now_ns()).lines)
     assert scene.next_change_ns() is None
 
 
 def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     clock = ManualClock()
-    scene = Scene()
+    scene = Scene(FAST)
+    scene.set_layout(Layout(MAP_MESSAGE.strips))
     scene.set_objects("conveyor", package(clock, speed_mps=1.0), clock.now_ns())
-    assert scene.objects(clock.now_ns() - 500_000_000)[0].position_m == 0.5
-    assert scene.objects(clock.now_ns() + 100_000_000)[0].position_m == pytest.approx(0.6)
+    assert scene.segments(clock.now_ns() - 500_000_000).at_m[0] == 0.5
+    assert scene.segments(clock.now_ns() + 100_000_000).at_m[0] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize(

@@ -75,12 +75,37 @@ class StyleConfig(Config):
     default_color: Color = Field(default=(200, 200, 200), description="of objects of any other kind")
     idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
     edge_m: float = Field(
-        default=0.04, ge=0, le=1, description="length of the bright ends of a selected or hovered object, m"
+        default=0.07, ge=0, le=1, description="length of the margins of a selected or hovered object, m"
     )
     selected_edge_color: Color = Field(
-        default=(255, 255, 255),
-        description="of the ends of a selected object; a hovered one's are the user's",
+        default=(255, 255, 255), description="of the margins of what somebody unknown has selected"
     )
+    gap_level: Level = Field(
+        default=0.12, description="brightness of the dark pixels in the patterns of what is selected"
+    )
+    tail_s: float = Field(
+        default=0.15, ge=0, le=2, description="a moving object's tail is as long as its way in this time, s"
+    )
+    tail_max_m: float = Field(default=0.5, ge=0, le=10, description="no tail is longer, m")
+    tail_level: Level = Field(
+        default=0.3, description="brightness of the tail beside the object's own, fading to none"
+    )
+
+
+class PointerConfig(Config):
+    """How cursors look; their colour, width and colormap are in each person's profile."""
+
+    draw_snapped: bool = Field(
+        default=False, description="draw cursors where the selector draws them to, not where they truly are"
+    )
+    distance: Literal["angle", "metres"] = Field(
+        default="angle",
+        description="what a cursor's colormap shows: the angle or the distance that it misses by",
+    )
+    range_deg: float = Field(
+        default=10.0, gt=0, le=180, description="angle at which the colormap is at its start; 0 is its end"
+    )
+    range_m: float = Field(default=0.5, gt=0, le=1000, description="the same of the distance, m")
 
 
 class LedDriverConfig(Config):
@@ -98,4 +123,5 @@ class LedDriverConfig(Config):
         default=1.0, gt=0, le=60, description="objects without news for so long vanish, s"
     )
     style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
+    pointer: PointerConfig = Field(default=PointerConfig(), description="cursors")
     outputs: tuple[OutputConfig, ...] = Field(default=(), description="the controllers")

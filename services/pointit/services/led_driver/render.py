@@ -1,187 +1,190 @@
-"""Objects and cursors to pixels (paper, §III-E): the position of the cursor and of objects, and their state.
+"""Segments, cursors and their states to pixels (paper, §III-E), each kind of thing in one go.
 
-An object is a segment in the colour of its kind: dim, or bright when it is selected. Its ends tell more:
-white when it is selected, in the person's colour while they hover it; meanwhile the body changes from both
-ends to the middle, as far as the selection has come. Cursors lie on top; where several meet, they alternate
-pixel by pixel.
+The language of light: an object is a segment in the colour of its kind, dim, or bright when it is selected.
+Its margins are in the colour of whoever hovers it, or has it selected; in several colours pixel by pixel
+when there are several to tell. The body changes from both ends to the middle as far as the selection has
+come. Dark pixels in the body of what is selected make the owner's pattern. Cursors lie on top; where
+several meet, they alternate pixel by pixel.
 """
 
-import itertools
-import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry.polyline import Polyline
-from pointit.schemas import Strip
 from pointit.services.led_driver.config import Color, StyleConfig
+from pointit.services.led_driver.layout import Array, Indices, Layout
 
-Pixels = NDArray[np.uint8]
-"""n x 3, red green blue."""
+Bytes = NDArray[np.uint8]
+
+PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
+"""As in the profile; a segment has the index."""
+_DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)
+
+BODY, FILL, GAP, OWNER, MARGIN = range(5)
+"""Roles of pixels: what the gauge would make of the body, the dark of patterns, the owner's, the margins'."""
+MARGIN_COLORS = 4
+"""So many alternate at most."""
+ROLES = MARGIN + MARGIN_COLORS
+
+_ROUNDING = 1e-6
+"""Pixels."""
+_MANY = 1e9
+"""Pixels: more are not counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Objects to draw, n of them, each centred on `at_m` of a line of the layout; later ones lie on top."""
+
+    lines: Indices
+    at_m: Array
+    half_m: Array
+    speed_mps: Array
+    palette: Bytes
+    """n x `ROLES` x 3."""
+    progress: Array
+    """How far the body is filled, 0 to 1."""
+    margins: Indices
+    """How many colours the margins have; 0: there are none."""
+    thin: NDArray[np.bool_]
+    """Margins of one pixel only."""
+    patterns: Indices
+    """Index into `PATTERNS`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CursorMark:
     """A cursor to draw."""
 
-    strip_id: str
-    position_m: float
+    line: int
+    at_m: float
     width_m: float
     color: Color
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectMark:
-    """An object to draw, centred on `position_m`."""
-
-    strip_id: str
-    position_m: float
-    length_m: float
-    kind: str = ""
-    selected: bool = False
-    progress: float = 0.0
-    """How far the next change of its selection has come, 0 to 1."""
-    hover_color: Color | None = None
-    """The colour of the person whose cursor is on it."""
-
-
-MAX_PIXELS = 64 * 4096
-"""Of all strips together: a frame of more would be longer than its message may be."""
-
-_BEYOND = 1e9
-"""Pixels: nothing is drawn further beyond an end of a strip, so that numbers of pixels fit 64 bits."""
-
-_ROUNDING = 1e-6
-"""Pixels: how far beyond an end of a strip is still its end."""
-
-
-class _Canvas:
-    """One strip: arc length to pixels, in the order of the wire."""
-
-    def __init__(self, strip: Strip, wire: Pixels) -> None:
-        length_m = Polyline(strip.line_m).length_m
-        self.count = strip.pixels
-        self.per_m = strip.pixels / length_m
-        self.pixels = wire if strip.direction == 1 else wire[::-1]
-        """A view in the order of the line: pixel k has its centre at (k + ½) / per_m."""
-
-    def span(self, start_m: float, end_m: float) -> tuple[int, int]:
-        """Return first and one-past-last pixel with their centres in [start_m, end_m]; not clipped.
-
-        What is shorter than a pixel lights the one it is in.
-        """
-        start, end = self._pixel(start_m), self._pixel(end_m)
-        first = math.ceil(start - 0.5)
-        last = math.floor(end - 0.5) + 1
-        if last > first:
-            return first, last
-        middle = (start + end) / 2.0
-        if -_ROUNDING <= middle <= self.count + _ROUNDING:  # the very ends belong to the strip
-            middle = min(max(middle, 0), self.count - 1)
-        return math.floor(middle), math.floor(middle) + 1
-
-    def _pixel(self, position_m: float) -> float:
-        return min(max(position_m * self.per_m, -_BEYOND), _BEYOND)
-
-    def paint(self, first: int, last: int, color: Sequence[int]) -> None:
-        """Colour the pixels from `first` up to, not with, `last`; what is beyond the strip is left out."""
-        first, last = max(first, 0), min(last, self.count)
-        if last > first:
-            self.pixels[first:last] = color
-
-
 class Renderer:
-    """Draws frames for one map; all strips lie in one buffer, so that what concerns all is one operation."""
+    """Draws frames on one layout; all strips lie in one buffer: what concerns all is one operation."""
 
-    def __init__(self, strips: Sequence[Strip], style: StyleConfig | None = None) -> None:
-        """Lay `strips` out one after the other.
-
-        Raises:
-            ValueError: the line of a strip has no length, or there are more pixels than a frame can hold.
-        """
+    def __init__(self, layout: Layout, style: StyleConfig | None = None) -> None:
+        """Draw on `layout` in `style`."""
         self._style = style if style is not None else StyleConfig()
-        counts = [strip.pixels for strip in strips]
-        if sum(counts) > MAX_PIXELS:
-            raise ValueError(f"all have {sum(counts)} pixels together, a frame holds {MAX_PIXELS}")
-        ends = list(itertools.accumulate(counts))
-        self._buffer: Pixels = np.zeros((sum(counts), 3), dtype=np.uint8)
-        self._slices = {
-            strip.id: slice(3 * (end - strip.pixels), 3 * end)
-            for strip, end in zip(strips, ends, strict=True)
-        }
-        self._canvases = {
-            strip.id: _Canvas(strip, self._buffer[end - strip.pixels : end])
-            for strip, end in zip(strips, ends, strict=True)
-        }
-        colors = {**self._style.kind_colors, "": self._style.default_color}
-        self._bright = colors
-        self._dim = {kind: _scaled(color, self._style.idle_level) for kind, color in colors.items()}
-        self._table = np.arange(256, dtype=np.uint8)
-        self.brightness = 1.0
+        self._layout = layout
+        self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
+        self._edge: Indices = np.clip(np.rint(self._style.edge_m / layout.pitch_m), 1, 4096).astype(np.intp)
+        self._per_m: Array = 1.0 / layout.pitch_m
 
-    def set_brightness(self, brightness: float) -> None:
-        """Dim everything to `brightness`, 0 to 1."""
-        self.brightness = brightness
-        self._table = np.rint(np.arange(256) * brightness).astype(np.uint8)
-
-    def render(self, objects: Iterable[ObjectMark], cursors: Sequence[CursorMark]) -> dict[str, bytes]:
-        """Return each strip's bytes: red green blue, pixel 0 of the wire first."""
+    def render(self, segments: Segments, cursors: list[CursorMark]) -> Bytes:
+        """Return all pixels (n x 3, red green blue) in the layout's order; the next call changes them."""
         self._buffer.fill(0)
-        for mark in objects:
-            canvas = self._canvases.get(mark.strip_id)
-            if canvas is not None:
-                self._draw_object(canvas, mark)
-        for strip_id, group in itertools.groupby(
-            sorted(cursors, key=lambda mark: mark.strip_id), key=lambda mark: mark.strip_id
-        ):
-            canvas = self._canvases.get(strip_id)
-            if canvas is not None:
-                _draw_cursors(canvas, list(group))
-        pixels = self._buffer if self.brightness == 1.0 else self._table[self._buffer]
-        data = pixels.tobytes()
-        return {strip_id: data[where] for strip_id, where in self._slices.items()}
+        if len(segments.lines):
+            self._draw_segments(segments)
+        if cursors:
+            self._draw_cursors(cursors)
+        return self._buffer
 
-    def _draw_object(self, canvas: _Canvas, mark: ObjectMark) -> None:
-        half_m = mark.length_m / 2.0
-        first, last = canvas.span(mark.position_m - half_m, mark.position_m + half_m)
-        if last <= 0 or first >= canvas.count:
+    def _draw_segments(self, segments: Segments) -> None:
+        layout = self._layout
+        start_m, end_m = segments.at_m - segments.half_m, segments.at_m + segments.half_m
+        tail_m = np.minimum(np.abs(segments.speed_mps) * self._style.tail_s, self._style.tail_max_m)
+        tail_m[layout.narrow(segments.lines, 2.0 * segments.half_m)] = 0.0
+        tailed = bool(tail_m.any())
+        if tailed:
+            forth = segments.speed_mps > 0.0
+            whose, entries = layout.lit(segments.lines, start_m - tail_m * forth, end_m + tail_m * ~forth)
+        else:
+            whose, entries = layout.lit(segments.lines, start_m, end_m)
+        if not len(entries):
             return
-        kind = mark.kind if mark.kind in self._bright else ""
-        levels = (self._dim[kind], self._bright[kind])
-        canvas.paint(first, last, levels[mark.selected])
-        if mark.hover_color is not None:
-            filled = round(mark.progress * (last - first) / 2.0)
-            canvas.paint(first, first + filled, levels[not mark.selected])
-            canvas.paint(last - filled, last, levels[not mark.selected])
-        elif not mark.selected:
-            return
-        edge = min(max(round(self._style.edge_m * canvas.per_m), 1), (last - first) // 3)
-        color = mark.hover_color or self._style.selected_edge_color
-        canvas.paint(first, first + edge, color)
-        canvas.paint(last - edge, last, color)
+        at_m, per_m = layout.at_m[entries], self._per_m[entries]
+        before, after = at_m - start_m[whose], end_m[whose] - at_m
+        if tailed:
+            outside = np.minimum(before, after)
+            behind = (outside < 0.0) & (tail_m[whose] > 0.0)
+            tail = np.flatnonzero(behind)
+            if len(tail):
+                fade = self._style.tail_level * (1.0 + outside[tail] / tail_m[whose[tail]])
+                colors = segments.palette[whose[tail], BODY] * fade[:, None]
+                self._buffer[layout.pixels[entries[tail]]] = colors
+                body = np.flatnonzero(~behind)
+                whose, entries, per_m = whose[body], entries[body], per_m[body]
+                before, after = before[body], after[body]
+        first = np.minimum(np.maximum(before * per_m + _ROUNDING, 0.0), _MANY).astype(np.intp)
+        last = np.minimum(np.maximum(after * per_m + _ROUNDING, 0.0), _MANY).astype(np.intp)
+        roles = self._roles(segments, whose, entries, first, last)
+        self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
+
+    def _roles(
+        self, segments: Segments, whose: Indices, entries: Indices, first: Indices, last: Indices
+    ) -> Indices:
+        """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
+        nearer = np.minimum(first, last)
+        roles = np.zeros(len(whose), dtype=np.intp)
+        stated = np.flatnonzero((segments.margins > 0)[whose])
+        if not len(stated):
+            return roles
+        whose, nearer, first, last = whose[stated], nearer[stated], first[stated], last[stated]
+        count = first + last + 1
+        told = np.zeros(len(stated), dtype=np.intp)
+        told[nearer < np.rint(segments.progress[whose] * count / 2.0)] = FILL
+        margin = np.minimum(self._edge[entries[stated]], count // 3)
+        patterns = segments.patterns[whose]
+        if patterns.any():
+            forth = segments.speed_mps[whose] >= 0.0
+            trailing = np.where(forth, first, last)
+            _draw_patterns(
+                told,
+                patterns,
+                inward=nearer - margin,
+                along=first - margin,
+                trailing=trailing - margin,
+                body=count - 2 * margin,
+            )
+        margin = np.where(segments.thin[whose], np.minimum(margin, 1), margin)
+        colors = segments.margins[whose]
+        # each end begins with another colour when there are more of them than pixels
+        turn = (nearer + (last < first) * np.maximum(colors - margin, 0)) % np.maximum(colors, 1)
+        ends = nearer < margin
+        told[ends] = MARGIN + turn[ends]
+        roles[stated] = told
+        return roles
+
+    def _draw_cursors(self, cursors: list[CursorMark]) -> None:
+        layout = self._layout
+        at_m = np.array([mark.at_m for mark in cursors])
+        half_m = np.array([mark.width_m for mark in cursors]) / 2.0
+        lines = np.array([mark.line for mark in cursors], dtype=np.intp)
+        whose, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
+        pixels = layout.pixels[entries]
+        colors = np.array([mark.color for mark in cursors], dtype=np.uint8)
+        if len(cursors) > 1 and len(pixels):
+            # the k-th cursor over a pixel shows when k is the pixel's number modulo how many there are
+            order = np.lexsort((whose, pixels))
+            pixels, whose = pixels[order], whose[order]
+            begins = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
+            counts = np.diff(begins, append=len(pixels))
+            rank = np.arange(len(pixels)) - np.repeat(begins, counts)
+            shown = rank == layout.wire[pixels] % np.repeat(counts, counts)
+            pixels, whose = pixels[shown], whose[shown]
+        self._buffer[pixels] = colors[whose]
 
 
-def _draw_cursors(canvas: _Canvas, marks: Sequence[CursorMark]) -> None:
-    spans = [
-        canvas.span(mark.position_m - mark.width_m / 2.0, mark.position_m + mark.width_m / 2.0)
-        for mark in marks
-    ]
-    if len(marks) == 1:
-        canvas.paint(*spans[0], marks[0].color)
-        return
-    index = np.arange(canvas.count)
-    bounds = np.array(spans)
-    covers = (index >= bounds[:, :1]) & (index < bounds[:, 1:])
-    count = covers.sum(axis=0)
-    lit = np.flatnonzero(count)
-    # the k-th of the cursors over a pixel shows when k is the pixel's number modulo how many there are
-    turn = covers[:, lit].cumsum(axis=0) - 1 == index[lit] % count[lit]
-    owner = np.argmax(turn & covers[:, lit], axis=0)
-    canvas.pixels[lit] = np.array([mark.color for mark in marks], dtype=np.uint8)[owner]
+def _draw_patterns(
+    roles: Indices, patterns: Indices, *, inward: Indices, along: Indices, trailing: Indices, body: Indices
+) -> None:
+    """Set the roles of pixels that make a pattern.
 
-
-def _scaled(color: Color, level: float) -> Color:
-    red, green, blue = (round(value * level) for value in color)
-    return (red, green, blue)
+    Args:
+        roles: to change.
+        patterns: of the segment of each pixel.
+        inward: pixels from the nearer end of the body, from 0 on; less than 0 in the margins.
+        along: pixels from the start of the body.
+        trailing: pixels from the end of the body that comes last.
+        body: how many pixels the body has; in fewer than three no pattern is to be seen.
+    """
+    patterns = np.where((inward >= 0) & (body >= 3), patterns, 0)
+    roles[(patterns == _DASHED) & (inward % 4 == 0)] = GAP
+    roles[(patterns == _DOTTED) & (along % 2 == 1)] = GAP
+    roles[(patterns == _HOLLOW) & (inward >= 1)] = GAP
+    roles[(patterns == _STRIPED) & (along % 2 == 1)] = OWNER
+    roles[(patterns == _TAILED) & (trailing < body // 2)] = OWNER

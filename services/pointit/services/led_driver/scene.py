@@ -1,7 +1,14 @@
 """What is to be seen on the strips now: the newest of everything, as long as it is fresh."""
 
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.colormap import colormap
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -11,54 +18,94 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.config import Color
-from pointit.services.led_driver.render import CursorMark, ObjectMark
+from pointit.services.led_driver.config import Color, LedDriverConfig
+from pointit.services.led_driver.layout import Array, Indices, Layout
+from pointit.services.led_driver.looks import NOBODY, Looks, Wardrobe
+from pointit.services.led_driver.render import CursorMark, Segments
 
 T = TypeVar("T")
 
-_UNKNOWN = UserProfile(stamp_ns=0)
+ON_LINES = ("strip", "belt")
+"""Surfaces whose cursors and objects show on strips."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """The objects that are on the layout, as arrays; built when they come, not when they are drawn."""
+
+    lines: Indices
+    at_m: Array
+    half_m: Array
+    speed_mps: Array
+    stamp_ns: NDArray[np.int64]
+    kinds: Indices
+    ids: dict[str, list[int]]
 
 
 class Scene:
     """Keeps what was heard and forgets what has grown old; ages count from arrival."""
 
-    def __init__(self, *, cursor_timeout_s: float = 0.5, objects_timeout_s: float = 1.0) -> None:
-        self._cursor_timeout_ns = int(cursor_timeout_s * NS_PER_S)
-        self._objects_timeout_ns = int(objects_timeout_s * NS_PER_S)
+    def __init__(self, config: LedDriverConfig) -> None:
+        """Begin with nothing heard, and no layout."""
+        self._pointer = config.pointer
+        self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
+        self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
+        self._wardrobe = Wardrobe(config.style)
+        self._layout = Layout(())
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._hovers: dict[str, tuple[int, Hover]] = {}
         self._objects: dict[str, tuple[int, TrackedObjects]] = {}
         self._profiles: dict[str, UserProfile] = {}
+        self._selection: Selection | None = None
         self._new_ns: int | None = None
-        self._selected: frozenset[str] = frozenset()
+        self._placed: _Placed | None = None
+        self._looks: Looks | None = None
+
+    def set_layout(self, layout: Layout) -> None:
+        """Draw on `layout` from now on."""
+        self._layout = layout
+        self._placed = self._looks = None
 
     def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Take where `user` points."""
         self._cursors[user] = (now_ns, cursor)
-        if cursor.surface == "strip":
+        if cursor.surface in ON_LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""
         self._hovers[user] = (now_ns, hover)
+        self._looks = None
 
     def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
         """Take all objects of `tracker`."""
         self._objects[tracker] = (now_ns, objects)
+        self._placed = self._looks = None
 
     def set_selection(self, selection: Selection) -> None:
         """Take what is selected."""
-        self._selected = frozenset(item.id for item in selection.objects)
+        self._selection = selection
+        self._looks = None
 
     def set_profile(self, user: str, profile: UserProfile) -> None:
-        """Take `user`'s colour and cursor width."""
-        self._profiles[user] = profile
+        """Take `user`'s colour, pattern and cursor width.
+
+        Raises:
+            UnknownColormapError: there is no colormap of that name; the cursor keeps its colour.
+        """
+        self._profiles[user] = profile.model_copy(update={"cursor_colormap": ""})
+        self._looks = None
+        if profile.cursor_colormap:
+            colormap(profile.cursor_colormap)
+            self._profiles[user] = profile
 
     def forget(self, now_ns: int) -> None:
         """Drop what is too old, or came at a time still to come: the clock was set back."""
         _forget(self._cursors, now_ns, self._cursor_timeout_ns)
-        _forget(self._hovers, now_ns, self._cursor_timeout_ns)
-        _forget(self._objects, now_ns, self._objects_timeout_ns)
+        if _forget(self._hovers, now_ns, self._cursor_timeout_ns):
+            self._looks = None
+        if _forget(self._objects, now_ns, self._objects_timeout_ns):
+            self._placed = self._looks = None
 
     def next_change_ns(self) -> int | None:
         """Return when something will be too old if nothing more is heard of it."""
@@ -67,58 +114,99 @@ class Scene:
         return min(ends, default=None)
 
     def take_new_ns(self) -> int | None:
-        """Return the newest capture time of the cursors on strips that came since the last call."""
+        """Return the newest capture time of the cursors on lines that came since the last call."""
         new_ns, self._new_ns = self._new_ns, None
         return new_ns
 
     def cursors(self) -> list[CursorMark]:
-        """Return the cursors on strips, by user name."""
+        """Return the cursors on strips and belts, by user name."""
         marks: list[CursorMark] = []
         for user in sorted(self._cursors):
             cursor = self._cursors[user][1]
-            if cursor.surface == "strip":
-                profile = self._profiles.get(user, _UNKNOWN)
+            if cursor.surface not in ON_LINES:
+                continue
+            line = self._layout.line(cursor.surface, cursor.surface_id)
+            if line is not None:
+                profile = self._profiles.get(user, NOBODY)
                 marks.append(
                     CursorMark(
-                        strip_id=cursor.surface_id,
-                        position_m=cursor.position_m,
+                        line=line,
+                        at_m=self._drawn_at_m(user, cursor),
                         width_m=profile.cursor_width_m,
-                        color=profile.cursor_color,
+                        color=self._color(profile, cursor),
                     )
                 )
         return marks
 
-    def objects(self, now_ns: int) -> list[ObjectMark]:
-        """Return the objects on strips where they are at `now_ns`."""
-        hovers = {
-            hover.object_id: (hover.progress, self._profiles.get(user, _UNKNOWN).cursor_color)
-            for user, (_, hover) in self._hovers.items()
-            if hover.object_id
-        }
-        marks: list[ObjectMark] = []
-        for _, tracked in self._objects.values():
-            # never beyond the time-out, and a clock that is ahead of ours must not move them backwards
-            elapsed_s = min(max(now_ns - tracked.stamp_ns, 0), self._objects_timeout_ns) / NS_PER_S
-            marks += [
-                self._mark(item, elapsed_s, hovers) for item in tracked.objects if item.surface == "strip"
-            ]
-        return marks
+    def _drawn_at_m(self, user: str, cursor: Cursor) -> float:
+        if self._pointer.draw_snapped and user in self._hovers:
+            snapped_m = self._hovers[user][1].snapped_position_m
+            if snapped_m is not None:
+                return snapped_m
+        return cursor.position_m
 
-    def _mark(
-        self, item: TrackedObject, elapsed_s: float, hovers: dict[str, tuple[float, Color]]
-    ) -> ObjectMark:
-        progress, hover_color = hovers.get(item.id, (0.0, None))
-        return ObjectMark(
-            strip_id=item.surface_id,
-            position_m=item.surface_position_m + item.surface_speed_mps * elapsed_s,
-            length_m=item.length_m,
-            kind=item.kind,
-            selected=item.id in self._selected,
-            progress=progress,
-            hover_color=hover_color,
+    def _color(self, profile: UserProfile, cursor: Cursor) -> Color:
+        if not profile.cursor_colormap:
+            return profile.cursor_color
+        if self._pointer.distance == "angle":
+            share = cursor.miss_rad / math.radians(self._pointer.range_deg)
+        else:
+            share = cursor.miss_m / self._pointer.range_m
+        return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
+
+    def segments(self, now_ns: int) -> Segments:
+        """Return the objects on strips and belts where they are at `now_ns`."""
+        if self._placed is None:
+            self._placed = self._place()
+        placed = self._placed
+        if self._looks is None:
+            hovers = {user: hover for user, (_, hover) in self._hovers.items()}
+            self._looks = self._wardrobe.looks(
+                placed.kinds, placed.ids, hovers, self._selection, self._profiles
+            )
+        looks = self._looks
+        # never beyond the time-out, and a clock that is ahead of ours must not move them backwards
+        elapsed_s = np.clip(now_ns - placed.stamp_ns, 0, self._objects_timeout_ns) / NS_PER_S
+        return Segments(
+            lines=placed.lines,
+            at_m=placed.at_m + placed.speed_mps * elapsed_s,
+            half_m=placed.half_m,
+            speed_mps=placed.speed_mps,
+            palette=looks.palette,
+            progress=looks.progress,
+            margins=looks.margins,
+            thin=looks.thin,
+            patterns=looks.patterns,
         )
 
+    def _place(self) -> _Placed:
+        rows: list[tuple[int, TrackedObject, int]] = []
+        for _, tracked in self._objects.values():
+            rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
+        ids: dict[str, list[int]] = {}
+        for index, (_, item, _) in enumerate(rows):
+            ids.setdefault(item.id, []).append(index)
+        return _Placed(
+            lines=np.array([line for line, _, _ in rows], dtype=np.intp),
+            at_m=np.array([item.surface_position_m for _, item, _ in rows]),
+            half_m=np.array([item.length_m for _, item, _ in rows]) / 2.0,
+            speed_mps=np.array([item.surface_speed_mps for _, item, _ in rows]),
+            stamp_ns=np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64),
+            kinds=np.array([self._wardrobe.kind(item.kind) for _, item, _ in rows], dtype=np.intp),
+            ids=ids,
+        )
 
-def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> None:
-    for name in [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]:
+    def _on_lines(self, objects: Iterable[TrackedObject]) -> Iterable[tuple[int, TrackedObject]]:
+        for item in objects:
+            if item.surface in ON_LINES:
+                line = self._layout.line(item.surface, item.surface_id)
+                if line is not None:
+                    yield line, item
+
+
+def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
+    """Drop what is too old; return whether anything was."""
+    old = [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]
+    for name in old:
         del heard[name]
+    return bool(old)

@@ -3,6 +3,7 @@
 import asyncio
 from typing import ClassVar
 
+from pointit.geometry.colormap import UnknownColormapError
 from pointit.runtime import ConfigError, Context, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import (
@@ -13,8 +14,6 @@ from pointit.schemas import (
     Hover,
     Selection,
     SetBrightness,
-    StripFrame,
-    StripsFrame,
     TrackedObjects,
     UserProfile,
 )
@@ -30,9 +29,8 @@ from pointit.schemas.topics import (
 )
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.expander import ExpanderOutput
+from pointit.services.led_driver.lights import Lights
 from pointit.services.led_driver.pacing import Pacer
-from pointit.services.led_driver.render import Renderer
-from pointit.services.led_driver.scene import Scene
 
 
 class LedDriver(Service[LedDriverConfig]):
@@ -49,15 +47,10 @@ class LedDriver(Service[LedDriverConfig]):
             ConfigError: an output lacks its port, or two share one.
         """
         super().__init__(config, context)
-        self._scene = Scene(
-            cursor_timeout_s=config.cursor_timeout_s, objects_timeout_s=config.objects_timeout_s
-        )
+        self._lights = Lights(config)
         self._pacer = Pacer(config.max_rate_hz, config.patience_s)
-        self._brightness = config.brightness
-        self._renderer: Renderer | None = None
         self._frame_timer: asyncio.TimerHandle | None = None
         self._expiry_timer: asyncio.TimerHandle | None = None
-        self._seq = 0
         self._ended = False
         self._outputs = self._make_outputs()
         self._frames = self.bus.publisher(STRIPS_FRAME)
@@ -96,44 +89,45 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         try:
-            renderer = Renderer(environment.strips, self.config.style)
+            self._lights.on_map(environment)
         except ValueError as error:
             self.bus.warn(
-                "map", f"map {environment.name}: a strip cannot be drawn ({error}); correct the map"
+                "map", f"map {environment.name}: a strip or belt cannot be drawn ({error}); correct the map"
             )
             return
         self.bus.clear("map")
-        renderer.set_brightness(self._brightness)
-        self._renderer = renderer
         for output in self._outputs:
             output.set_strips(environment.strips)
         self._wish()
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
-        self._scene.set_profile(user, profile)
+        try:
+            self._lights.on_profile(user, profile)
+        except UnknownColormapError as error:
+            self.bus.warn(f"profile {user}", f"profile of {user}: {error}; the cursor's colour is shown")
+        else:
+            self.bus.clear(f"profile {user}")
         self._wish()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
-        self._scene.set_selection(selection)
+        self._lights.on_selection(selection)
         self._wish()
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        self._scene.set_objects(tracker, objects, self.clock.now_ns())
+        self._lights.on_objects(tracker, objects, self.clock.now_ns())
         self._wish()
 
     def _on_hover(self, hover: Hover, user: str) -> None:
-        self._scene.set_hover(user, hover, self.clock.now_ns())
+        self._lights.on_hover(user, hover, self.clock.now_ns())
         self._wish()
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        self._scene.set_cursor(user, cursor, self.clock.now_ns())
+        self._lights.on_cursor(user, cursor, self.clock.now_ns())
         self._wish(fresh=True)
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
-        self._brightness = query.brightness
-        if self._renderer is not None:
-            self._renderer.set_brightness(query.brightness)
-            self._wish()
+        self._lights.set_brightness(query.brightness)
+        self._wish()
         return Done(message=f"the strips' brightness is {query.brightness:.0%} now")
 
     def _wish(self, *, fresh: bool = False) -> None:
@@ -151,19 +145,10 @@ class LedDriver(Service[LedDriverConfig]):
             self._frame_timer.cancel()
             self._frame_timer = None
         self._pacer.drawn(asyncio.get_running_loop().time())
-        if self._renderer is None:
-            return
         now_ns = self.clock.now_ns()
-        self._scene.forget(now_ns)
-        cursors = self._scene.cursors()
-        pixels = self._renderer.render(self._scene.objects(now_ns), cursors)
-        new_ns = self._scene.take_new_ns()
-        self._seq += 1
-        frame = StripsFrame(
-            stamp_ns=now_ns if new_ns is None else new_ns,
-            seq=self._seq,
-            strips=tuple(StripFrame(id=name, rgb=rgb) for name, rgb in pixels.items()),
-        )
+        frame = self._lights.frame(now_ns)
+        if frame is None:
+            return
         self._frames.put(frame)
         for output in self._outputs:
             output.show(frame)
@@ -171,7 +156,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _watch_expiry(self, now_ns: int) -> None:
         """Have a frame drawn when something grows old; one timer at a time, which looks again."""
-        end_ns = self._scene.next_change_ns()
+        end_ns = self._lights.next_change_ns()
         if end_ns is None or self._expiry_timer is not None:
             return
         wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
@@ -180,7 +165,7 @@ class LedDriver(Service[LedDriverConfig]):
     def _expire(self) -> None:
         self._expiry_timer = None
         now_ns = self.clock.now_ns()
-        end_ns = self._scene.next_change_ns()
+        end_ns = self._lights.next_change_ns()
         if end_ns is not None and end_ns <= now_ns:
             self._wish()
         else:

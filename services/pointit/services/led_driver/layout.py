@@ -1,0 +1,227 @@
+"""Which pixels belong to which line: once per map, so that drawing on any line is a look-up.
+
+Every pixel belongs to its own strip, and to each belt that it lies beside: within half the belt's width and
+`BESIDE_M` of its centre line, not beyond its ends; there it belongs to the nearest arc length. For each line
+the pixels are sorted by arc length, whatever strips they are of: curves, gaps, reversed strips, strips on
+both sides and clipping all come down to where an arc length falls into that order.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import Belt, Strip
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+BESIDE_M = 0.1
+"""How far beside a belt's edge a pixel still shows what is on the belt."""
+
+END_M = 1e-3
+"""How far beyond a belt's end a pixel still belongs to it: maps are measured no better."""
+
+MAX_PIXELS = 64 * 4096
+"""Of all strips together: a frame of more would be longer than its message may be."""
+
+_ROUNDING = 1e-6
+"""Pixels: how far beyond an end of a strip is still its end."""
+
+_APART_M = 1.0
+"""Between lines on the axis on which all lie one after the other; nothing is looked for further beyond."""
+
+_AT_ONCE = 500_000
+"""Distances between pixels and segments that are held in memory together."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Pixels of one strip along one line, sorted by arc length."""
+
+    pixels: Indices
+    at_m: Array
+    pitch_m: Array
+    """Of the pixels about each, along the line."""
+    from_m: Array
+    to_m: Array
+    """What is nearer to this pixel than to its neighbours."""
+
+
+class Layout:
+    """All pixels of a map one after the other, and the lines that they lie along.
+
+    Attributes:
+        count: pixels of all strips.
+        slices: where each strip's bytes lie in a frame, by id.
+        wire: for every pixel its number on its own strip's wire.
+        at_m, pitch_m, pixels: for every entry (a pixel on a line) the arc length, the distance between
+            pixels there, the pixel. Entries are sorted by line and arc length.
+    """
+
+    def __init__(self, strips: Sequence[Strip], belts: Sequence[Belt] = ()) -> None:
+        """Lay `strips` out one after the other, and find the pixels beside `belts`.
+
+        Raises:
+            ValueError: a line has no length, or there are more pixels than a frame can hold.
+        """
+        self.count = sum(strip.pixels for strip in strips)
+        if self.count > MAX_PIXELS:
+            raise ValueError(f"all have {self.count} pixels together, a frame holds {MAX_PIXELS}")
+        own: list[tuple[_Run, Array]] = []
+        self.slices: dict[str, slice] = {}
+        first = 0
+        for strip in strips:
+            self.slices[strip.id] = slice(3 * first, 3 * (first + strip.pixels))
+            own.append(_own_run(strip, first))
+            first += strip.pixels
+        self.wire: Indices = _joined([np.arange(strip.pixels) for strip in strips]).astype(np.intp)
+        runs = [[run] for run, _ in own]
+        lengths_m = [Polyline(strip.line_m).length_m for strip in strips]
+        self._lines = {("strip", strip.id): number for number, strip in enumerate(strips)}
+        for belt in belts:
+            line = Polyline(belt.line_m)
+            self._lines["belt", belt.id] = len(runs)
+            runs.append(list(_runs_beside(line, belt.width_m / 2.0 + BESIDE_M, own)))
+            lengths_m.append(line.length_m)
+        self._lay(runs, np.array(lengths_m))
+
+    def _lay(self, lines: list[list[_Run]], lengths_m: Array) -> None:
+        self._ends_m = lengths_m + _APART_M / 4.0
+        self._origins_m = np.cumsum(lengths_m + _APART_M) - lengths_m
+        runs = [run for line in lines for run in line]
+        line_of_run = [number for number, line in enumerate(lines) for _ in line]
+        sizes = [len(run.pixels) for run in runs]
+        line = np.repeat(np.array(line_of_run, dtype=np.intp), sizes)
+        at_m = _joined([run.at_m for run in runs])
+        order = np.lexsort((at_m, line))
+        self.at_m: Array = at_m[order]
+        self.pitch_m: Array = _joined([run.pitch_m for run in runs])[order]
+        self.pixels: Indices = _joined([run.pixels for run in runs]).astype(np.intp)[order]
+        self._from_m: Array = _joined([run.from_m for run in runs])[order]
+        self._to_m: Array = _joined([run.to_m for run in runs])[order]
+        self._run: Indices = np.repeat(np.arange(len(runs)), sizes)[order]
+        self._keys: Array = self._origins_m[line[order]] + self.at_m if len(line) else at_m
+        self._bounds: Indices = np.searchsorted(line[order], np.arange(len(lines) + 1))
+        self._coarsest_m: Array = np.array(
+            [max((float(run.pitch_m.max()) for run in line), default=0.0) for line in lines]
+        )
+
+    def line(self, surface: str, line_id: str) -> int | None:
+        """Return the number of the strip or belt called `line_id`; none: the map has none."""
+        return self._lines.get((surface, line_id))
+
+    def narrow(self, lines: Indices, lengths_m: Array) -> NDArray[np.bool_]:
+        """Tell which of things `lengths_m` long on `lines` (numbers) may slip between two pixels."""
+        return lengths_m < self._coarsest_m[lines]
+
+    def lit(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
+        """Return whose entries lie in [start_m, end_m] of `lines` (numbers).
+
+        Returns:
+            The index of the span and the entry, of each pair, sorted by span. A span that is shorter than a
+            pixel has the one it is in, of every strip.
+        """
+        if not len(self._keys):
+            return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+        origin_m, limit_m = self._origins_m[lines], self._ends_m[lines]
+        low = origin_m + np.minimum(np.maximum(start_m, -_APART_M / 4.0), limit_m)
+        high = origin_m + np.minimum(np.maximum(end_m, -_APART_M / 4.0), limit_m)
+        first = np.searchsorted(self._keys, low, side="left")
+        counts = np.searchsorted(self._keys, high, side="right") - first
+        narrow = np.flatnonzero(end_m - start_m < self._coarsest_m[lines])
+        if len(narrow):
+            entries: list[Indices] = [
+                np.arange(at, at + count, dtype=np.intp) for at, count in zip(first, counts, strict=True)
+            ]
+            for span in narrow:
+                entries[span] = self._pixel_at(int(lines[span]), float(start_m[span]), float(end_m[span]))
+            spans = np.repeat(np.arange(len(entries)), [len(each) for each in entries])
+            return spans, np.concatenate(entries).astype(np.intp)
+        ends = np.cumsum(counts)
+        spans = np.repeat(np.arange(len(counts)), counts)
+        return spans, np.arange(len(spans)) - np.repeat(ends - counts - first, counts)
+
+    def _pixel_at(self, line: int, start_m: float, end_m: float) -> Indices:
+        """Return the entries in [start_m, end_m], of strips without any there the one about the middle."""
+        where = slice(int(self._bounds[line]), int(self._bounds[line + 1]))
+        inside = (self.at_m[where] >= start_m) & (self.at_m[where] <= end_m)
+        middle_m = (start_m + end_m) / 2.0
+        about = (self._from_m[where] <= middle_m) & (middle_m < self._to_m[where])
+        if inside.any():
+            about &= ~np.isin(self._run[where], self._run[where][inside])
+        return np.flatnonzero(inside | about) + where.start
+
+
+def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
+    """Return a strip's pixels along its own line, and their places."""
+    line = Polyline(strip.line_m)
+    numbers: Array = np.arange(strip.pixels + 1, dtype=np.float64)
+    bounds_m: Array = numbers / (strip.pixels / line.length_m)
+    at_m: Array = (numbers[:-1] + 0.5) / (strip.pixels / line.length_m)
+    pixels = np.arange(first, first + strip.pixels)
+    pitch_m = line.length_m / strip.pixels
+    bounds_m[[0, -1]] += np.array([-1.0, 1.0]) * _ROUNDING * pitch_m
+    run = _Run(
+        pixels if strip.direction == 1 else pixels[::-1],
+        at_m,
+        np.full(strip.pixels, pitch_m),
+        bounds_m[:-1],
+        bounds_m[1:],
+    )
+    return run, line.points_at(at_m)
+
+
+def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]]) -> Iterator[_Run]:
+    """Yield the pixels of each strip that lie beside `line`, if there are any."""
+    low_m, high_m = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
+    for run, places_m in strips:
+        near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
+        at_m, apart_m, beyond = _nearest(line, places_m[near])
+        beside = (apart_m <= reach_m) & ~beyond
+        if beside.any():
+            yield _run_along(run.pixels[near[beside]], at_m[beside], float(run.pitch_m[0]))
+
+
+def _run_along(pixels: Indices, at_m: Array, pitch_m: float) -> _Run:
+    """Return the run of `pixels` at `at_m`; `pitch_m` apart along their own strip."""
+    order = np.argsort(at_m, kind="stable")
+    pixels, at_m = pixels[order], at_m[order]
+    local_m = np.full(len(at_m), pitch_m)
+    if len(at_m) > 1:
+        # at sharp corners many pixels share one arc length, at gaps neighbours are far apart
+        local_m = np.clip(np.gradient(at_m), pitch_m / 4.0, pitch_m * 2.0)
+    gaps_m = np.diff(at_m)
+    middle_m, close = at_m[:-1] + gaps_m / 2.0, gaps_m <= 2.0 * pitch_m
+    from_m = at_m - local_m * (0.5 + _ROUNDING)
+    to_m = at_m + local_m * (0.5 + _ROUNDING)
+    from_m[1:][close] = middle_m[close]
+    to_m[:-1][close] = middle_m[close]
+    return _Run(pixels, at_m, local_m, from_m, to_m)
+
+
+def _nearest(line: Polyline, places_m: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return of each place (n x 3) the nearest arc length, the distance, and whether it is beyond an end."""
+    steps_m = np.diff(line.starts_m)
+    at_m, apart_m = np.zeros(len(places_m)), np.zeros(len(places_m))
+    rows = max(_AT_ONCE // len(steps_m), 1)
+    for start in range(0, len(places_m), rows):
+        part = slice(start, start + rows)
+        from_start_m = places_m[part, None, :] - line.vertices_m[None, :-1, :]
+        along_m = np.clip(np.einsum("psk,sk->ps", from_start_m, line.tangents), 0.0, steps_m)
+        apart = np.linalg.norm(from_start_m - along_m[..., None] * line.tangents, axis=2)
+        nearest = np.argmin(apart, axis=1)
+        each = np.arange(len(nearest))
+        apart_m[part] = apart[each, nearest]
+        at_m[part] = line.starts_m[nearest] + along_m[each, nearest]
+    before_m = (places_m - line.vertices_m[0]) @ line.tangents[0]
+    after_m = (places_m - line.vertices_m[-1]) @ line.tangents[-1]
+    beyond = ((at_m <= 0.0) & (before_m < -END_M)) | ((at_m >= line.length_m) & (after_m > END_M))
+    return at_m, apart_m, beyond
+
+
+def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(0)

@@ -161,14 +161,6 @@ async def test_what_cannot_be_anchored_is_refused_at_once() -> None:
         bench.put(MAP, ROOM)
         await bench.settle()
         assert "lamps led_7 are not on map 'lab'" in await reason("led_7")
-        news = Localization(
-            stamp_ns=bench.clock.now_ns(), phase="sampling", target_id="led_2", since_ns=bench.clock.now_ns()
-        )
-        bench.put(LOCALIZATION, news, "ben")
-        await bench.settle()
-        assert (await reason("led_1")).startswith("ben is being localized with these lamps")
-        bench.put(LOCALIZATION, news.model_copy(update={"phase": "solved", "target_id": ""}), "ben")
-        await bench.settle()
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
         assert "anna is being localized now" in await reason()
 

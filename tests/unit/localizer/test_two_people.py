@@ -1,4 +1,4 @@
-"""Two people, one room with lamps: real localizers take turns."""
+"""Several people, one room with lamps: real localizers take turns, and wait in a queue that all can see."""
 
 import asyncio
 import math
@@ -7,12 +7,32 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.runtime import RefusedError, SimulatedClock, sleep
-from pointit.schemas import Environment, Lamp, LampColor, Localization, StartLocalization
-from pointit.schemas.topics import LAMP_COLOR, LOCALIZATION, MAP, POSE, RAY, START_LOCALIZATION
+from pointit.runtime import SimulatedClock, sleep
+from pointit.schemas import (
+    CancelLocalization,
+    Environment,
+    Lamp,
+    LampColor,
+    Localization,
+    PointAnchor,
+    SetPose,
+    StartLocalization,
+)
+from pointit.schemas.topics import (
+    CANCEL_LOCALIZATION,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    POINT_ANCHOR,
+    POSE,
+    RAY,
+    SERVICE_ALIVE,
+    SET_POSE,
+    START_LOCALIZATION,
+    USER_ALIVE,
+)
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
-from pointit.services.localizer.turns import MAX_HEARD, Turns
 from tests.support.bench import Bench, memory_bench, until
 from tests.unit.localizer.person import Person
 
@@ -24,8 +44,7 @@ LAMPS = (
 PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
 ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
 CONFIG = LocalizerConfig(method="static_targets", reaction_s=0.5, hold_s=1.0)
-PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0)}
-S = 1_000_000_000
+PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl": Person(0.5, 1.6, 0.2)}
 
 
 class Room:
@@ -51,12 +70,16 @@ class Room:
         return self.progress[user][-1]
 
     async def start(self, user: str) -> str:
-        """Ask for a localization; return why not, or nothing."""
-        try:
-            await self.bench.bus.call(START_LOCALIZATION, StartLocalization(), user)
-        except RefusedError as error:
-            return str(error)
-        return ""
+        """Ask for a localization; return what is answered."""
+        return (await self.bench.bus.call(START_LOCALIZATION, StartLocalization(), user)).message
+
+    async def points(self, user: str) -> None:
+        await until(lambda: bool(self.last(user).target_id), what=f"{user}'s turn")
+
+    async def waits(self, user: str, *ahead: str) -> None:
+        await until(lambda: self.last(user).ahead == ahead, what=f"{user}: {self.last(user)}")
+        last = self.last(user)
+        assert (last.phase, last.target_id, last.samples) == ("sampling", "", 0)
 
     async def solved(self, user: str) -> None:
         await until(lambda: self.last(user).phase == "solved", what=f"{user}: {self.last(user)}")
@@ -72,14 +95,14 @@ async def _point(room: Room, user: str, person: Person) -> None:
 
 
 @asynccontextmanager
-async def room_of_two() -> AsyncGenerator[Room]:
+async def room_of(*users: str) -> AsyncGenerator[Room]:
     clock = SimulatedClock(10.0)
     async with memory_bench(clock) as bench:
         room = Room(bench, clock)
-        for user in PEOPLE:
+        for user in users:
             bench.start(Localizer, CONFIG, user)
-        await until(lambda: all(room.progress.values()), what="both localizers")
-        pointing = [asyncio.create_task(_point(room, *each)) for each in PEOPLE.items()]
+        await until(lambda: all(room.progress[user] for user in users), what="the localizers")
+        pointing = [asyncio.create_task(_point(room, user, PEOPLE[user])) for user in users]
         try:
             yield room
         finally:
@@ -88,31 +111,113 @@ async def room_of_two() -> AsyncGenerator[Room]:
             await asyncio.wait(pointing)
 
 
-async def test_who_comes_later_is_refused_in_a_sentence_and_served_afterwards() -> None:
-    async with room_of_two() as room:
-        assert await room.start("anna") == ""
-        await until(lambda: room.last("anna").phase == "sampling", what="anna's turn")
-        reason = await room.start("ben")
-        assert reason == "anna is being localized with these lamps; try again when they are done"
+async def test_three_are_served_in_the_order_in_which_they_asked() -> None:
+    async with room_of(*PEOPLE) as room:
+        assert await room.start("carl") == "localizing by static targets"
+        await room.points("carl")
+        assert await room.start("anna") == "anna waits in turn: carl first"
+        await room.waits("anna", "carl")
+        assert await room.start("ben") == "ben waits in turn: carl, anna first"
+        await room.waits("ben", "carl", "anna")
+        await until(lambda: room.shining == [room.last("carl").target_id], what="carl's lamp alone")
+        await room.solved("carl")
+        await room.points("anna")
+        await room.waits("ben", "anna")
         await room.solved("anna")
-        assert room.shining == []
-        assert await room.start("ben") == ""
+        await room.points("ben")
         await room.solved("ben")
         assert room.shining == []
+        begun = {user: next(n.stamp_ns for n in news if n.target_id) for user, news in room.progress.items()}
+        assert sorted(begun, key=begun.__getitem__) == ["carl", "anna", "ben"]
 
 
-async def test_of_two_who_start_at_once_one_gives_way_and_the_other_keeps_the_lamp() -> None:
-    async with room_of_two() as room:
-        answers = await asyncio.gather(room.start("ben"), room.start("anna"))
-        assert not any(answers)  # neither had heard of the other
-        await until(lambda: "refused" in {room.last(user).phase for user in PEOPLE}, what="one to give way")
-        loser = next(user for user in PEOPLE if room.last(user).phase == "refused")
-        (winner,) = set(PEOPLE) - {loser}
-        assert room.last(loser).reason.startswith(f"{winner} is being localized")
+async def test_of_two_who_start_at_once_one_waits_and_the_other_keeps_the_lamp() -> None:
+    async with room_of("anna", "ben") as room:
+        await asyncio.gather(room.start("ben"), room.start("anna"))  # neither has heard of the other
+        since = {user: room.last(user).since_ns for user in ("anna", "ben")}
+        winner, loser = sorted(since, key=lambda user: (since[user], user))
+        await room.waits(loser, winner)
+        assert since[loser] == room.last(loser).since_ns  # their place in the queue is kept
         await until(lambda: room.shining == [room.last(winner).target_id], what="the winner's lamp to shine")
         await room.solved(winner)
-        assert await room.start(loser) == ""
         await room.solved(loser)
+        assert "refused" not in {news.phase for news in room.progress[loser]}
+        assert room.shining == []
+
+
+async def test_who_waits_can_cancel_and_an_anchor_waits_as_well() -> None:
+    async with room_of(*PEOPLE) as room:
+        await room.bench.bus.call(SET_POSE, SetPose(position_m=(0.5, 1.6, 0.0), yaw_rad=0.2), "carl")
+        await room.start("anna")
+        await room.points("anna")
+        await room.start("ben")
+        answer = await room.bench.bus.call(POINT_ANCHOR, PointAnchor(lamp="led_2"), "carl")
+        assert answer.message == "carl waits in turn: anna, ben first"
+        await room.waits("carl", "anna", "ben")
+        assert room.last("carl").purpose == "anchor"
+        await room.bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), "ben")
+        assert room.last("ben").phase == "cancelled"
+        await room.waits("carl", "anna")
+        await room.solved("anna")
+        await until(lambda: room.last("carl").target_id == "led_2", what="carl's turn")
+        await until(lambda: room.last("carl").phase == "solved", what="carl's anchor")
+        assert room.shining == []
+
+
+@pytest.mark.parametrize("presence", ["person", "localizer"])
+async def test_the_place_of_who_leaves_is_free_at_once(presence: str) -> None:
+    """Dora's localizer is played: it says once that she points, and is gone without a word."""
+    async with room_of("anna") as room:
+        bench = room.bench
+        dora = [bench.bus.announce(USER_ALIVE, "dora"), bench.bus.announce(SERVICE_ALIVE, "localizer.dora")]
+        await bench.settle()
+        now_ns = room.clock.now_ns()
+        news = Localization(stamp_ns=now_ns, phase="sampling", target_id="led_1", since_ns=now_ns)
+        bench.put(LOCALIZATION, news, "dora")
+        await bench.settle()
+        assert await room.start("anna") == "anna waits in turn: dora first"
+        dora[0 if presence == "person" else 1].close()
+        await room.points("anna")
+        assert room.clock.now_ns() - now_ns < 2_500_000_000  # before silence alone would tell
+
+
+async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refused() -> None:
+    async with room_of("anna") as room:
+        bench = room.bench
+
+        def says(user: str, *, lamp: str = "") -> None:
+            now_ns = room.clock.now_ns()
+            news = Localization(stamp_ns=now_ns, phase="sampling", target_id=lamp, since_ns=1)
+            bench.put(LOCALIZATION, news, user)
+
+        says("dora", lamp="led_1")
+        await bench.settle()
+        await room.start("anna")
+        asked_ns = room.clock.now_ns()
+        await room.points("anna")
+        assert 2_000_000_000 < room.clock.now_ns() - asked_ns < 6_000_000_000
+        await room.solved("anna")
+        bench.start(Localizer, CONFIG.model_copy(update={"queue_timeout_s": 5.0}), "ben")
+        await until(lambda: bool(room.progress["ben"]))
+        says("dora", lamp="led_1")
+        await bench.settle()
+        await room.start("ben")
+        while room.last("ben").phase == "sampling":
+            says("dora", lamp="led_1")
+            await sleep(room.clock, 0.5)
+        assert room.last("ben").phase == "refused"
+        assert room.last("ben").reason.startswith("ben has waited 5 s for the lamps; dora came first")
+        assert not [news for news in room.progress["ben"] if news.target_id]
+
+
+async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
+    async with room_of("anna", "ben") as room:
+        await room.start("anna")
+        await room.points("anna")
+        await room.start("ben")
+        room.bench.put(MAP, ROOM.model_copy(update={"lamps": LAMPS[:1]}))
+        await until(lambda: room.last("ben").phase == "refused", what="ben's refusal")
+        assert "needs two" in room.last("ben").reason
         assert room.shining == []
 
 
@@ -134,28 +239,3 @@ async def test_a_restarted_localizer_darkens_what_was_left_lit_unless_somebody_p
         await until(lambda: bool(room.progress["anna"]))
         await bench.settle()
         assert room.shining == (["led_1"] if is_busy else [])
-
-
-def news(phase: str, since_ns: int, target_id: str = "led_0") -> Localization:
-    return Localization.model_validate(
-        {"stamp_ns": 1, "phase": phase, "target_id": target_id, "since_ns": since_ns}
-    )
-
-
-def test_turns_count_the_fresh_who_point_at_these_lamps() -> None:
-    turns = Turns()
-    assert not turns.hear("ben", news("sampling", 7), 100 * S)
-    turns.hear("anna", news("sampling", 7), 101 * S)
-    turns.hear("carl", news("sampling", 3, "robot"), 101 * S)
-    assert turns.others(PLACES, 102 * S) == [(7, "anna"), (7, "ben")]
-    assert turns.others(PLACES, 103 * S) == [(7, "anna")]  # nothing was heard of ben for too long
-    assert turns.others(PLACES, 90 * S) == []  # the clock was set back
-    assert turns.hear("anna", news("solved", 7), 103 * S)
-    assert turns.others(PLACES, 103 * S) == []
-
-
-def test_people_without_number_are_not_all_remembered() -> None:
-    turns = Turns()
-    for number in range(2 * MAX_HEARD):
-        turns.hear(f"u{number}", news("sampling", number), S)
-    assert len(turns.others(PLACES, S)) == MAX_HEARD

@@ -64,6 +64,12 @@ class LocalizerConfig(Config):
     patience_s: float = Field(
         default=5.0, ge=0, le=600, description="static_targets: how much longer to wait for missing rays, s"
     )
+    queue_timeout_s: float = Field(
+        default=300.0,
+        gt=0,
+        le=86400,
+        description="static_targets: who waits for others to be done with the lamps gives up after so long, s",
+    )
     steady_degps: float = Field(
         default=8.0,
         ge=0,

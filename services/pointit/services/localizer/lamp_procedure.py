@@ -29,6 +29,8 @@ class LampProcedure(ABC):
         """
         self.lamp_ids = frozenset(lamp_ids)
         self.since_ns = 0
+        """When it was asked for."""
+        self.begun_ns = 0
         """When it was started."""
         self._timing = timing if timing is not None else Timing()
         self._fewest = fewest
@@ -45,15 +47,21 @@ class LampProcedure(ABC):
         return self._running
 
     @property
+    def lit(self) -> str:
+        """Return the id of the lamp that is lit; empty when none is."""
+        return self._lamp.id if self._running else ""
+
+    @property
     @abstractmethod
     def targets(self) -> Sequence[Lamp]:
         """Return the lamps that are, were or may be pointed at."""
 
-    def start(self, now_ns: int) -> list[Output]:
-        """Light the first lamp."""
+    def start(self, now_ns: int, since_ns: int | None = None) -> list[Output]:
+        """Light the first lamp; `since_ns`: when it was asked for, if that is not now."""
         out = [self._switch(on=False)] if self._running else []
         self._running = True
-        self.since_ns = now_ns
+        self.since_ns = now_ns if since_ns is None else since_ns
+        self.begun_ns = now_ns
         self._clock.begin(now_ns)
         self._holds = []
         self._forget()
@@ -88,9 +96,16 @@ class LampProcedure(ABC):
         self._running = False
         return [self._switch(on=False), self._localization(now_ns, "cancelled", reason=reason)]
 
-    def give_way(self, now_ns: int, reason: str) -> list[Output]:
-        """Stop, lamps off, because it cannot go on: somebody else has them, or the rays are worth nothing."""
+    def refuse(self, now_ns: int, reason: str) -> list[Output]:
+        """Stop, lamps off, because it cannot go on: the rays are worth nothing."""
         return self._end(now_ns, reason) if self._running else []
+
+    def withdraw(self) -> list[Output]:
+        """Stop, lamps off, without a word: somebody else has them, and it will begin anew."""
+        if not self._running:
+            return []
+        self._running = False
+        return [self._switch(on=False)]
 
     def again(self, now_ns: int) -> list[Output]:
         """Return what is to be seen and where it stands once more: the lamp may have been switched off."""
@@ -167,6 +182,7 @@ class LampProcedure(ABC):
     def _set_back(self, by_ns: int, now_ns: int) -> None:
         """Begin the hold anew that goes on; those before stay."""
         self.since_ns = max(0, self.since_ns - by_ns)
+        self.begun_ns = max(0, self.begun_ns - by_ns)
         for hold, _ in self._holds[:-1]:
             hold.set_back(by_ns)
         self._holds[-1] = (Hold(now_ns, self._timing), self._lamp)

@@ -26,6 +26,7 @@ from pointit.services.localizer.outputs import Output, StandBack
 from pointit.services.localizer.outside import OutsidePose, stands_back
 from pointit.services.localizer.procedures import Procedures
 from pointit.services.localizer.tracking import Tracking
+from pointit.services.localizer.turns import in_turn
 from pointit.services.localizer.yaw_origin import YawOrigin
 
 IDLE_S = 2.0
@@ -74,7 +75,7 @@ class Locating:
         if config.method == "fixed":
             out.append(self._tracking.given(config.fixed(now_ns), now_ns))
         elif config.method == "moving_target" and config.autostart:
-            out += self._procedures.begin(self._procedures.following(), now_ns)
+            out += self._procedures.follow(now_ns)
         return out
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
@@ -84,6 +85,10 @@ class Locating:
     def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
         """Mind the others who are localized."""
         return self._procedures.on_localization(news, user, now_ns)
+
+    def on_absence(self, user: str, now_ns: int) -> list[Output]:
+        """Take note that `user`, or their localizer, is not present any more."""
+        return self._procedures.on_absence(user, now_ns)
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Take a ray of the person."""
@@ -178,16 +183,15 @@ class Locating:
             out.append(self._tracking.given(self._config.fixed(now_ns), now_ns))
             out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
             return Answer("the pose is fixed by the configuration", out)
-        procedure = (
-            self._procedures.following() if method == "moving_target" else self._procedures.at_lamps(now_ns)
+        out = (
+            self._procedures.follow(now_ns)
+            if method == "moving_target"
+            else self._procedures.at_lamps(now_ns)
         )
-        if isinstance(procedure, Refusal):
-            return procedure
-        out = self._procedures.stop(now_ns)
+        if isinstance(out, Refusal):
+            return out
         self._outside.take_over()
-        return Answer(
-            f"localizing by {method.replace('_', ' ')}", [*out, *self._procedures.begin(procedure, now_ns)]
-        )
+        return Answer(self._queued() or f"localizing by {method.replace('_', ' ')}", out)
 
     def cancel(self, now_ns: int) -> Answer:
         """Stop what goes on."""
@@ -243,16 +247,19 @@ class Locating:
             return Refusal(self._nowhere())
         if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
             return Refusal(self._silent(now_ns))
-        made = self._procedures.anchoring(asked, self._facing.eyes_m, now_ns)
-        if isinstance(made, Refusal):
-            return made
-        lamp, anchoring = made
-        out = [*self._procedures.stop(now_ns), *self._procedures.begin(anchoring, now_ns)]
-        return Answer(f"point at {lamp.id}", out)
+        out = self._procedures.anchor(asked, self._facing.eyes_m, now_ns)
+        if isinstance(out, Refusal):
+            return out
+        return Answer(self._queued() or f"point at {self._procedures.lit}", out)
 
     def stop(self, now_ns: int) -> list[Output]:
         """End what goes on, lamps off."""
         return self._procedures.stop(now_ns)
+
+    def _queued(self) -> str:
+        """Return for whom is waited; empty when it has begun."""
+        ahead = self._procedures.ahead
+        return in_turn(self._user, ahead) if ahead else ""
 
     def _nowhere(self) -> str:
         user = self._user

@@ -4,6 +4,7 @@ Pure: messages, requests and the time go in; what is to be published comes out.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pointit.schemas import (
     NS_PER_S,
@@ -25,40 +26,54 @@ from pointit.services.localizer.next_target import Acuity, best_for_yaw
 from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.tracking import Tracking
-from pointit.services.localizer.turns import Turns, busy
+from pointit.services.localizer.turns import Turns, too_long
+from pointit.services.localizer.waiting import Make, Waiting, Wish
 
 SAY_NS = NS_PER_S
-"""How often who is localized says so at least, and lights their lamp again."""
-
-Procedure = StaticTargets | MovingTarget | Anchoring
+"""How often who is localized, or waits, says so at least, and lights their lamp again."""
 
 
 class Procedures:
-    """Makes procedures, runs one of them, and gives what it finds to who keeps the pose."""
+    """Makes procedures, runs one of them in turn, and gives what it finds to who keeps the pose."""
 
     def __init__(self, user: str, config: LocalizerConfig, tracking: Tracking) -> None:
         self._user = user
         self._config = config
         self._tracking = tracking
         self._room: Environment | None = None
-        self._turns = Turns()
-        self._running: Procedure | None = None
+        self._turns = Turns(user)
+        self._wish: Wish | None = None
+        """What the lamps are for that are pointed at, or waited for."""
+        self._running: LampProcedure | MovingTarget | Waiting | None = None
         self._said_ns = 0
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a procedure runs and wants to be stepped."""
+        """Return whether a procedure runs, or waits, and wants to be stepped."""
         return self._running is not None
 
     @property
     def is_localizing(self) -> bool:
-        """Return whether one runs that finds the pose, rather than an anchor."""
-        return self._running is not None and not isinstance(self._running, Anchoring)
+        """Return whether one runs, or waits, that finds the pose, rather than an anchor."""
+        running = self._running
+        if isinstance(running, Waiting):
+            return running.purpose == "pose"
+        return running is not None and not isinstance(running, Anchoring)
 
     @property
     def is_following(self) -> bool:
         """Return whether the arm follows something that moves."""
         return isinstance(self._running, MovingTarget)
+
+    @property
+    def ahead(self) -> tuple[str, ...]:
+        """Return for whom is waited; empty when nothing is waited for."""
+        return self._running.ahead if isinstance(self._running, Waiting) else ()
+
+    @property
+    def lit(self) -> str:
+        """Return the lamp that is pointed at; empty when none is."""
+        return self._running.lit if isinstance(self._running, LampProcedure) else ""
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
         """Take the room; switch off what a localizer that was killed left lit, unless it is somebody's.
@@ -66,33 +81,38 @@ class Procedures:
         Who points at a lamp that is not there any more tells nothing: that is stopped.
         """
         is_first, self._room = self._room is None, room
-        if isinstance(self._running, LampProcedure):
-            change = lamp_choice.change(self._running.targets, room)
+        running = self._running
+        if isinstance(running, Waiting):
+            made = running.wish.make(now_ns)
+            if isinstance(made, Refusal):
+                return self._leave_queue(running, now_ns, made.reason)
+            running.lamp_ids = made.lamp_ids
+            return self._wait_on(running, now_ns)
+        if isinstance(running, LampProcedure):
+            change = lamp_choice.change(running.targets, room)
             reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
             return self.stop(now_ns, reason) if change else []
-        if not is_first or self._config.method != "static_targets" or self._running is not None:
+        if not is_first or self._config.method != "static_targets" or running is not None:
             return []
         wanted = self._config.lamps
         ids = [lamp.id for lamp in room.lamps if not wanted or lamp.id in wanted]
-        return [] if self._turns.others(ids, now_ns) else [LampSwitch(lamp_id, on=False) for lamp_id in ids]
+        return [] if self._turns.pointing(ids, now_ns) else [LampSwitch(lamp_id, on=False) for lamp_id in ids]
 
     def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
-        """Mind the others who are localized: the lamps are theirs who began first."""
+        """Mind the others who are localized: the lamps are theirs who asked first."""
         if user == self._user:
             return []
-        has_ended = self._turns.hear(user, news, now_ns)
-        running = self._running
-        if not isinstance(running, LampProcedure):
+        return self._mind(now_ns, has_ended=self._turns.hear(user, news, now_ns))
+
+    def on_absence(self, user: str, now_ns: int) -> list[Output]:
+        """Take note that `user`, or their localizer, is gone: their place in the queue is free."""
+        if user == self._user or not self._turns.leave(user):
             return []
-        out = self._say_again(running, now_ns) if has_ended else []
-        others = self._turns.others(running.lamp_ids, now_ns)
-        if others and others[0] < (running.since_ns, self._user):
-            out += self._passed(running.give_way(now_ns, busy(others[0][1])), now_ns)
-        return out
+        return self._mind(now_ns, has_ended=True)
 
     def on_ray(self, ray: PointingRay) -> None:
         """Take a ray of the person."""
-        if self._running is not None:
+        if self._running is not None and not isinstance(self._running, Waiting):
             self._running.on_ray(ray)
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
@@ -103,67 +123,127 @@ class Procedures:
     def lose_yaw(self, now_ns: int) -> list[Output]:
         """Begin anew, or refuse: rays of two yaw origins do not belong together."""
         running = self._running
-        if running is None:
+        if running is None or isinstance(running, Waiting):
             return []
         if isinstance(running, MovingTarget):
             return running.start(now_ns)
         reason = f"the IMU of {self._user} was restarted or turned meanwhile; start again"
-        return self._passed(running.give_way(now_ns, reason), now_ns)
+        return self._passed(running.refuse(now_ns, reason), now_ns)
 
     def step(self, now_ns: int) -> list[Output]:
-        """Go on with what runs, if something does."""
-        if self._running is None:
-            return []
-        out = self._passed(self._running.step(now_ns), now_ns)
+        """Go on with what runs or waits, if something does."""
         running = self._running
-        if isinstance(running, LampProcedure) and abs(now_ns - self._said_ns) >= SAY_NS:
-            out += self._say_again(running, now_ns)
+        if running is None:
+            return []
+        if isinstance(running, Waiting):
+            return self._wait_on(running, now_ns)
+        out = self._passed(running.step(now_ns), now_ns)
+        if isinstance(self._running, LampProcedure) and abs(now_ns - self._said_ns) >= SAY_NS:
+            out += self._say_again(self._running, now_ns)
         return out
 
-    def begin(self, procedure: Procedure, now_ns: int) -> list[Output]:
-        """Run `procedure`, nothing else being on."""
-        self._running = procedure
-        self._said_ns = now_ns
-        if isinstance(procedure, MovingTarget):
-            self._tracking.disturb()
-        return procedure.start(now_ns)
+    def follow(self, now_ns: int) -> list[Output]:
+        """Have a robot followed, instead of what goes on."""
+        config = self._config
+        out = self.stop(now_ns)
+        self._running = MovingTarget(config.following(), config.believed(), floor=config.floor())
+        self._tracking.disturb()
+        return [*out, *self._running.start(now_ns)]
+
+    def at_lamps(self, now_ns: int) -> list[Output] | Refusal:
+        """Have the person point at lamps, in turn, instead of what goes on; or return why they cannot."""
+        return self._ask(self._static, now_ns)
+
+    def anchor(self, asked: str, eyes_m: float, now_ns: int) -> list[Output] | Refusal:
+        """Have the person point at the lamp that is `asked` for, or at the one that tells most, in turn.
+
+        A pose must be known.
+        """
+        return self._ask(lambda then_ns: self._anchoring(asked, eyes_m, then_ns), now_ns)
 
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
         """End what goes on, lamps off."""
         running = self._running
+        if isinstance(running, Waiting):
+            self._running = None
+            return [running.end("cancelled", now_ns, reason)]
         return [] if running is None else self._passed(running.cancel(now_ns, reason), now_ns)
 
-    def following(self) -> MovingTarget:
-        """Return the procedure that follows a robot."""
-        config = self._config
-        return MovingTarget(config.following(), config.believed(), floor=config.floor())
+    def _ask(self, make: Make, now_ns: int) -> list[Output] | Refusal:
+        procedure = make(now_ns)
+        if isinstance(procedure, Refusal):
+            return procedure
+        out = self.stop(now_ns)
+        wish = Wish(make, now_ns)
+        ahead = self._turns.ahead(procedure.lamp_ids, wish.since_ns, now_ns)
+        return [*out, *(self._queue(wish, procedure, ahead, now_ns) or self._begin(wish, procedure, now_ns))]
 
-    def at_lamps(self, now_ns: int) -> StaticTargets | Refusal:
-        """Return the procedure with lamps, or why it cannot be."""
+    def _queue(
+        self, wish: Wish, procedure: LampProcedure, ahead: tuple[str, ...], now_ns: int
+    ) -> list[Output]:
+        """Wait for those `ahead`; for nobody, do nothing."""
+        if not ahead:
+            return []
+        waiting = Waiting(wish, procedure, now_ns, self._config.queue_timeout_s)
+        self._running, self._said_ns = waiting, now_ns
+        return [waiting.say(ahead, now_ns)]
+
+    def _begin(self, wish: Wish, procedure: LampProcedure, now_ns: int) -> list[Output]:
+        self._wish, self._running, self._said_ns = wish, procedure, now_ns
+        return procedure.start(now_ns, wish.since_ns)
+
+    def _wait_on(self, waiting: Waiting, now_ns: int) -> list[Output]:
+        """Begin when it is their turn; say how long the queue is when that is news, and from time to time."""
+        is_too_long = waiting.is_too_long(now_ns)
+        wish = waiting.wish
+        ahead = self._turns.ahead(waiting.lamp_ids, wish.since_ns, now_ns)
+        if not ahead:
+            procedure = wish.make(now_ns)
+            if isinstance(procedure, Refusal):
+                return self._leave_queue(waiting, now_ns, procedure.reason)
+            return self._begin(wish, procedure, now_ns)
+        if is_too_long:
+            reason = too_long(self._user, ahead, self._config.queue_timeout_s)
+            return self._leave_queue(waiting, now_ns, reason)
+        if ahead == waiting.ahead and abs(now_ns - self._said_ns) < SAY_NS:
+            return []
+        self._said_ns = now_ns
+        return [waiting.say(ahead, now_ns)]
+
+    def _leave_queue(self, waiting: Waiting, now_ns: int, reason: str) -> list[Output]:
+        self._running = None
+        return [waiting.end("refused", now_ns, reason)]
+
+    def _mind(self, now_ns: int, *, has_ended: bool) -> list[Output]:
+        """Begin, or let others go first, as what was heard just now demands."""
+        running, wish = self._running, self._wish
+        if isinstance(running, Waiting):
+            return self._wait_on(running, now_ns)
+        if not isinstance(running, LampProcedure) or wish is None:
+            return []
+        first = self._turns.first(running.lamp_ids, running.since_ns, running.begun_ns, now_ns)
+        if first:
+            again = replace(wish, since_ns=running.since_ns)
+            return [*running.withdraw(), *self._queue(again, running, first, now_ns)]
+        return self._say_again(running, now_ns) if has_ended else []  # they may have switched our lamp off
+
+    def _static(self, _now_ns: int) -> StaticTargets | Refusal:
         config = self._config
         lamps = lamp_choice.for_a_pose(self._room, config.lamps, config.choice())
         if isinstance(lamps, Refusal):
             return lamps
-        if others := self._turns.others({lamp.id for lamp in lamps}, now_ns):
-            return Refusal(busy(others[0][1]))
         return StaticTargets(lamps, config.timing(), config.believed(), config.choice(), floor=config.floor())
 
-    def anchoring(self, asked: str, eyes_m: float, now_ns: int) -> tuple[Lamp, Anchoring] | Refusal:
-        """Return the lamp that is `asked` for, or the one that tells most, and the pointing at it.
-
-        A pose must be known.
-        """
+    def _anchoring(self, asked: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config
         lamps = lamp_choice.for_an_anchor(self._room, config.lamps, asked)
         if isinstance(lamps, Refusal):
             return lamps
-        occupied = {lamp.id for lamp in self._room.lamps} if self._room is not None else set[str]()
-        if others := self._turns.others(occupied, now_ns):
-            return Refusal(busy(others[0][1]))
+        occupied = set(config.lamps)
+        if not occupied and self._room is not None:  # theirs are all: another that is lit would mislead
+            occupied = {lamp.id for lamp in self._room.lamps}
         lamp = self._telling(lamps, eyes_m, now_ns)
-        return lamp, Anchoring(
-            lamp, self._tracking.anchor, config.timing(), config.steadiness(), occupies=occupied
-        )
+        return Anchoring(lamp, self._tracking.anchor, config.timing(), config.steadiness(), occupies=occupied)
 
     def _telling(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
         """Return the lamp that tells most about the yaw."""
@@ -192,6 +272,6 @@ class Procedures:
             if isinstance(output, Anchor) and output.accepted:
                 pose = self._tracking.pose(now_ns)
                 out += [] if pose is None else [pose]
-        if running is not None and not running.running:
+        if isinstance(running, LampProcedure | MovingTarget) and not running.running:
             self._running = None
         return out

@@ -37,9 +37,11 @@ from pointit.schemas.topics import (
     POINT_ANCHOR,
     POSE,
     RAY,
+    SERVICE_ALIVE,
     SET_HEADING,
     SET_POSE,
     START_LOCALIZATION,
+    USER_ALIVE,
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimator import Refusal
@@ -76,6 +78,8 @@ class Localizer(Service[LocalizerConfig]):
         self._anchors = self.bus.publisher(ANCHOR, self.user)
         self._emit(self._locating.begin(self.clock.now_ns()))
         self.bus.subscribe(LOCALIZATION, self._on_localization)  # first: the map may switch lamps off
+        self.bus.watch(USER_ALIVE, self._on_person)
+        self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
         self.bus.subscribe(POSE, self._on_pose, self.user)
@@ -126,6 +130,15 @@ class Localizer(Service[LocalizerConfig]):
 
     def _on_localization(self, news: Localization, user: str) -> None:
         self._emit(self._locating.on_localization(news, user, self.clock.now_ns()))
+
+    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if not present:
+            self._emit(self._locating.on_absence(user, self.clock.now_ns()))
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        name, _, user = instance.partition(".")
+        if name == self.NAME:
+            self._on_person(user, present)
 
     def _on_interaction(self, news: Interaction, _user: str) -> None:
         self._locating.on_interaction(news)

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Collection
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
@@ -18,6 +19,11 @@ class Dwell:
 
     - `hold`: the same object at every timestep of the window toggles; one flicker starts it anew.
     - `fraction`: an object hovered at `fraction` of the window's timesteps, or more, toggles.
+
+    Both fire only when a window is full, so never sooner than `window_s` after the last toggle or the
+    beginning: a fraction of the timesteps in a window can be told of a whole window only. (The ROS toolkit
+    counts 4 of the last 5 from the first timestep on, and fires after 0.3 to 0.4 s of its 0.5 s.) They
+    fire when the last timestep of the window is over, that is with the first cursor after it.
 
     A toggle empties the window and latches its object: until it was not hovered for `release_s`, timesteps
     on it count as nothing hovered.
@@ -74,6 +80,23 @@ class Dwell:
                 break
             streak += 1
         return streak / self.window
+
+    def latch(self, object_id: str) -> None:
+        """Have `object_id` not count until it is left: it was changed in another way."""
+        self._steps.clear()
+        self._away[object_id] = 0
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._steps.clear()
+        self._away.clear()
+        self._index = None
+        self._object = None
+
+    @property
+    def latched(self) -> Collection[str]:
+        """Return the objects that toggled and were not left since."""
+        return self._away
 
     def _pass(self, timesteps: int) -> str | None:
         """End the current timestep and the `timesteps` - 1 without a cursor after it."""

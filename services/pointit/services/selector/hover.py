@@ -69,7 +69,24 @@ class _Listing:
 class Whereabouts:
     """Knows where every tracker's objects are and which of them a cursor is on."""
 
-    def __init__(self, *, margin_m: float = 0.05, stale_after_s: float = 1.0) -> None:
+    def __init__(
+        self,
+        *,
+        margin_m: float = 0.05,
+        stale_after_s: float = 1.0,
+        display_lag_s: float = 0.0,
+        ended_after_s: float | None = None,
+    ) -> None:
+        """Begin without trackers.
+
+        Args:
+            margin_m: how far beside an object a cursor still counts.
+            stale_after_s: objects not heard of for longer cannot be hovered.
+            display_lag_s: at t people see an object where it was that much earlier.
+            ended_after_s: a tracker silent for longer has ended; none: `ENDED_PERIODS` times stale.
+        """
+        self._lag_s = display_lag_s
+        self._ended_ns = int((ended_after_s or ENDED_PERIODS * stale_after_s) * NS_PER_S)
         self._margin_m = margin_m
         self._stale_ns = int(stale_after_s * NS_PER_S)
         self._trackers: dict[str, _Listing] = {}
@@ -80,13 +97,16 @@ class Whereabouts:
         """Return the ids of all objects that are there, with their kinds."""
         return self._kinds
 
-    def update(self, tracker: str, message: TrackedObjects) -> None:
-        """Take the list of `tracker` in place of its last one."""
+    def update(self, tracker: str, message: TrackedObjects) -> list[str]:
+        """Take the list of `tracker` in place of its last one; return trackers forgotten for it."""
         self._trackers.pop(tracker, None)  # to the end: the first is the one longest unheard
         self._trackers[tracker] = _Listing(message, self._margin_m)
+        forgotten: list[str] = []
         while len(self._trackers) > MAX_TRACKERS:
-            del self._trackers[next(iter(self._trackers))]
+            forgotten.append(next(iter(self._trackers)))
+            del self._trackers[forgotten[-1]]
         self._list_kinds()
+        return forgotten
 
     def _list_kinds(self) -> None:
         self._kinds = {
@@ -99,30 +119,31 @@ class Whereabouts:
         """Return the trackers whose last list is too far from `now_ns` to be used."""
         return [name for name, listing in self._trackers.items() if not self._fits(listing, now_ns)]
 
-    def forget(self, now_ns: int) -> bool:
-        """Forget trackers silent for so long that they have ended; return whether there were any."""
+    def forget(self, now_ns: int) -> list[str]:
+        """Forget trackers silent for so long that they have ended, and return them."""
         ended = [
             name
             for name, listing in self._trackers.items()
-            if abs(now_ns - listing.stamp_ns) > ENDED_PERIODS * self._stale_ns
+            if abs(now_ns - listing.stamp_ns) > self._ended_ns
         ]
         for name in ended:
             del self._trackers[name]
         if ended:
             self._list_kinds()
-        return bool(ended)
+        return ended
 
     def under(self, cursor: Cursor) -> TrackedObject | None:
         """Return the object whose centre is nearest to `cursor`, within half its length and the margin.
 
-        Objects are moved on with their speed to the cursor's stamp. Those on a strip or belt count only
-        for cursors on the same one, by arc length; all others by their distance to the cursor's point.
+        Objects are moved on with their speed to where they are seen at the cursor's stamp. Those on a strip
+        or belt count only for cursors on the same one, by arc length; all others by their distance to the
+        cursor's point.
         """
         best: tuple[float, TrackedObject] | None = None
         for listing in self._trackers.values():
             if not self._fits(listing, cursor.stamp_ns):
                 continue
-            elapsed_s = (cursor.stamp_ns - listing.stamp_ns) / NS_PER_S
+            elapsed_s = (cursor.stamp_ns - listing.stamp_ns) / NS_PER_S - self._lag_s
             line = listing.lines.get((cursor.surface, cursor.surface_id))
             if line is not None:
                 best = _nearer(best, line.nearest(cursor.position_m, elapsed_s))

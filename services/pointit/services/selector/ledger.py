@@ -1,87 +1,222 @@
-"""Who has selected what: toggles and departures in, events and the selection out."""
+"""Who has selected what: what people do and what leaves go in, what happened comes out."""
 
-from collections.abc import Container
+from collections import deque
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-from pointit.schemas import SelectedObject, Selection, SelectionEvent
-
-_Event = Literal["selected", "deselected", "refused"]
+from pointit.schemas import SelectedObject
+from pointit.services.selector.outputs import Cause, Owned, Record
 
 
 @dataclass(frozen=True, slots=True)
-class _Entry:
-    user: str
-    kind: str
-    since_ns: int
+class _Change:
+    object_id: str
+    before: Owned | None
+    after: Owned | None
 
 
 class Ledger:
     """Keeps what is selected; an object has one owner, and only its owner deselects it.
 
-    What belongs to a person who is gone may be deselected by anybody.
+    What belongs to a person who is gone may be deselected by anybody, and a release deselects it whoever's
+    it is. Everything that a person did can be taken back by them, step by step, the latest first.
     """
 
-    def __init__(self) -> None:
-        self._entries: dict[str, _Entry] = {}
-        self._gone: set[str] = set()
-        self._events = 0
-        self._selections = 0
+    def __init__(self, is_gone: Callable[[str, int], bool], *, undo_steps: int = 20) -> None:
+        """Begin with nothing selected.
 
-    def set_gone(self, user: str, *, gone: bool) -> None:
-        """Take note that `user` is gone, or there again."""
-        if gone and any(entry.user == user for entry in self._entries.values()):
-            self._gone.add(user)
-        elif not gone:
-            self._gone.discard(user)
+        Args:
+            is_gone: says whether a person has gone at a time, ns.
+            undo_steps: so many steps a person are remembered.
+        """
+        self._is_gone = is_gone
+        self._undo_steps = undo_steps
+        self._entries: dict[str, Owned] = {}
+        self._steps: dict[str, deque[list[_Change]]] = {}
 
-    def toggle(self, object_id: str, kind: str, user: str, stamp_ns: int) -> SelectionEvent:
-        """Select or deselect `object_id` for `user`; refused when it is somebody else's who is there."""
-        entry = self._entries.get(object_id)
-        if entry is None:
-            self._entries[object_id] = _Entry(user, kind, stamp_ns)
-            return self._event("selected", object_id, kind, user, stamp_ns)
-        if entry.user != user and entry.user not in self._gone:
-            reason = (
-                f"{entry.kind or 'object'} is selected by {entry.user}; only {entry.user} can deselect it"
+    @property
+    def entries(self) -> Mapping[str, Owned]:
+        """Return what is selected, by object id, the oldest first."""
+        return self._entries
+
+    def objects(self) -> tuple[SelectedObject, ...]:
+        """Return what is selected, the oldest first."""
+        return tuple(
+            SelectedObject(
+                id=object_id,
+                user=entry.user,
+                since_ns=entry.since_ns,
+                kind=entry.kind,
+                confidence=entry.confidence,
             )
-            return self._event("refused", object_id, entry.kind, user, stamp_ns, reason=reason)
-        del self._entries[object_id]
-        return self._event("deselected", object_id, entry.kind, user, stamp_ns)
-
-    def clear(self, user: str, stamp_ns: int) -> list[SelectionEvent]:
-        """Deselect everything that is `user`'s."""
-        own = [(object_id, entry) for object_id, entry in self._entries.items() if entry.user == user]
-        for object_id, _ in own:
-            del self._entries[object_id]
-        return [self._event("deselected", object_id, e.kind, user, stamp_ns) for object_id, e in own]
-
-    def keep(self, present: Container[str]) -> bool:
-        """Forget what is not in `present`; return whether anything was."""
-        gone = [object_id for object_id in self._entries if object_id not in present]
-        for object_id in gone:
-            del self._entries[object_id]
-        return bool(gone)
-
-    def selection(self, stamp_ns: int) -> Selection:
-        """Return everything that is selected, the oldest first."""
-        self._selections += 1
-        objects = tuple(
-            SelectedObject(id=object_id, user=entry.user, since_ns=entry.since_ns)
             for object_id, entry in self._entries.items()
         )
-        return Selection(stamp_ns=stamp_ns, seq=self._selections, objects=objects)
 
-    def _event(
-        self, event: _Event, object_id: str, kind: str, user: str, stamp_ns: int, *, reason: str = ""
-    ) -> SelectionEvent:
-        self._events += 1
-        return SelectionEvent(
-            stamp_ns=stamp_ns,
-            seq=self._events,
-            event=event,
-            object_id=object_id,
+    def keeper(self, object_id: str, user: str, now_ns: int) -> str:
+        """Return who keeps `user` from changing `object_id`; empty: nobody."""
+        entry = self._entries.get(object_id)
+        if entry is None or entry.user == user or self._is_gone(entry.user, now_ns):
+            return ""
+        return entry.user
+
+    def restore(self, entries: Mapping[str, Owned]) -> None:
+        """Take up what was selected before a restart."""
+        self._entries.update(entries)
+
+    def toggle(
+        self,
+        object_id: str,
+        kind: str,
+        user: str,
+        now_ns: int,
+        *,
+        cause: Cause = "dwell",
+        confidence: float | None = None,
+    ) -> Record:
+        """Select or deselect `object_id` for `user`; refused when it is somebody else's who is there."""
+        entry = self._entries.get(object_id)
+        keeper = self.keeper(object_id, user, now_ns)
+        if entry is not None and keeper:
+            reason = f"{entry.kind or 'object'} is selected by {keeper}; only {keeper} can deselect it"
+            return Record(
+                stamp_ns=now_ns,
+                event="refused",
+                object_id=object_id,
+                kind=entry.kind,
+                user=user,
+                owner=keeper,
+                since_ns=entry.since_ns,
+                cause=cause,
+                confidence=confidence,
+                reason=reason,
+            )
+        if entry is None:
+            after = Owned(user, kind, now_ns, confidence)
+            record = self._select(object_id, after, user, now_ns, cause)
+            self._remember(user, [_Change(object_id, None, after)])
+            return record
+        self._remember(user, [_Change(object_id, entry, None)])
+        return self._deselect(object_id, user, now_ns, cause, confidence)
+
+    def clear(self, user: str, now_ns: int) -> list[Record]:
+        """Deselect everything that is `user`'s, as one step."""
+        own = [(object_id, entry) for object_id, entry in self._entries.items() if entry.user == user]
+        if own:
+            self._remember(user, [_Change(object_id, entry, None) for object_id, entry in own])
+        return [self._deselect(object_id, user, now_ns, "clear") for object_id, _ in own]
+
+    def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> list[Record]:
+        """Deselect `object_id`, whoever's it is, and with `take_over` select it for `user`.
+
+        Nothing comes of it when it is not selected, or is to be taken over from `user` themselves.
+        """
+        before = self._entries.get(object_id)
+        if before is None or (take_over and before.user == user):
+            return []
+        records = [self._deselect(object_id, user, now_ns, "release")]
+        changes = [_Change(object_id, before, None)]
+        if take_over:
+            after = Owned(user, before.kind, now_ns)
+            records.append(self._select(object_id, after, user, now_ns, "release"))
+            changes.append(_Change(object_id, None, after))
+        self._remember(user, changes)
+        return records
+
+    def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Record]:
+        """Take back the last step of `user`; empty when there is none.
+
+        What has left since, or is somebody else's by now, stays as it is; when nothing of the step can be
+        taken back it is refused, with the reason, and the step before is next.
+
+        Args:
+            user: whose step.
+            now_ns: the time, ns.
+            present: ids of the objects that are there.
+        """
+        steps = self._steps.get(user)
+        if not steps:
+            return []
+        step = steps.pop()
+        done = [
+            self._take_back(change, user, now_ns) for change in reversed(step) if self._still(change, present)
+        ]
+        return done or [self._lost_step(step[0], user, now_ns)]
+
+    def drop(self, object_ids: Iterable[str], now_ns: int) -> list[Record]:
+        """Close the entries of `object_ids`, which have left."""
+        records: list[Record] = []
+        for object_id in object_ids:
+            entry = self._entries.pop(object_id)
+            records.append(
+                Record(
+                    stamp_ns=now_ns,
+                    event="left",
+                    object_id=object_id,
+                    kind=entry.kind,
+                    user=entry.user,
+                    owner=entry.user,
+                    since_ns=entry.since_ns,
+                )
+            )
+        return records
+
+    def _still(self, change: _Change, present: Container[str]) -> bool:
+        entry = self._entries.get(change.object_id)
+        if change.after is None:
+            return entry is None and change.object_id in present
+        return entry is not None and entry.user == change.after.user
+
+    def _take_back(self, change: _Change, user: str, now_ns: int) -> Record:
+        if change.before is None:
+            return self._deselect(change.object_id, user, now_ns, "undo")
+        return self._select(change.object_id, change.before, user, now_ns, "undo")
+
+    def _lost_step(self, change: _Change, user: str, now_ns: int) -> Record:
+        entry = self._entries.get(change.object_id)
+        owned = change.before or change.after
+        kind = (owned.kind if owned is not None else "") or "object"
+        why = "has left" if entry is None else f"is {entry.user}'s by now"
+        return Record(
+            stamp_ns=now_ns,
+            event="refused",
+            object_id=change.object_id,
             kind=kind,
             user=user,
-            reason=reason,
+            owner="" if entry is None else entry.user,
+            since_ns=0 if entry is None else entry.since_ns,
+            cause="undo",
+            reason=f"{kind} {why}; what was done with it cannot be taken back",
+        )
+
+    def _remember(self, user: str, step: list[_Change]) -> None:
+        self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)
+
+    def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, cause: Cause) -> Record:
+        self._entries[object_id] = entry
+        return Record(
+            stamp_ns=now_ns,
+            event="selected",
+            object_id=object_id,
+            kind=entry.kind,
+            user=user,
+            owner=entry.user,
+            since_ns=entry.since_ns,
+            cause=cause,
+            confidence=entry.confidence,
+        )
+
+    def _deselect(
+        self, object_id: str, user: str, now_ns: int, cause: Cause, confidence: float | None = None
+    ) -> Record:
+        entry = self._entries.pop(object_id)
+        return Record(
+            stamp_ns=now_ns,
+            event="deselected",
+            object_id=object_id,
+            kind=entry.kind,
+            user=user,
+            owner=entry.user,
+            since_ns=entry.since_ns,
+            cause=cause,
+            confidence=confidence,
         )

@@ -1,52 +1,43 @@
-"""Reads cursors and objects, writes what is hovered and what is selected."""
+"""Reads cursors, objects, buttons and the map; writes what is hovered and what is selected."""
 
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from typing import ClassVar
 
-from pointit.runtime import Context, Publisher, Service, sleep
+from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
 from pointit.runtime.service import Scope
 from pointit.schemas import (
+    ButtonEvent,
     ClearSelection,
     Cursor,
     Done,
+    Environment,
     Feedback,
     Hover,
+    ReleaseObject,
+    Selection,
     SelectionEvent,
     TrackedObjects,
+    UndoSelection,
 )
 from pointit.schemas.topics import (
+    BUTTON,
     CLEAR_SELECTION,
     CURSOR,
     FEEDBACK,
     HOVER,
+    MAP,
     OBJECTS,
+    RELEASE_OBJECT,
     SELECTION,
     SELECTION_EVENTS,
+    UNDO_SELECTION,
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.dwell import Dwell
-from pointit.services.selector.hover import Whereabouts
-from pointit.services.selector.ledger import Ledger
+from pointit.services.selector.selecting import Output, Selecting
 
-JUDGE_S = 1.0
-"""How often it is looked whether a tracker has fallen silent."""
-
-_CUES: dict[str, Literal["selected", "deselected", "refused"]] = {
-    "selected": "selected",
-    "deselected": "deselected",
-    "refused": "refused",
-}
-
-
-class _Person:
-    """One person who points: their dwell, and where their messages go."""
-
-    def __init__(self, dwell: Dwell, hovers: Publisher[Hover], feedback: Publisher[Feedback]) -> None:
-        self.dwell = dwell
-        self.hovers = hovers
-        self.feedback = feedback
-        self.seq = 0
-        self.cues = 0
+JUDGE_S = 0.5
+"""How often it is looked what has come to an end without a message saying so."""
 
 
 class Selector(Service[SelectorConfig]):
@@ -58,98 +49,81 @@ class Selector(Service[SelectorConfig]):
 
     def __init__(self, config: SelectorConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._whereabouts = Whereabouts(margin_m=config.margin_m, stale_after_s=config.objects_stale_after_s)
-        self._ledger = Ledger()
-        self._people: dict[str, _Person] = {}
-        self._present: set[str] = set()
+        self._selecting = Selecting(config)
+        self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
-        self._selections.put(self._ledger.selection(self.clock.now_ns()))
-        self.bus.serve(CLEAR_SELECTION, self._on_clear)
+        self._selections.put(self._selecting.selection(self.clock.now_ns()))
+        self.bus.serve(CLEAR_SELECTION, self._clear)
+        self.bus.serve(UNDO_SELECTION, self._undo)
+        self.bus.serve(RELEASE_OBJECT, self._release)
+        self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(CURSOR, self._on_cursor)
+        self.bus.subscribe(BUTTON, self._on_button)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     async def run(self) -> None:
-        """Mind the trackers that fall silent."""
+        """Mind what ends without a message."""
         while True:
             await sleep(self.clock, JUDGE_S)
-            self._mind_silence(self.clock.now_ns())
+            now_ns = self.clock.now_ns()
+            self._put(self._selecting.pass_time(now_ns))
+            self._mind_silence(now_ns)
 
-    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if present:
-            self._present.add(user)
-            self._ledger.set_gone(user, gone=False)
-        else:
-            self._present.discard(user)
-            wait_s = self.config.ownerless_after_s / self.clock.speed
-            self.bus.call_later(wait_s, lambda: self._disown(user))
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self._put(self._selecting.on_map(environment))
 
-    def _disown(self, user: str) -> None:
-        if user not in self._present:
-            self._ledger.set_gone(user, gone=True)
-
-    def _on_objects(self, message: TrackedObjects, tracker: str) -> None:
-        self._whereabouts.update(tracker, message)
-        if self._ledger.keep(self._whereabouts.kinds):
-            self._selections.put(self._ledger.selection(message.stamp_ns))
+    def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
+        self._put(self._selecting.on_objects(tracker, objects))
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        person = self._people.get(user) or self._welcome(user)
-        tracked = self._whereabouts.under(cursor)
-        object_id = None if tracked is None else tracked.id
-        toggled = person.dwell.step(cursor.stamp_ns, object_id)
-        person.seq += 1
-        person.hovers.put(
-            Hover(
-                stamp_ns=cursor.stamp_ns,
-                seq=person.seq,
-                object_id=object_id or "",
-                progress=person.dwell.progress(object_id),
+        self._put(self._selecting.on_cursor(user, cursor))
+
+    def _on_button(self, button: ButtonEvent, user: str) -> None:
+        self._put(self._selecting.on_button(user, button))
+
+    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._put(self._selecting.set_present(user, present, self.clock.now_ns()))
+
+    async def _clear(self, _query: ClearSelection, user: str) -> Done:
+        done = _events(self._put(self._selecting.clear(user, self.clock.now_ns())))
+        return Done(message=f"{len(done)} of {user}'s objects deselected")
+
+    async def _undo(self, _query: UndoSelection, user: str) -> Done:
+        outputs = self._put(self._selecting.undo(user, self.clock.now_ns()))
+        return Done(message=_what_was_done(outputs))
+
+    async def _release(self, query: ReleaseObject, user: str) -> Done:
+        now_ns = self.clock.now_ns()
+        outputs = self._put(self._selecting.release(user, query.object_id, query.take_over, now_ns))
+        return Done(message=_what_was_done(outputs))
+
+    def _put(self, outputs: list[Output]) -> list[Output]:
+        """Publish `outputs` and return them."""
+        for output in outputs:
+            message = output.message
+            if isinstance(message, Hover):
+                self._person(output.user)[0].put(message)
+            elif isinstance(message, Feedback):
+                self._person(output.user)[1].put(message)
+            elif isinstance(message, Selection):
+                self._selections.put(message)
+            else:
+                self._events.put(message)
+        return outputs
+
+    def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:
+        person = self._people.get(user)
+        if person is None:
+            person = self._people[user] = (
+                self.bus.publisher(HOVER, user),
+                self.bus.publisher(FEEDBACK, user),
             )
-        )
-        kind = None if toggled is None else self._whereabouts.kinds.get(toggled)
-        if toggled is not None and kind is not None:  # it may have left in the meantime
-            self._tell(self._ledger.toggle(toggled, kind, user, cursor.stamp_ns))
-
-    async def _on_clear(self, _query: ClearSelection, user: str) -> Done:
-        events = self._ledger.clear(user, self.clock.now_ns())
-        for event in events:
-            self._tell(event)
-        return Done(message=f"{len(events)} of {user}'s objects deselected")
-
-    def _welcome(self, user: str) -> _Person:
-        config = self.config
-        dwell = Dwell(
-            config.method,
-            window_s=config.window_s,
-            timestep_s=config.timestep_s,
-            fraction=config.fraction,
-            release_s=config.release_s,
-        )
-        person = _Person(dwell, self.bus.publisher(HOVER, user), self.bus.publisher(FEEDBACK, user))
-        self._people[user] = person
         return person
 
-    def _tell(self, event: SelectionEvent) -> None:
-        if event.event != "refused":
-            self._selections.put(self._ledger.selection(event.stamp_ns))
-        self._events.put(event)
-        person = self._people.get(event.user) or self._welcome(event.user)
-        person.cues += 1
-        person.feedback.put(
-            Feedback(
-                stamp_ns=event.stamp_ns,
-                seq=person.cues,
-                cue=_CUES[event.event],
-                text=event.reason or f"{event.kind or 'object'} {event.event}",
-            )
-        )
-
     def _mind_silence(self, now_ns: int) -> None:
-        if self._whereabouts.forget(now_ns) and self._ledger.keep(self._whereabouts.kinds):
-            self._selections.put(self._ledger.selection(now_ns))
-        silent = self._whereabouts.silent(now_ns)
+        silent = self._selecting.silent(now_ns)
         if silent:
             names = ", ".join(sorted(silent))
             self.bus.warn(
@@ -158,6 +132,23 @@ class Selector(Service[SelectorConfig]):
             )
         else:
             self.bus.clear("objects")
+
+
+def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:
+    return [output.message for output in outputs if isinstance(output.message, SelectionEvent)]
+
+
+def _what_was_done(outputs: Sequence[Output]) -> str:
+    """Return what was done, in a sentence.
+
+    Raises:
+        RefusedError: nothing was; the text says why.
+    """
+    done = [event for event in _events(outputs) if event.event != "refused"]
+    if not done:
+        cues = [output.message.text for output in outputs if isinstance(output.message, Feedback)]
+        raise RefusedError(cues[0] if cues else "nothing can be done")
+    return ", ".join(f"{event.kind or 'object'} {event.object_id} {event.event}" for event in done)
 
 
 SERVICE = Selector

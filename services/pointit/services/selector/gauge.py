@@ -1,0 +1,112 @@
+"""The gauges of one person: one an object, filled by pointing at it steadily (pointing.md §6)."""
+
+from collections.abc import Collection, Container
+
+from pointit.schemas import NS_PER_S
+
+
+class Gauges:
+    """Fills, drains and fires.
+
+    In the time between two cursors the gauge of the object that the later one hovers fills by its share of
+    the time to fill it, all others drain at `drain` of that rate. So it fires within one cursor of the same
+    time whatever the rate of cursors is. In a gap longer than `longest_gap_s` everything drains.
+    A full gauge fires once: its object is latched until it was left for `leave_s` without a break.
+    """
+
+    def __init__(
+        self, *, drain: float = 0.5, leave_s: float = 0.3, longest_gap_s: float = 0.25, full_s: float = 0.8
+    ) -> None:
+        self._drain_per_s = drain / full_s
+        self._leave_ns = round(leave_s * NS_PER_S)
+        self._gap_s = longest_gap_s
+        self._fill: dict[str, float] = {}
+        self._spent_s: dict[str, float] = {}
+        """Time that went into each gauge, in step with it."""
+        self._latched: dict[str, int | None] = {}
+        """Fired objects, and since when they are left."""
+        self._stamp_ns: int | None = None
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._fill.clear()
+        self._spent_s.clear()
+        self._latched.clear()
+        self._stamp_ns = None
+
+    @property
+    def latched(self) -> Collection[str]:
+        """Return the objects that fired and were not left since."""
+        return self._latched
+
+    def fill(self, object_id: str) -> float:
+        """Return how full the gauge of `object_id` is, 0 to 1."""
+        return self._fill.get(object_id, 0.0)
+
+    def filled_s(self, object_id: str) -> float:
+        """Return for how long it was filled to be so full, s."""
+        return self._spent_s.get(object_id, 0.0)
+
+    def step(
+        self,
+        stamp_ns: int,
+        hovered: str | None,
+        *,
+        fills: bool,
+        full_s: float,
+        near: Container[str] = (),
+    ) -> str | None:
+        """Take a cursor, later than the one before; return the object whose gauge is full now, or none.
+
+        Args:
+            stamp_ns: of the cursor.
+            hovered: the object it is on.
+            fills: whether the gauge of that object fills; else it stays as it is.
+            full_s: time that fills it, s.
+            near: latched objects that this cursor has not left.
+        """
+        before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
+        elapsed_s = 0.0 if before_ns is None else (stamp_ns - before_ns) / NS_PER_S
+        self._unlatch(stamp_ns, near, has_gap=elapsed_s > self._gap_s)
+        is_filled = elapsed_s <= self._gap_s and hovered is not None
+        if self._fill:
+            self._drain_others(hovered if is_filled else None, elapsed_s)
+        if hovered is None or not is_filled or not fills or hovered in self._latched:
+            return None
+        fill = self._fill.get(hovered, 0.0) + elapsed_s / full_s
+        if fill < 1.0 - 1e-9:
+            self._fill[hovered] = fill
+            self._spent_s[hovered] = self._spent_s.get(hovered, 0.0) + elapsed_s
+            return None
+        self._fill.pop(hovered, None)
+        self._spent_s.pop(hovered, None)
+        self._latched[hovered] = None
+        return hovered
+
+    def latch(self, object_id: str) -> None:
+        """Have `object_id` not fire until it is left: it was changed in another way."""
+        self._fill.pop(object_id, None)
+        self._spent_s.pop(object_id, None)
+        self._latched[object_id] = None
+
+    def _drain_others(self, kept: str | None, elapsed_s: float) -> None:
+        drained = elapsed_s * self._drain_per_s
+        for object_id, fill in list(self._fill.items()):
+            if object_id == kept:
+                continue
+            left = fill - drained
+            if left <= 0.0:
+                del self._fill[object_id]
+                self._spent_s.pop(object_id, None)
+            else:
+                self._spent_s[object_id] = self._spent_s.get(object_id, 0.0) * left / fill
+                self._fill[object_id] = left
+
+    def _unlatch(self, stamp_ns: int, near: Container[str], *, has_gap: bool) -> None:
+        for object_id, since_ns in list(self._latched.items()):
+            if object_id in near:
+                self._latched[object_id] = None
+            elif since_ns is None or has_gap:
+                self._latched[object_id] = stamp_ns
+            elif stamp_ns - since_ns >= self._leave_ns:
+                del self._latched[object_id]

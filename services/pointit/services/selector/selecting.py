@@ -1,0 +1,310 @@
+"""Selecting, whole: what is pointed at goes in; hovers, the selection, its events and cues come out."""
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Literal
+
+from pointit.schemas import (
+    ButtonEvent,
+    Cursor,
+    Environment,
+    Hover,
+    Selection,
+    TrackedObjects,
+)
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.cues import cue
+from pointit.services.selector.departures import Departures
+from pointit.services.selector.hover import Whereabouts
+from pointit.services.selector.ledger import Ledger
+from pointit.services.selector.outputs import Cause, Output, Owned, Record, event_of
+from pointit.services.selector.pointer import Pointed, Pointer
+from pointit.services.selector.presences import Presences
+from pointit.services.selector.reservations import Reservations
+from pointit.services.selector.scene import Scene
+from pointit.services.selector.view import View
+
+__all__ = ["Output", "Selecting"]
+
+Action = Literal["", "select", "deselect", "refuse"]
+
+
+class Selecting:
+    """Everybody's pointing, and what is selected by it.
+
+    Stamps decide, never arrival: late and doubled cursors are left out, a clock set back begins anew.
+    Whatever happens to an object is given to `record` before it is returned, for a journal.
+    """
+
+    def __init__(self, config: SelectorConfig, record: Callable[[Record], None] | None = None) -> None:
+        """Begin with nothing selected, nobody there, an empty room."""
+        self._config = config
+        self._record = record
+        self._is_by_metres = config.method != "gauge"
+        self._snap_rad = math.radians(config.gauge.snap_deg)
+        self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
+        self._whereabouts = Whereabouts(
+            margin_m=config.margin_m,
+            stale_after_s=config.objects_stale_after_s,
+            display_lag_s=config.display_lag_s,
+            ended_after_s=config.unseen_after_s,
+        )
+        self._scene = Scene(stale_after_s=config.objects_stale_after_s, display_lag_s=config.display_lag_s)
+        self._presences = Presences(config.ownerless_after_s)
+        self._ledger = Ledger(self._presences.is_gone, undo_steps=config.undo_steps)
+        self._reservations = Reservations(config.reserve_s)
+        self._departures = Departures(config.left_after_s, config.unseen_after_s)
+        self._people: dict[str, Pointer] = {}
+        self._sent: Counter[str] = Counter()
+        """Messages by kind and person."""
+
+    def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
+        """Take up what was selected before a restart, and go on counting from `events`."""
+        self._ledger.restore(entries)
+        self._sent["event "] = events
+        for entry in entries.values():
+            self._presences.hear(entry.user, now_ns)
+        self._departures.await_(entries, now_ns)
+
+    def selection(self, now_ns: int) -> Selection:
+        """Return what is selected and reserved now."""
+        return Selection(
+            stamp_ns=now_ns,
+            seq=self._count("selection"),
+            objects=self._ledger.objects(),
+            reserved=self._reservations.objects(),
+        )
+
+    def silent(self, now_ns: int) -> list[str]:
+        """Return the trackers that have not been heard of for so long that nothing of theirs is hovered."""
+        return self._whereabouts.silent(now_ns)
+
+    def on_map(self, environment: Environment) -> list[Output]:
+        """Take the lines on which objects move."""
+        self._scene.on_map(environment)
+        return []
+
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
+        """Take what `tracker` lists; what it has listed no longer for a while has left."""
+        for forgotten in self._whereabouts.update(tracker, objects):
+            self._scene.forget(forgotten)
+        self._scene.update(tracker, objects)
+        return self._depart(objects.stamp_ns)
+
+    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+        """Take where `user` points."""
+        pointer = self._people.get(user)
+        if pointer is None:
+            pointer = self._people[user] = Pointer(self._config)
+        if not pointer.is_timely(cursor.stamp_ns):
+            return []
+        now_ns = cursor.stamp_ns
+        self._presences.hear(user, now_ns)
+        is_news = self._reservations.expire(now_ns)
+        view = self._scene.look(cursor)
+        tracked = self._whereabouts.under(cursor) if view is None or self._is_by_metres else None
+        pointed = pointer.step(
+            cursor,
+            view,
+            None if tracked is None else tracked.id,
+            lambda object_id: self._action(user, object_id, now_ns)[0] != "",
+        )
+        action, taken_by = self._standing(user, pointer, pointed, now_ns)
+        if pointed.is_shown and pointed.object_id and action in ("select", "deselect"):
+            is_news |= self._reservations.reserve(pointed.object_id, user, now_ns)
+        outputs = [Output(user, self._hover(user, cursor, view, pointed, action=action, taken_by=taken_by))]
+        if pointed.fired is not None:
+            outputs += self._act(user, pointed.fired, now_ns, "dwell", view)
+        if is_news and not any(isinstance(output.message, Selection) for output in outputs):
+            outputs.append(Output("", self.selection(now_ns)))
+        return outputs
+
+    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+        """Take a gesture of `user`'s button, which confirms what they hovered where that is configured."""
+        pointer = self._people.get(user)
+        wanted = self._config.confirm == "press" and button.gesture == self._config.confirm_gesture
+        if pointer is None or not wanted:
+            return []
+        object_id = pointer.press(button.stamp_ns)
+        if object_id is None:
+            return []
+        outputs = self._act(user, object_id, button.stamp_ns, "button", None)
+        pointer.latch(object_id)
+        return outputs
+
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+        """Take note that `user` is announced, or no longer."""
+        self._presences.set_present(user, now_ns, present=present)
+        return []
+
+    def pass_time(self, now_ns: int) -> list[Output]:
+        """Mind trackers that have ended, objects that have left, reservations that are over."""
+        for tracker in self._whereabouts.forget(now_ns):
+            self._scene.forget(tracker)
+        is_news = self._reservations.expire(now_ns)
+        outputs = self._depart(now_ns)
+        if is_news and not outputs:
+            outputs.append(Output("", self.selection(now_ns)))
+        return outputs
+
+    def undo(self, user: str, now_ns: int) -> list[Output]:
+        """Take back `user`'s last step; refused with a cue when there is none."""
+        records = self._ledger.undo(user, now_ns, self._whereabouts.kinds)
+        if not records:
+            return [self._refusal(user, "there is nothing to take back", now_ns)]
+        return self._tell(user, records, now_ns)
+
+    def clear(self, user: str, now_ns: int) -> list[Output]:
+        """Deselect everything that is `user`'s."""
+        return self._tell(user, self._ledger.clear(user, now_ns), now_ns)
+
+    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
+        """Deselect `object_id`, whoever's it is, or take it over; refused with a cue when it is not selected.
+
+        `user` is who asks: a supervisor, or the person who wants it.
+        """
+        entry = self._ledger.entries.get(object_id)
+        records = self._ledger.release(object_id, user, now_ns, take_over=take_over)
+        if entry is None or not records:
+            why = "is not selected" if entry is None else "is yours already"
+            return [self._refusal(user, f"object {object_id} {why}", now_ns)]
+        outputs = self._tell(user, records, now_ns)
+        if entry.user != user:
+            done = "taken over" if take_over else "released"
+            text = f"{entry.kind or 'object'} was {done} by {user}"
+            seq = self._count("cue", entry.user)
+            outputs.append(Output(entry.user, cue("deselected", text, now_ns, seq)))
+        return outputs
+
+    def _action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
+        """Return what staying on an object would do, and who else has it."""
+        keeper = self._ledger.keeper(object_id, user, now_ns)
+        if keeper:
+            return "refuse", keeper
+        holder = self._reservations.holder(object_id)
+        if holder and holder != user:
+            return "refuse", holder
+        if object_id not in self._ledger.entries:
+            return "select", ""
+        return ("", "") if self._config.mode == "select_only" else ("deselect", "")
+
+    def _standing(self, user: str, pointer: Pointer, pointed: Pointed, now_ns: int) -> tuple[Action, str]:
+        """Return what staying on what is pointed at would do, and who else has it."""
+        object_id = pointed.object_id
+        if object_id is None:
+            return "", ""
+        action, taken_by = self._action(user, object_id, now_ns)
+        is_done = pointer.is_latched(object_id) and pointed.progress == 0.0
+        return ("", taken_by) if is_done else (action, taken_by)
+
+    def _hover(
+        self,
+        user: str,
+        cursor: Cursor,
+        view: View | None,
+        pointed: Pointed,
+        *,
+        action: Action,
+        taken_by: str,
+    ) -> Hover:
+        seq = self._count("hover", user)
+        object_id = pointed.object_id
+        if object_id is None:
+            return Hover(stamp_ns=cursor.stamp_ns, seq=seq)
+        snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
+        return Hover(
+            stamp_ns=cursor.stamp_ns,
+            seq=seq,
+            object_id=object_id,
+            progress=pointed.progress,
+            action=action,
+            taken_by=taken_by,
+            is_selected=object_id in self._ledger.entries,
+            snapped_m=None if snapped is None else snapped[0],
+            snapped_position_m=None if snapped is None else snapped[1],
+            miss_rad=None if view is None else view.miss_rad(object_id),
+        )
+
+    def _act(self, user: str, object_id: str, now_ns: int, cause: Cause, view: View | None) -> list[Output]:
+        """Do what staying on an object, or pressing, means."""
+        kind = self._whereabouts.kinds.get(object_id)
+        if kind is None:  # it has left in the meantime
+            return []
+        action, taken_by = self._action(user, object_id, now_ns)
+        confidence = None if view is None else view.confidence(object_id, self._aim_rad)
+        if action == "":
+            return []
+        if action == "refuse" and object_id not in self._ledger.entries:
+            record = Record(
+                stamp_ns=now_ns,
+                event="refused",
+                object_id=object_id,
+                kind=kind,
+                user=user,
+                cause=cause,
+                confidence=confidence,
+                reason=f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one",
+            )
+        else:
+            record = self._ledger.toggle(object_id, kind, user, now_ns, cause=cause, confidence=confidence)
+            if record.event != "refused":
+                self._reservations.free(object_id)
+        return self._tell(user, [record], now_ns)
+
+    def _depart(self, now_ns: int) -> list[Output]:
+        entries = self._ledger.entries
+        if not entries:
+            return []
+        left = self._departures.step(entries, self._whereabouts.kinds, now_ns)
+        if not left:
+            return []
+        for record in self._ledger.drop(left, now_ns):
+            self._reservations.free(record.object_id)
+            self._write(record)
+        return [Output("", self.selection(now_ns))]
+
+    def _tell(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
+        """Return what tells everybody what happened, the selection first."""
+        outputs: list[Output] = []
+        if any(record.event != "refused" for record in records):
+            outputs.append(Output("", self.selection(now_ns)))
+        for record in records:
+            outputs += self._event(record)
+            if record.cause not in ("dwell", "button"):
+                self._latch(record.object_id)
+        outputs += self._cues(user, records, now_ns)
+        return outputs
+
+    def _cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
+        outputs: list[Output] = []
+        for record in records:
+            if record.event != "left":
+                text = record.reason or f"{record.kind or 'object'} {record.event}"
+                outputs.append(Output(user, cue(record.event, text, now_ns, self._count("cue", user))))
+        return outputs
+
+    def _refusal(self, user: str, sentence: str, now_ns: int) -> Output:
+        return Output(user, cue("refused", sentence, now_ns, self._count("cue", user)))
+
+    def _event(self, record: Record) -> list[Output]:
+        seq = self._count("event")
+        self._write(record, seq)
+        message = event_of(record, seq)
+        return [] if message is None else [Output("", message)]
+
+    def _write(self, record: Record, seq: int | None = None) -> None:
+        if self._record is not None:
+            self._record(dataclasses.replace(record, seq=seq, method=self._config.method))
+
+    def _latch(self, object_id: str) -> None:
+        """Keep those who rest on an object from changing it again without wanting to."""
+        for pointer in self._people.values():
+            if pointer.hovered == object_id:
+                pointer.latch(object_id)
+
+    def _count(self, kind: str, user: str = "") -> int:
+        key = f"{kind} {user}"
+        self._sent[key] += 1
+        return self._sent[key]

@@ -31,6 +31,8 @@ class Hit(NamedTuple):
     """Angle at the ray's origin between the ray and the point, 0 to pi."""
     range_m: float
     """Distance from the ray's origin to the point."""
+    uv_m: tuple[float, float] | None = None
+    """Place on a thing with an area, in its own two axes."""
 
 
 def hit_at(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
@@ -79,6 +81,22 @@ def nearest_in_metres(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
         if cost < best_cost:
             best_t, best_cost = t, cost
     return best_t, best_cost
+
+
+def span_within(p: float, q: float, reach_m: float) -> tuple[float, float] | None:
+    """Return from which t to which a segment is no further along the ray than `reach_m`, or none.
+
+    Args:
+        p: how far along the ray the segment starts, d·a.
+        q: how much further it ends, d·u.
+        reach_m: the limit.
+    """
+    if max(p, p + q) <= reach_m:
+        return 0.0, 1.0
+    if min(p, p + q) > reach_m:
+        return None
+    crossing = (reach_m - p) / q
+    return (0.0, crossing) if q > 0.0 else (crossing, 1.0)
 
 
 def _minus_cosine(along: float, square: float) -> float:

@@ -1,6 +1,9 @@
-"""The paper's way to meet the room: points in a k-d tree, the ray as points, nearest neighbours (§III-C).
+"""The paper's way to meet the room: things as points, the ray as points, nearest neighbours (§III-C).
 
-Kept for comparison with the paper and for point clouds; for lines, `ray_cast` is exact and faster.
+The result is the paper's, of asking a k-d tree for the nearest neighbour of every point of the ray; the way
+to it is not: the points of a ray are evenly spaced, so which of them is nearest to a given point is plain
+arithmetic, and one walk down a tree of the room's points does. Kept for comparison with the paper; for
+lines, `ray_cast` is exact and faster.
 """
 
 import math
@@ -9,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry import vector
-from pointit.geometry.closest import Hit, hit_at
+from pointit.geometry.closest import Hit
+from pointit.geometry.cloud_tree import CloudTree
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 
@@ -19,75 +22,57 @@ Array = NDArray[np.float64]
 STEP_M = 0.05
 REACH_M = 20.0
 
-STRIDE = 16
-"""Every so many points of the ray are asked first; the others only where they could be nearer."""
-ROUNDING_M = 1e-9
-"""Added to bounds, which the tree takes as exclusive."""
-
 
 class PointTree:
-    """Lines and points as points in a tree; targets are numbered lines first, then points, as given."""
+    """Lines, points and clouds as points; targets are numbered lines, then points, then clouds, as given."""
 
     def __init__(
         self,
         lines: Sequence[Polyline],
         points: Sequence[Vec3] = (),
+        clouds: Sequence[Array] = (),
         *,
         step_m: float = STEP_M,
         reach_m: float = REACH_M,
     ) -> None:
         """Put a point on every line at least every `step_m`, on both ends too.
 
+        Args:
+            lines: their points stand for them.
+            points: each a target of its own.
+            clouds: each n x 3.
+            step_m: spacing of the points of lines and ray.
+            reach_m: where the ray's last point is.
+
         Raises:
             ValueError: there is nothing to cast at.
         """
-        # Loaded only here: scipy costs a third of a second and 20 MB that exact casting does without.
-        from scipy.spatial import cKDTree  # noqa: PLC0415
-
-        if not lines and not points:
-            raise ValueError("a point tree needs at least one line or point")
+        if not lines and not points and not clouds:
+            raise ValueError("a point tree needs at least one line, point or cloud")
         positions = [_spread(line.length_m, step_m) for line in lines]
         places = [line.points_at(at) for line, at in zip(lines, positions, strict=True)]
+        counts = [len(at) for at in positions] + [1] * len(points) + [len(cloud) for cloud in clouds]
         if points:
-            positions.append(np.zeros(len(points)))
             places.append(np.array(points, dtype=np.float64))
-        counts = [len(at) for at in positions[: len(lines)]] + [1] * len(points)
-        self._positions: Array = np.concatenate(positions)
+        places += clouds
+        self._positions: Array = np.concatenate([np.zeros(0), *positions])
         self._targets = np.repeat(np.arange(len(counts)), counts)
-        self._points: Array = np.concatenate(places)
-        """n x 3."""
-        self._tree = cKDTree(self._points)
-        self._steps: Array = _spread(reach_m, step_m)
-        self._coarse = np.union1d(np.arange(0, len(self._steps), STRIDE), [len(self._steps) - 1])
-        self._stride_m = STRIDE * float(self._steps[1])
+        self._tree = CloudTree(np.concatenate(places), measure="samples", step_m=step_m, length_m=reach_m)
 
-    def cast(self, origin_m: Vec3, direction: Vec3, tolerance_m: float = math.inf) -> Hit | None:
-        """Return the point nearest to any point of the ray, or none beyond `tolerance_m` from the ray.
+    def cast(
+        self, origin_m: Vec3, direction: Vec3, tolerance_m: float = math.inf, reach_m: float = math.inf
+    ) -> Hit | None:
+        """Return the point nearest to any point of the ray, or none beyond `tolerance_m` from those.
 
-        The result is the one of asking for every point of the ray: one that lies between two asked ones
-        is at most half a stride from one of them, so it cannot be nearer than that one's answer less this.
-        The misses of the hit are to the ray itself, not to its points.
+        Points further along the ray than `reach_m` are left out. The misses of the hit are to the ray
+        itself, not to its points.
         """
-        direction = vector.normalized(direction)
-        steps = self._steps[:, None] * np.array(direction) + np.array(origin_m)
-        first, _ = self._ask(steps[self._coarse], tolerance_m + self._stride_m / 2.0 + ROUNDING_M)
-        bound_m = min(float(first.min()), tolerance_m) + ROUNDING_M
-        kept = self._coarse[first <= bound_m + self._stride_m / 2.0]
-        around = (kept[:, None] + np.arange(-(STRIDE // 2), STRIDE // 2 + 1)).ravel()
-        asked = np.unique(np.minimum(np.maximum(around, 0), len(self._steps) - 1))
-        distances, found = self._ask(steps[asked], bound_m)
-        if not (distances <= tolerance_m).any():
+        hit = self._tree.cast(origin_m, direction, tolerance_m, reach_m)
+        if hit is None:
             return None
-        best = int(distances.argmin())
-        index = int(found[best])
-        x, y, z = self._points[index].tolist()
-        target, position = int(self._targets[index]), float(self._positions[index])
-        return hit_at(target, position, (x, y, z), origin_m, direction)
-
-    def _ask(self, places: Array, bound_m: float) -> tuple[Array, NDArray[np.intp]]:
-        """Return the distance and index of each place's nearest neighbour nearer than `bound_m`, or inf."""
-        distances, found = self._tree.query(places, distance_upper_bound=bound_m)
-        return np.asarray(distances), np.asarray(found)
+        index = hit.target
+        position_m = float(self._positions[index]) if index < len(self._positions) else 0.0
+        return hit._replace(target=int(self._targets[index]), position_m=position_m)
 
 
 def _spread(length_m: float, step_m: float) -> Array:

@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import TINY, Hit, Measure, hit_at, nearest_in_angle, nearest_in_metres
+from pointit.geometry.closest import (
+    TINY,
+    Hit,
+    Measure,
+    hit_at,
+    nearest_in_angle,
+    nearest_in_metres,
+    span_within,
+)
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 
@@ -92,15 +100,19 @@ class RayCaster:
         """3 x runs."""
         self._radii: Array = np.array(radii) + SLACK_M
 
-    def cast(self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf) -> Hit | None:
+    def cast(
+        self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
+    ) -> Hit | None:
         """Return the point that the ray passes closest, or none beyond `tolerance` (rad, or m).
 
+        Whatever is further along the ray than `reach_m` is left out.
         Choosing between points resolves 2e-8 rad, or 1e-7 m; the misses of the hit are exact.
         """
         direction = vector.normalized(direction)
-        found = self._among_few(origin_m, direction) if self._few else None
-        if not self._few:
-            found = self._among_many(origin_m, direction, tolerance)
+        if self._few:
+            found = self._among_few(origin_m, direction, reach_m)
+        else:
+            found = self._among_many(origin_m, direction, tolerance, reach_m)
         if found is None:
             return None
         segment, t = found
@@ -110,46 +122,77 @@ class RayCaster:
         miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
         return hit if miss <= tolerance else None
 
-    def _among_few(self, origin_m: Vec3, direction: Vec3) -> tuple[_Segment, float]:
+    def _among_few(self, origin_m: Vec3, direction: Vec3, reach_m: float) -> tuple[_Segment, float] | None:
         nearest = nearest_in_angle if self.measure == "angle" else nearest_in_metres
-        best = (self._few[0], 0.0)
+        best: tuple[_Segment, float] | None = None
         least = math.inf
         for segment in self._few:
-            t, cost = nearest(vector.subtract(segment.start_m, origin_m), segment.span_m, direction)
+            a, u = vector.subtract(segment.start_m, origin_m), segment.span_m
+            span = (0.0, 1.0)
+            if reach_m < math.inf:
+                within = span_within(vector.dot(direction, a), vector.dot(direction, u), reach_m)
+                if within is None:
+                    continue
+                span = within
+                a, u = vector.add(a, vector.scale(u, span[0])), vector.scale(u, span[1] - span[0])
+            t, cost = nearest(a, u, direction)
             if cost < least:
-                best, least = (segment, t), cost
+                best, least = (segment, span[0] + t * (span[1] - span[0])), cost
         return best
 
-    def _among_many(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> tuple[_Segment, float] | None:
+    def _among_many(
+        self, origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
+    ) -> tuple[_Segment, float] | None:
         origin = np.array(origin_m)[:, None]
         d = np.array(direction)
-        kept: list[int] = self._kept(origin, d, tolerance).tolist()
+        kept: list[int] = self._kept(origin, d, tolerance, reach_m).tolist()
         if not kept:
             return None
         runs = self._runs.take(kept, axis=1)
         flat = runs.reshape(7, -1)
         a, u, uu = flat[:3] - origin, flat[3:6], flat[6]
         p, q = d @ a, d @ u
+        low, high = _spans_within(p, q, reach_m) if reach_m < math.inf else (None, None)
+        if low is not None and high is not None:
+            a, u, uu = a + low * u, (high - low) * u, (high - low) ** 2 * uu
+            p, q = p + low * q, (high - low) * q
         aa, au = np.einsum("ij,ij->j", a, a), np.einsum("ij,ij->j", a, u)
         t, cost = _by_angle(p, q, aa, au, uu) if self.measure == "angle" else _by_metres(p, q, aa, au, uu)
+        if low is not None and high is not None:
+            cost[:, high < low] = math.inf
+            t = low + t * (high - low)
         best = int(cost.argmin())
+        if math.isinf(cost.flat[best]):
+            return None
         row, column = divmod(best % len(uu), self._width)
-        return self._segments[kept[row] * self._width + column], float(t.ravel()[best])
+        return self._segments[kept[row] * self._width + column], float(t.flat[best])
 
-    def _kept(self, origin: Array, d: Array, tolerance: float) -> NDArray[np.intp]:
+    def _kept(self, origin: Array, d: Array, tolerance: float, reach_m: float) -> NDArray[np.intp]:
         """Return the runs that may hold the closest point."""
         c = self._centres - origin
         along = d @ c
         square = np.einsum("ij,ij->j", c, c)
+        is_near = True if math.isinf(reach_m) else along - self._radii <= reach_m
         if self.measure == "angle":
             across = np.sqrt(np.maximum(square - along * along, 0.0))
-            cosine = float((along / np.sqrt(np.maximum(square, TINY))).max())
-            cone = min(math.acos(min(max(cosine, -1.0), 1.0)), tolerance)
+            cosines = along / np.sqrt(np.maximum(square, TINY))
+            if reach_m < math.inf:
+                cosines[along > reach_m] = -1.0
+            cone = min(math.acos(min(max(float(cosines.max()), -1.0), 1.0)), tolerance)
             # the centre's distance to the cone, where that is in front; smaller, never larger, elsewhere
-            return np.flatnonzero(across * math.cos(cone) - along * math.sin(cone) <= self._radii)
+            return np.flatnonzero((across * math.cos(cone) - along * math.sin(cone) <= self._radii) & is_near)
         ahead = np.maximum(along, 0.0)
         across = np.sqrt(np.maximum(square - ahead * ahead, 0.0))
-        return np.flatnonzero(across - self._radii <= min(float(across.min()), tolerance))
+        least = float(across[along <= reach_m].min(initial=math.inf))
+        return np.flatnonzero((across - self._radii <= min(least, tolerance)) & is_near)
+
+
+def _spans_within(p: Array, q: Array, reach_m: float) -> tuple[Array, Array]:
+    """Return from which t to which segments are within the reach; the second is less where they are not."""
+    crossing = np.minimum(np.maximum((reach_m - p) / np.where(q == 0.0, TINY, q), 0.0), 1.0)
+    low = np.where((p > reach_m) & (q < 0.0), crossing, 0.0)
+    high = np.where((p + q > reach_m) & (q > 0.0), crossing, 1.0)
+    return low, np.where(np.minimum(p, p + q) > reach_m, -1.0, high)
 
 
 def _by_angle(p: Array, q: Array, aa: Array, au: Array, uu: Array) -> tuple[Array, Array]:

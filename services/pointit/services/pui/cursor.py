@@ -1,11 +1,20 @@
 """One person's cursor: their pose, whether they point, where their ray meets the room (paper, §II-D)."""
 
 import math
+from typing import NamedTuple
 
 from pointit.geometry import vector
+from pointit.geometry.closest import Hit
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Interaction, PointingRay, UserPose
+from pointit.schemas import NS_PER_S, Cursor, Interaction, PointingRay, SetWorkspace, UserPose
+from pointit.schemas.base import FARTHEST
+from pointit.schemas.pointing import Solid, SurfaceKind
+from pointit.services.pui.lamp_fan import LampFan
+from pointit.services.pui.shapes import Kind
 from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.tracked import Tracked
+from pointit.services.pui.workspace import Workspace, WorkspaceError
+from pointit.services.pui.workspace_start import WorkspaceStart
 
 STEEPEST_RAD = math.pi / 2.0
 
@@ -15,6 +24,33 @@ MOST_BIAS_RAD = math.radians(45.0)
 RIVAL_NS = 2 * NS_PER_S
 """Of two who tell a pose, the one with the older stamp is left out while the other was heard so lately."""
 
+WORKSPACE_ID = "workspace/"
+"""Begins the `surface_id` of cursors on a workspace, its kind ends it; no id in a map has a slash."""
+
+PLACES: dict[Kind, tuple[SurfaceKind, Solid]] = {
+    "strip": ("strip", ""),
+    "belt": ("belt", ""),
+    "lamp": ("lamp", ""),
+    "points": ("points", ""),
+    "box": ("none", "box"),
+    "plane": ("none", "plane"),
+    "cylinder": ("none", "cylinder"),
+    "sphere": ("none", "sphere"),
+}
+"""What a cursor says that it is on."""
+
+
+NO_WORKSPACE = WorkspaceStart()
+
+
+class _Cast(NamedTuple):
+    """A ray in the room."""
+
+    eyes_m: Vec3
+    direction: Vec3
+    feet_m: Vec3
+    stamp_ns: int
+
 
 class PersonCursor:
     """Turns one person's rays in {H} into cursors in {W}.
@@ -23,12 +59,29 @@ class PersonCursor:
     Without a supervisor, whose interactions say so, they are taken to be pointing all the time.
     """
 
-    def __init__(self, surfaces: Surfaces) -> None:
+    def __init__(
+        self, surfaces: Surfaces, *, lamps: LampFan | None = None, start: WorkspaceStart = NO_WORKSPACE
+    ) -> None:
+        """Begin without a pose.
+
+        Args:
+            surfaces: what can be pointed at.
+            lamps: if given, every cursor tells which of them are near the ray.
+            start: the workspace that is laid when they begin to point, if any.
+        """
         self._surfaces = surfaces
+        self._lamps = lamps
+        self._start = start
+        self._workspace: Workspace | None = None
+        self._is_chosen = False
+        """Whether the person chose the workspace, or the map, in place of the one they start with."""
         self._interaction: Interaction | None = None
         self._pose: UserPose | None = None
         self._pose_came_ns = 0
         self._newest_ns = 0
+        self._cast: _Cast | None = None
+        self._point: Vec3 | None = None
+        """Where the cursor is now."""
         self._shown = False
         self._seq = 0
 
@@ -63,43 +116,120 @@ class PersonCursor:
         self._interaction = interaction
         return None if self._pointing else self.end(interaction.stamp_ns)
 
+    def set_workspace(self, query: SetWorkspace, tracked: Tracked) -> None:
+        """Lay the workspace that is asked for, in place of the map or of another, or go back to the map.
+
+        Args:
+            query: what is asked for.
+            tracked: the objects that it may be laid through.
+
+        Raises:
+            WorkspaceError: it cannot be laid; the old one stays.
+        """
+        if query.kind == "none":
+            self._workspace, self._is_chosen = None, True
+            return
+        if self._pose is None:
+            raise WorkspaceError("no pose is known: localize first")
+        cast = self._cast
+        if cast is None:
+            raise WorkspaceError("no ray has come yet: start the IMU, and point")
+        through = self._anchor(query, tracked, cast.stamp_ns)
+        workspace = Workspace(
+            query.kind,
+            through,
+            feet_m=cast.feet_m,
+            eyes_m=cast.eyes_m,
+            grazing_rad=self._start.grazing_rad,
+        )
+        if query.anchor == "pointer":
+            workspace.steer(cast.direction, cast.eyes_m, cast.feet_m, through)
+        self._workspace, self._is_chosen = workspace, True
+
+    def _anchor(self, query: SetWorkspace, tracked: Tracked, stamp_ns: int) -> Vec3:
+        if query.anchor == "pointer":
+            if self._point is None:
+                raise WorkspaceError(
+                    "there is no cursor now: point at something first, or name another anchor"
+                )
+            return self._point
+        if query.anchor == "object":
+            return tracked.where(query.object_id, stamp_ns)
+        if query.point_m is None:
+            raise WorkspaceError("the anchor is a point, but none is given: give point_m")
+        return query.point_m
+
     def end(self, stamp_ns: int) -> Cursor | None:
         """Return the empty cursor that takes back the one shown, or none if there is none to take back."""
+        self._point = None
+        if not self._is_chosen:
+            self._workspace = None  # to be laid anew where they point next
         if not self._shown:
             return None
         self._shown = False
-        return self._cursor(max(stamp_ns, self._newest_ns))
+        self._seq += 1
+        return Cursor(stamp_ns=max(stamp_ns, self._newest_ns), seq=self._seq)
 
     def cursor(self, ray: PointingRay) -> Cursor | None:
         """Return the cursor of `ray` with its stamp, or none while there is nothing to say."""
         pose = self._pose
-        if pose is None or not self._pointing:
+        if pose is None:
+            return None
+        eyes = vector.add(pose.position_m, vector.turn(ray.origin_m, pose.yaw_rad))
+        lowered = _lowered(ray.direction, pose.elevation_bias_rad)
+        direction = vector.normalized(vector.turn(lowered, pose.yaw_rad))
+        self._cast = _Cast(eyes, direction, pose.position_m, ray.stamp_ns)
+        if not self._pointing:
             return None
         self._newest_ns = ray.stamp_ns
         self._shown = True
-        met = self._surfaces.meet(
-            vector.add(pose.position_m, vector.turn(ray.origin_m, pose.yaw_rad)),
-            vector.turn(_lowered(ray.direction, pose.elevation_bias_rad), pose.yaw_rad),
-        )
-        if met is None:
-            return self._cursor(ray.stamp_ns)
-        surface, hit = met
+        if self._workspace is None and not self._is_chosen:
+            self._workspace = self._start.laid(eyes, direction, pose.position_m)
+        return self._cursor(self._cast)
+
+    def _cursor(self, cast: _Cast) -> Cursor:
         self._seq += 1
+        eyes, direction, _, stamp_ns = cast
+        if not _is_told(eyes):  # a pose at the end of the world: nothing is to be seen from there
+            self._point = None
+            return Cursor(stamp_ns=stamp_ns, seq=self._seq)
+        lamps = () if self._lamps is None else self._lamps.near(eyes, direction)
+        met = self._met(cast)
+        if met is None or not _is_told(met[2].point_m):
+            self._point = None
+            return Cursor(stamp_ns=stamp_ns, seq=self._seq, origin_m=eyes, direction=direction, lamps=lamps)
+        (surface, solid), name, hit = met
+        self._point = hit.point_m
         return Cursor(
-            stamp_ns=ray.stamp_ns,
+            stamp_ns=stamp_ns,
             seq=self._seq,
-            surface=surface.kind,
-            surface_id=surface.id,
+            surface=surface,
+            surface_id=name,
             point_m=hit.point_m,
             position_m=hit.position_m,
             miss_m=hit.miss_m,
             miss_rad=hit.miss_rad,
             range_m=hit.range_m,
+            solid=solid,
+            uv_m=hit.uv_m,
+            origin_m=eyes,
+            direction=direction,
+            lamps=lamps,
         )
 
-    def _cursor(self, stamp_ns: int) -> Cursor:
-        self._seq += 1
-        return Cursor(stamp_ns=stamp_ns, seq=self._seq)
+    def _met(self, cast: _Cast) -> tuple[tuple[SurfaceKind, Solid], str, Hit] | None:
+        """Return what the ray meets: how a cursor calls its kind, its id, and where."""
+        workspace = self._workspace
+        if workspace is not None:
+            hit = workspace.meet(cast.eyes_m, cast.direction, cast.feet_m)
+            return None if hit is None else (("none", workspace.solid), WORKSPACE_ID + workspace.kind, hit)
+        met = self._surfaces.meet(cast.eyes_m, cast.direction)
+        return None if met is None else (PLACES[met[0].kind], met[0].id, met[1])
+
+
+def _is_told(point: Vec3) -> bool:
+    """Return whether a message can hold `point`."""
+    return all(abs(x) <= FARTHEST for x in point)
 
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:

@@ -1,16 +1,37 @@
-"""Reads rays, poses and interactions of everyone, writes the map and everyone's cursor."""
+"""Reads objects and everyone's rays, poses and interactions, writes the map and everyone's cursor."""
 
 import math
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, Publisher, Service
+from pointit.runtime import ConfigError, Context, Publisher, RefusedError, Service
 from pointit.runtime.service import Scope
-from pointit.schemas import Cursor, Interaction, PointingRay, UserPose
-from pointit.schemas.topics import CURSOR, INTERACTION, MAP, POSE, RAY, USER_ALIVE
+from pointit.schemas import (
+    Cursor,
+    Done,
+    Interaction,
+    PointingRay,
+    SetWorkspace,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    CURSOR,
+    INTERACTION,
+    MAP,
+    OBJECTS,
+    POSE,
+    RAY,
+    SET_WORKSPACE,
+    USER_ALIVE,
+)
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.map_file import load_map
+from pointit.services.pui.lamp_fan import LampFan
+from pointit.services.pui.map_file import load_map, load_map_and_clouds
 from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.tracked import Tracked
+from pointit.services.pui.workspace import WorkspaceError
+from pointit.services.pui.workspace_start import WorkspaceStart
 
 
 class Pui(Service[PuiConfig]):
@@ -22,7 +43,7 @@ class Pui(Service[PuiConfig]):
 
     def __init__(self, config: PuiConfig, context: Context) -> None:
         super().__init__(config, context)
-        environment = load_map(config.map, self.clock.now_ns())
+        environment, clouds = load_map_and_clouds(config.map, self.clock.now_ns())
         try:
             self._surfaces = Surfaces(
                 environment,
@@ -32,12 +53,26 @@ class Pui(Service[PuiConfig]):
                 tolerance_m=config.tolerance_m,
                 step_m=config.kd_step_m,
                 reach_m=config.kd_reach_m,
+                clouds=clouds,
+                priority=config.priority,
+                opaque=config.opaque,
+                grazing_rad=math.radians(config.grazing_deg),
             )
         except ValueError as error:
-            raise ConfigError(f"pui: surfaces: {error}; choose kinds that the map has") from error
+            raise ConfigError(f"pui: {error}") from error
+        self._lamps = LampFan(environment.lamps, math.radians(config.lamp_angles_deg))
+        self._start = WorkspaceStart(
+            kind=None if config.workspace == "none" else config.workspace,
+            height_m=config.workspace_height_m,
+            distance_m=config.workspace_distance_m,
+            grazing_rad=math.radians(config.grazing_deg),
+        )
+        self._tracked = Tracked(environment)
         self._persons: dict[str, PersonCursor] = {}
         self._cursors: dict[str, Publisher[Cursor]] = {}
         self.bus.publisher(MAP).put(environment)
+        self.bus.serve(SET_WORKSPACE, self._on_workspace)
+        self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(POSE, self._on_pose)
         self.bus.subscribe(INTERACTION, self._on_interaction)
         self.bus.subscribe(RAY, self._on_ray)
@@ -51,8 +86,24 @@ class Pui(Service[PuiConfig]):
     def _person(self, user: str) -> PersonCursor:
         person = self._persons.get(user)
         if person is None:
-            person = self._persons[user] = PersonCursor(self._surfaces)
+            lamps = self._lamps if self.config.lamp_angles_deg else None
+            person = self._persons[user] = PersonCursor(self._surfaces, lamps=lamps, start=self._start)
         return person
+
+    def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
+        self._tracked.on_objects(tracker, objects)
+
+    async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
+        person = self._persons.get(user)
+        if person is None:
+            raise RefusedError(f"{user}: neither a pose nor a ray has come: start their services first")
+        try:
+            person.set_workspace(query, self._tracked)
+        except WorkspaceError as error:
+            raise RefusedError(f"{user}: {error}") from error
+        if query.kind == "none":
+            return Done(message=f"{user} points at the things of the map")
+        return Done(message=f"{user}'s cursor moves on a {query.kind} workspace")
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
         self._person(user).set_pose(pose, self.clock.now_ns())

@@ -1,34 +1,49 @@
-"""The things of a map that can be pointed at, and where a ray in {W} meets them (paper, §II-D)."""
+"""What a person can point at in a map, and what of it a ray meets."""
 
 import math
-from collections.abc import Sequence
-from typing import Literal, NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple, Protocol
 
-from pointit.geometry.closest import Hit
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.closest import Hit, Measure
+from pointit.geometry.cloud_tree import CloudTree
+from pointit.geometry.plane import GRAZING_RAD
 from pointit.geometry.point_tree import REACH_M, STEP_M, PointTree
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import RayCaster
+from pointit.geometry.solid_cast import SAME, SolidCaster
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
-
-Kind = Literal["strip", "belt", "lamp"]
+from pointit.services.pui.occlusion import Screens
+from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, shapes_of, solids_of
 
 PAPER_TOLERANCE_M = 0.7
 
+OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
 
-class Surface(NamedTuple):
-    """A thing with a name."""
+PRIORITY: Mapping[str, int] = {"lamp": 1, "strip": 1, "belt": 1}
+"""Of kinds that are not mentioned; 0 for others. Thin things come before areas, which nothing misses less."""
 
-    kind: Kind
-    id: str
+ALL_KINDS: tuple[Kind, ...] = ("strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points")
 
 
 class Caster(Protocol):
     """Finds the closest of its targets."""
 
-    def cast(self, origin_m: Vec3, direction: Vec3, tolerance: float = ..., /) -> Hit | None:
-        """Return the closest point, or none beyond the tolerance."""
+    def cast(
+        self, origin_m: Vec3, direction: Vec3, tolerance: float = ..., reach_m: float = ..., /
+    ) -> Hit | None:
+        """Return the closest point, or none beyond the tolerance or further along the ray than the reach."""
         ...
+
+
+class _Party(NamedTuple):
+    """A caster and whom its targets are."""
+
+    caster: Caster
+    surfaces: list[Surface]
 
 
 class Surfaces:
@@ -44,45 +59,131 @@ class Surfaces:
         tolerance_m: float | None = None,
         step_m: float = STEP_M,
         reach_m: float = REACH_M,
+        clouds: Clouds | None = None,
+        priority: Mapping[str, int] | None = None,
+        opaque: Sequence[SolidKind] = OPAQUE,
+        grazing_rad: float = GRAZING_RAD,
     ) -> None:
         """Take the things of `kinds`.
 
         Args:
             environment: the map.
             kinds: what takes part.
-            method: the closed form, or the paper's k-d tree, which measures in metres.
+            method: the closed form, or the paper's discretisation of lines, lamps and clouds, in metres.
             tolerance_rad: the largest angle at the eyes; used unless metres are.
             tolerance_m: if given, nearest and tolerance are in metres.
-            step_m: spacing of the tree's points.
-            reach_m: length of the ray that is asked for in the tree.
+            step_m: spacing of the paper's points.
+            reach_m: length of the ray that the paper's method asks for.
+            clouds: points of the map's clouds by id.
+            priority: of ids or kinds; of all within the tolerance, the highest is pointed at.
+            opaque: kinds that hide what is behind them, pointable or not.
+            grazing_rad: planes closer to parallel to the ray are not pointed at.
 
         Raises:
-            ValueError: the map has nothing of these kinds.
+            ValueError: the map has nothing of these kinds, or nothing that a priority names.
         """
-        lines: list[Polyline] = []
-        points: list[Vec3] = []
-        self._surfaces: list[Surface] = []
-        if "strip" in kinds:
-            lines += [Polyline(strip.line_m) for strip in environment.strips]
-            self._surfaces += [Surface("strip", strip.id) for strip in environment.strips]
-        if "belt" in kinds:
-            lines += [Polyline(belt.line_m) for belt in environment.belts]
-            self._surfaces += [Surface("belt", belt.id) for belt in environment.belts]
-        if "lamp" in kinds:
-            points = [lamp.position_m for lamp in environment.lamps]
-            self._surfaces += [Surface("lamp", lamp.id) for lamp in environment.lamps]
-        if not self._surfaces:
-            raise ValueError(f"map {environment.name!r} has no {' or '.join(kinds)} to point at")
-        self._caster: Caster
+        shapes = shapes_of(environment, kinds, clouds or {}, grazing_rad)
+        if not shapes:
+            raise ValueError(
+                f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
+                "choose kinds that the map has"
+            )
+        ranks = dict(priority or {})
+        unknown = ranks.keys() - set(ALL_KINDS) - {shape.surface.id for shape in shapes}
+        if unknown:
+            raise ValueError(
+                f"priority: {min(unknown)!r} is neither a kind nor the id of a thing that can be pointed at; "
+                "correct or remove it"
+            )
+        ranks = {**PRIORITY, **ranks}
+        self._measure: Measure = "angle" if method == "exact" and tolerance_m is None else "metres"
         if method == "kd_tree":
-            self._caster = PointTree(lines, points, step_m=step_m, reach_m=reach_m)
             self._tolerance = PAPER_TOLERANCE_M if tolerance_m is None else tolerance_m
         else:
-            measure: Literal["angle", "metres"] = "angle" if tolerance_m is None else "metres"
-            self._caster = RayCaster(lines, points, measure=measure)
             self._tolerance = tolerance_rad if tolerance_m is None else tolerance_m
+        groups: dict[int, list[Shape]] = {}
+        for shape in shapes:
+            kind, name = shape.surface
+            groups.setdefault(ranks.get(name, ranks.get(kind, 0)), []).append(shape)
+        self._groups = [
+            self._parties(groups[rank], method, step_m, reach_m) for rank in sorted(groups, reverse=True)
+        ]
+        hiding = solids_of(environment, opaque, grazing_rad)
+        self._screens = Screens([solid for _, solid in hiding]) if hiding else None
 
     def meet(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
         """Return what the ray (in {W}, unit direction) points at and where, or none beyond the tolerance."""
-        hit = self._caster.cast(origin_m, direction, self._tolerance)
-        return None if hit is None else (self._surfaces[hit.target], hit)
+        first_m = math.inf if self._screens is None else self._screens.first(origin_m, direction)
+        for parties in self._groups:
+            best: tuple[Surface, Hit] | None = None
+            for party in parties:
+                hit = self._seen(party.caster, origin_m, direction, first_m)
+                if hit is not None and (best is None or self._is_better(hit, best[1])):
+                    best = (party.surfaces[hit.target], hit)
+            if best is not None:
+                return best
+        return None
+
+    def _seen(self, caster: Caster, origin_m: Vec3, direction: Vec3, first_m: float) -> Hit | None:
+        """Return the closest; if that is hidden, the closest of what is nearer than what the ray meets."""
+        hit = caster.cast(origin_m, direction, self._tolerance)
+        screens = self._screens
+        if hit is None or screens is None or math.isinf(first_m):
+            return hit
+        if not screens.hides(hit, origin_m, direction, first_m):
+            return hit
+        return caster.cast(origin_m, direction, self._tolerance, screens.reach(first_m))
+
+    def _is_better(self, a: Hit, b: Hit) -> bool:
+        """Return whether `a` is missed by less than `b`, or as little and nearer."""
+        more = a.miss_rad - b.miss_rad if self._measure == "angle" else a.miss_m - b.miss_m
+        return more < -SAME or (more <= SAME and a.range_m < b.range_m)
+
+    def _parties(
+        self, shapes: list[Shape], method: Literal["exact", "kd_tree"], step_m: float, reach_m: float
+    ) -> list[_Party]:
+        lines: list[Polyline] = []
+        points: list[Vec3] = []
+        clouds: list[NDArray[Any]] = []
+        solids: list[Any] = []
+        named: dict[int, list[Surface]] = {0: [], 1: [], 2: [], 3: []}
+        for surface, form in shapes:
+            if isinstance(form, Polyline):
+                lines.append(form)
+                named[0].append(surface)
+            elif isinstance(form, tuple):
+                points.append(form)
+                named[1].append(surface)
+            elif isinstance(form, np.ndarray):
+                clouds.append(form)
+                named[2].append(surface)
+            else:
+                solids.append(form)
+                named[3].append(surface)
+        parties: list[_Party] = []
+        if method == "kd_tree" and (lines or points or clouds):
+            tree = PointTree(lines, points, clouds, step_m=step_m, reach_m=reach_m)
+            parties.append(_Party(tree, named[0] + named[1] + named[2]))
+        elif lines or points:
+            parties.append(_Party(RayCaster(lines, points, measure=self._measure), named[0] + named[1]))
+        if clouds and method == "exact":
+            parties.append(_Party(_CloudCaster(clouds, self._measure), named[2]))
+        if solids:
+            parties.append(_Party(SolidCaster(solids, measure=self._measure), named[3]))
+        return parties
+
+
+class _CloudCaster:
+    """Clouds, numbered as given, in one tree."""
+
+    def __init__(self, clouds: list[NDArray[Any]], measure: Measure) -> None:
+        self._tree = CloudTree(np.concatenate(clouds), measure=measure)
+        self._ends = np.cumsum([len(cloud) for cloud in clouds])
+
+    def cast(
+        self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
+    ) -> Hit | None:
+        hit = self._tree.cast(origin_m, direction, tolerance, reach_m)
+        if hit is None:
+            return None
+        return hit._replace(target=int(np.searchsorted(self._ends, hit.target, side="right")))

@@ -1,0 +1,100 @@
+"""Flat things, with or without end: where a ray meets them, and what of their rim it passes closest."""
+
+import math
+
+from pointit.geometry import vector
+from pointit.geometry.closest import Measure
+from pointit.geometry.solids import Edge, nearer, nearest_on_edges
+from pointit.geometry.vector import Vec3
+
+GRAZING_RAD = math.radians(5.0)
+"""A ray that is closer to parallel meets a plane anywhere, as the hand trembles (pointing.md §5)."""
+
+LEVEL = 1e-6
+"""A plane whose normal leans by less is level."""
+
+
+def plane_axes(normal: Vec3) -> tuple[Vec3, Vec3]:
+    """Return u and v of a plane, unit, right-handed with its normal.
+
+    v is the direction in the plane that rises most, y where the plane is level; u is v x normal.
+    """
+    n = vector.normalized(normal)
+    upwards = (0.0, 0.0, 1.0) if math.hypot(n[0], n[1]) > LEVEL else (0.0, 1.0, 0.0)
+    v = vector.normalized(vector.subtract(upwards, vector.scale(n, vector.dot(upwards, n))))
+    return vector.cross(v, n), v
+
+
+class PlaneSolid:
+    """A plane or an upright or leaning rectangle, seen from both sides. A place is (u, v) from its centre."""
+
+    def __init__(
+        self,
+        center_m: Vec3,
+        normal: Vec3,
+        size_m: tuple[float, float] | None = None,
+        *,
+        grazing_rad: float = GRAZING_RAD,
+    ) -> None:
+        """Take a point of it, its normal, and its extents along u and v unless it has no end.
+
+        A ray within `grazing_rad` of it neither meets it nor passes it by.
+        """
+        self._center = center_m
+        self._normal = vector.normalized(normal)
+        self._u, self._v = plane_axes(normal)
+        self._half = None if size_m is None else (size_m[0] / 2.0, size_m[1] / 2.0)
+        self._grazing = math.sin(grazing_rad)
+        self._edges: list[Edge] = [] if self._half is None else self._rim(*self._half)
+        self.ball = (center_m, math.inf if self._half is None else math.hypot(*self._half))
+
+    def holds(self, point_m: Vec3) -> bool:  # noqa: ARG002 - of every solid
+        """Return that nothing is inside of what has no inside."""
+        return False
+
+    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+        """Return how far along the ray it is met."""
+        towards = vector.dot(direction, self._normal)
+        if abs(towards) <= self._grazing:
+            return None
+        ahead = vector.dot(vector.subtract(self._center, origin_m), self._normal) / towards
+        if ahead < 0.0:
+            return None
+        if self._half is not None:
+            u, v = self.uv_at(vector.add(origin_m, vector.scale(direction, ahead)))
+            if abs(u) > self._half[0] or abs(v) > self._half[1]:
+                return None
+        return ahead
+
+    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+        """Return the point of its rim, or nearest to the ray's origin, that the ray passes closest."""
+        if self._half is None or abs(vector.dot(direction, self._normal)) <= self._grazing:
+            return None
+        found = nearest_on_edges(self._edges, origin_m, direction, measure)
+        if measure == "metres":
+            u, v = self.uv_at(origin_m)
+            held = (
+                min(max(u, -self._half[0]), self._half[0]),
+                min(max(v, -self._half[1]), self._half[1]),
+            )
+            found = nearer(self._point(*held), found, origin_m, direction)
+        return found
+
+    def uv_at(self, point_m: Vec3) -> tuple[float, float]:
+        """Return the place of a point, or of its foot on the plane."""
+        own = vector.subtract(point_m, self._center)
+        return (vector.dot(own, self._u), vector.dot(own, self._v))
+
+    def _point(self, u: float, v: float) -> Vec3:
+        across = vector.add(vector.scale(self._u, u), vector.scale(self._v, v))
+        return vector.add(self._center, across)
+
+    def _rim(self, half_u: float, half_v: float) -> list[Edge]:
+        along_u, along_v = vector.scale(self._u, 2.0 * half_u), vector.scale(self._v, 2.0 * half_v)
+        corner = self._point(-half_u, -half_v)
+        return [
+            (corner, along_u),
+            (corner, along_v),
+            (self._point(-half_u, half_v), along_u),
+            (self._point(half_u, -half_v), along_v),
+        ]

@@ -1,0 +1,122 @@
+"""Which of many things with an area a ray meets first, or passes closest."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.geometry.closest import Hit, Measure, hit_at
+from pointit.geometry.solids import Solid
+from pointit.geometry.vector import Vec3
+
+FEW = 6
+"""Up to this many, looking at each ball in plain Python is faster than at all on arrays."""
+SLACK_RAD = 1e-6
+"""Cones around balls are this much wider than they need be."""
+SAME = 1e-9
+"""Misses that differ by less are one; then the nearer thing counts."""
+
+
+class SolidCaster:
+    """Things that do not move; targets are numbered as given."""
+
+    def __init__(self, solids: Sequence[Solid], *, measure: Measure = "angle") -> None:
+        """Take the things, and what is to be smallest.
+
+        Raises:
+            ValueError: there is nothing to cast at.
+        """
+        if not solids:
+            raise ValueError("a solid caster needs at least one solid")
+        self.measure: Measure = measure
+        self._solids = list(solids)
+        self._centres = np.array([solid.ball[0] for solid in solids]).T.copy()
+        """3 x n."""
+        self._radii = np.array([solid.ball[1] for solid in solids])
+
+    def cast(
+        self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
+    ) -> Hit | None:
+        """Return the point of what the ray meets first, or else passes closest within `tolerance`.
+
+        Args:
+            origin_m: of the ray.
+            direction: of the ray; normed here.
+            tolerance: rad, or m.
+            reach_m: points further along the ray are left out.
+        """
+        direction = vector.normalized(direction)
+        near = self._near(origin_m, direction, tolerance)
+        met = [(ahead, i) for i in near if (ahead := self._solids[i].meet(origin_m, direction)) is not None]
+        first, index = min(met, default=(math.inf, -1))
+        if index >= 0 and first <= reach_m:  # whatever it passes by, it misses by more
+            return self._hit(index, first, origin_m, direction)
+        behind = {i for _, i in met}
+        passed = [i for i in near if i not in behind]
+        return self._closest(passed, origin_m, direction, tolerance, reach_m)
+
+    def first(self, origin_m: Vec3, direction: Vec3) -> float:
+        """Return how far along the ray the first thing is met, or infinity.
+
+        Those that the ray begins in do not count.
+        """
+        direction = vector.normalized(direction)
+        ahead = math.inf
+        for i in self._near(origin_m, direction, 0.0):
+            solid = self._solids[i]
+            met = solid.meet(origin_m, direction)
+            if met is not None and met < ahead and not solid.holds(origin_m):
+                ahead = met
+        return ahead
+
+    def _hit(self, index: int, ahead: float, origin_m: Vec3, direction: Vec3) -> Hit:
+        point = vector.add(origin_m, vector.scale(direction, ahead))
+        return Hit(index, 0.0, point, 0.0, 0.0, ahead, self._solids[index].uv_at(point))
+
+    def _closest(
+        self, near: list[int], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
+    ) -> Hit | None:
+        best: Hit | None = None
+        least = tolerance
+        for i in near:
+            point = self._solids[i].pass_by(origin_m, direction, self.measure)
+            if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
+                continue
+            hit = hit_at(i, 0.0, point, origin_m, direction)
+            miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
+            if miss <= least and (best is None or miss < least - SAME or hit.range_m < best.range_m):
+                best, least = hit, miss
+        return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
+
+    def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[int]:
+        """Return those whose ball comes within `tolerance` of the ray."""
+        if len(self._solids) <= FEW:
+            return [i for i in range(len(self._solids)) if self._is_near(i, origin_m, direction, tolerance)]
+        d = np.array(direction)
+        c = self._centres - np.array(origin_m)[:, None]
+        along = d @ c
+        square = np.einsum("ij,ij->j", c, c)
+        if self.measure == "angle":
+            distances = np.sqrt(square)
+            sines = np.minimum(self._radii / np.maximum(distances, 1e-12), 1.0)
+            angles = np.arctan2(np.sqrt(np.maximum(square - along * along, 0.0)), along)
+            inside = distances <= self._radii
+            near = inside | (angles - np.arcsin(sines) <= tolerance + SLACK_RAD)
+        else:
+            ahead = np.maximum(along, 0.0)
+            near = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii <= tolerance + SLACK_RAD
+        found: list[int] = np.flatnonzero(near).tolist()
+        return found
+
+    def _is_near(self, index: int, origin_m: Vec3, direction: Vec3, tolerance: float) -> bool:
+        centre, radius = self._solids[index].ball
+        reach = vector.subtract(centre, origin_m)
+        distance = vector.norm(reach)
+        if distance <= radius:
+            return True
+        if self.measure == "angle":
+            angle = vector.angle_between(direction, reach) - math.asin(radius / distance)
+            return angle <= tolerance + SLACK_RAD
+        ahead = max(vector.dot(direction, reach), 0.0)
+        return math.sqrt(max(distance * distance - ahead * ahead, 0.0)) - radius <= tolerance + SLACK_RAD

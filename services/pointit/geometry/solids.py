@@ -1,0 +1,189 @@
+"""Boxes and balls: where a ray meets them, and what of them it passes closest when it does not.
+
+A convex thing that a ray misses is closest by angle on its outline: a box on one of its edges, a ball on the
+cone that touches it. Closest by metres it may also be in the midst of a face, the one nearest to where the
+ray begins. Whoever is inside of one points at its wall from within.
+"""
+
+import math
+from collections.abc import Iterable
+from itertools import product
+from typing import Protocol
+
+from pointit.geometry import vector
+from pointit.geometry.closest import TINY, Measure, nearest_in_angle, nearest_in_metres
+from pointit.geometry.vector import Vec3
+
+Edge = tuple[Vec3, Vec3]
+"""Start, and span to its end."""
+
+
+class Solid(Protocol):
+    """A convex thing with an area."""
+
+    ball: tuple[Vec3, float]
+    """Centre and radius of a ball that it lies in; the radius is infinite when it has no end."""
+
+    def holds(self, point_m: Vec3) -> bool:
+        """Return whether `point_m` is inside."""
+        ...
+
+    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+        """Return how far along the ray (unit direction) it is met first, or none."""
+        ...
+
+    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+        """Return the point that a ray which does not meet it passes closest, or none if there is none."""
+        ...
+
+    def uv_at(self, point_m: Vec3) -> tuple[float, float]:
+        """Return the place of a point of its surface in its own two axes, m."""
+        ...
+
+
+class BoxSolid:
+    """A box that stands upright, turned about z.
+
+    Its own axes begin at its centre. A place is (x, y) on top and bottom, (y, z) on the faces across its
+    x axis, (x, z) on those across its y axis; which face it is follows from the point.
+    """
+
+    def __init__(self, center_m: Vec3, size_m: Vec3, yaw_rad: float = 0.0) -> None:
+        """Take centre, extents along its own axes, and the azimuth of its x axis."""
+        self._center = center_m
+        self._half = vector.scale(size_m, 0.5)
+        self._yaw = yaw_rad
+        self._edges = _box_edges(self._half)
+        self.ball = (center_m, vector.norm(self._half))
+
+    def holds(self, point_m: Vec3) -> bool:
+        """Return whether `point_m` is inside."""
+        own = self._own(point_m)
+        return all(abs(x) < half for x, half in zip(own, self._half, strict=True))
+
+    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+        """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
+        first, last = -math.inf, math.inf
+        own, ahead = self._own(origin_m), vector.turn(direction, -self._yaw)
+        for x, d, half in zip(own, ahead, self._half, strict=True):
+            if abs(d) < TINY:
+                if abs(x) > half:
+                    return None
+                continue
+            near, far = (-half - x) / d, (half - x) / d
+            first, last = max(first, min(near, far)), min(last, max(near, far))
+        if last < max(first, 0.0):
+            return None
+        return first if first >= 0.0 else last
+
+    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+        """Return the point that a ray which does not meet it passes closest."""
+        own, ahead = self._own(origin_m), vector.turn(direction, -self._yaw)
+        found = nearest_on_edges(self._edges, own, ahead, measure)
+        if measure == "metres":
+            foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
+            found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
+        return vector.add(self._center, vector.turn(found, self._yaw))
+
+    def uv_at(self, point_m: Vec3) -> tuple[float, float]:
+        """Return the place on the face that `point_m` is on."""
+        x, y, z = own = self._own(point_m)
+        inside = [half - abs(at) for at, half in zip(own, self._half, strict=True)]
+        face = inside.index(min(inside))
+        return ((y, z), (x, z), (x, y))[face]
+
+    def _own(self, point_m: Vec3) -> Vec3:
+        return vector.turn(vector.subtract(point_m, self._center), -self._yaw)
+
+
+class SphereSolid:
+    """A ball. A place is (radius · azimuth, radius · elevation) seen from its centre."""
+
+    def __init__(self, center_m: Vec3, radius_m: float) -> None:
+        """Take centre and radius."""
+        self._center = center_m
+        self._radius = radius_m
+        self.ball = (center_m, radius_m)
+
+    def holds(self, point_m: Vec3) -> bool:
+        """Return whether `point_m` is inside."""
+        return math.dist(point_m, self._center) < self._radius
+
+    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+        """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
+        reach = vector.subtract(self._center, origin_m)
+        along = vector.dot(direction, reach)
+        across = vector.norm(vector.cross(direction, reach))
+        if across > self._radius:
+            return None
+        half = math.sqrt((self._radius - across) * (self._radius + across))
+        if along - half >= 0.0:
+            return along - half
+        return along + half if along + half >= 0.0 else None
+
+    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+        """Return the point that a ray which does not meet it passes closest."""
+        reach = vector.subtract(self._center, origin_m)
+        along = vector.dot(direction, reach)
+        if measure == "metres":
+            nearest = vector.add(origin_m, vector.scale(direction, max(along, 0.0)))
+            outwards = vector.normalized(vector.subtract(nearest, self._center))
+            return vector.add(self._center, vector.scale(outwards, self._radius))
+        distance = vector.norm(reach)
+        if distance <= self._radius:
+            return None  # on its skin, looking away
+        # in the plane of ray and centre: where a line from the origin touches it, on the ray's side
+        to_center = vector.scale(reach, 1.0 / distance)
+        sideways = vector.subtract(direction, vector.scale(to_center, along / distance))
+        if vector.norm(sideways) < 1e-12:  # straight away from it: every side is as good
+            sideways = vector.cross(
+                to_center, (0.0, 0.0, 1.0) if abs(to_center[2]) < 0.9 else (1.0, 0.0, 0.0)
+            )
+        sine = self._radius / distance
+        cosine = math.sqrt((1.0 - sine) * (1.0 + sine))
+        touching = vector.add(
+            vector.scale(to_center, cosine), vector.scale(vector.normalized(sideways), sine)
+        )
+        return vector.add(origin_m, vector.scale(touching, distance * cosine))
+
+    def uv_at(self, point_m: Vec3) -> tuple[float, float]:
+        """Return the lengths of the arcs from its x axis, sideways and upwards."""
+        own = vector.subtract(point_m, self._center)
+        return (self._radius * vector.azimuth(own), self._radius * vector.elevation(own))
+
+
+def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
+    """Return the point of the edges that the ray passes closest."""
+    nearest = nearest_in_angle if measure == "angle" else nearest_in_metres
+    best, least = origin_m, math.inf
+    for start, span in edges:
+        t, cost = nearest(vector.subtract(start, origin_m), span, direction)
+        if cost < least:
+            best, least = vector.add(start, vector.scale(span, t)), cost
+    return best
+
+
+def nearer(a: Vec3, b: Vec3, origin_m: Vec3, direction: Vec3) -> Vec3:
+    """Return which of two points is nearer to the ray, in metres."""
+    return min(a, b, key=lambda point: off_ray(point, origin_m, direction))
+
+
+def off_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
+    """Return the distance from the ray to a point."""
+    ahead = max(vector.dot(direction, vector.subtract(point_m, origin_m)), 0.0)
+    return math.dist(point_m, vector.add(origin_m, vector.scale(direction, ahead)))
+
+
+def _box_edges(half: Vec3) -> list[Edge]:
+    edges: list[Edge] = []
+    for axis in range(3):
+        for signs in product((-1.0, 1.0), repeat=2):
+            start = [sign * half[other] for sign, other in zip(signs, _others(axis), strict=True)]
+            start.insert(axis, -half[axis])
+            span = [2.0 * half[i] if i == axis else 0.0 for i in range(3)]
+            edges.append(((start[0], start[1], start[2]), (span[0], span[1], span[2])))
+    return edges
+
+
+def _others(axis: int) -> list[int]:
+    return [other for other in range(3) if other != axis]

@@ -1,0 +1,26 @@
+"""How far a ray passes each lamp near it: what lamps that answer by colour need (paper, scenario 1)."""
+
+from collections.abc import Sequence
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Lamp, LampMiss
+
+
+class LampFan:
+    """The lamps within an angle of the ray."""
+
+    def __init__(self, lamps: Sequence[Lamp], within_rad: float) -> None:
+        """Take the lamps, and the largest angle that is told."""
+        self._lamps = [(lamp.id, lamp.position_m) for lamp in lamps]
+        self._within_rad = within_rad
+
+    def near(self, origin_m: Vec3, direction: Vec3) -> tuple[LampMiss, ...]:
+        """Return the lamps near the ray, the nearest first."""
+        misses = [
+            (vector.angle_between(direction, vector.subtract(place, origin_m)), name)
+            for name, place in self._lamps
+        ]
+        return tuple(
+            LampMiss(id=name, miss_rad=miss) for miss, name in sorted(misses) if miss <= self._within_rad
+        )

@@ -1,0 +1,87 @@
+"""The things of a map as geometry: lines, points, solids, clouds, each with its kind and id."""
+
+from collections.abc import Collection, Mapping
+from typing import Any, Literal, NamedTuple
+
+from numpy.typing import NDArray
+
+from pointit.geometry.cylinder import CylinderSolid
+from pointit.geometry.plane import PlaneSolid
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Environment
+
+Clouds = Mapping[str, NDArray[Any]]
+"""Points of each cloud by id, n x 3."""
+
+SolidKind = Literal["box", "plane", "cylinder", "sphere"]
+Kind = Literal["strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points"]
+
+
+class Surface(NamedTuple):
+    """A thing with a name."""
+
+    kind: Kind
+    id: str
+
+
+class Shape(NamedTuple):
+    """A thing and where it is."""
+
+    surface: Surface
+    form: Polyline | Vec3 | Solid | NDArray[Any]
+
+
+def shapes_of(
+    environment: Environment, kinds: Collection[Kind], clouds: Clouds, grazing_rad: float
+) -> list[Shape]:
+    """Return the things of `kinds`.
+
+    Raises:
+        ValueError: the map names a cloud that is not among `clouds`.
+    """
+    shapes: list[Shape] = []
+    if "strip" in kinds:
+        shapes += [Shape(Surface("strip", strip.id), Polyline(strip.line_m)) for strip in environment.strips]
+    if "belt" in kinds:
+        shapes += [Shape(Surface("belt", belt.id), Polyline(belt.line_m)) for belt in environment.belts]
+    if "lamp" in kinds:
+        shapes += [Shape(Surface("lamp", lamp.id), lamp.position_m) for lamp in environment.lamps]
+    if "points" in kinds:
+        for cloud in environment.clouds:
+            if cloud.id not in clouds:
+                raise ValueError(f"the points of cloud {cloud.id!r} were not read")
+            shapes.append(Shape(Surface("points", cloud.id), clouds[cloud.id]))
+    return shapes + [Shape(*pair) for pair in solids_of(environment, kinds, grazing_rad)]
+
+
+def solids_of(
+    environment: Environment, kinds: Collection[Kind], grazing_rad: float
+) -> list[tuple[Surface, Solid]]:
+    """Return the things with an area that are of `kinds`."""
+    solids: list[tuple[Surface, Solid]] = []
+    if "box" in kinds:
+        solids += [
+            (Surface("box", box.id), BoxSolid(box.center_m, box.size_m, box.yaw_rad))
+            for box in environment.boxes
+        ]
+    if "plane" in kinds:
+        solids += [
+            (
+                Surface("plane", plane.id),
+                PlaneSolid(plane.center_m, plane.normal, plane.size_m, grazing_rad=grazing_rad),
+            )
+            for plane in environment.planes
+        ]
+    if "cylinder" in kinds:
+        solids += [
+            (Surface("cylinder", each.id), CylinderSolid(each.center_m, each.radius_m, each.height_m))
+            for each in environment.cylinders
+        ]
+    if "sphere" in kinds:
+        solids += [
+            (Surface("sphere", ball.id), SphereSolid(ball.center_m, ball.radius_m))
+            for ball in environment.spheres
+        ]
+    return solids

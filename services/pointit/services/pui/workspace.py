@@ -1,0 +1,150 @@
+"""A surface about a person on which their cursor moves: what robots are steered on (pointing.md §5)."""
+
+import math
+from typing import Literal
+
+from pointit.geometry import vector
+from pointit.geometry.closest import Hit, hit_at
+from pointit.geometry.plane import GRAZING_RAD, PlaneSolid
+from pointit.geometry.solids import SphereSolid
+from pointit.geometry.vector import Vec3
+from pointit.schemas.pointing import Solid
+
+WorkspaceKind = Literal["horizontal", "facing", "cylinder", "sphere"]
+
+SOLIDS: dict[WorkspaceKind, Solid] = {
+    "horizontal": "plane",
+    "facing": "plane",
+    "cylinder": "cylinder",
+    "sphere": "sphere",
+}
+
+NEAREST_M = 0.1
+"""A surface that passes the eyes, or the person's axis, by less cannot be pointed at."""
+FARTHEST_M = 200.0
+"""What is further away is not pointed at: a degree is metres there."""
+SAME_M = 1e-6
+"""How exactly, per metre of range, the cursor stays where it was when a workspace is laid through it."""
+STEEPEST_RAD = math.pi / 2.0
+
+
+class WorkspaceError(ValueError):
+    """A workspace cannot be laid so; its text is one sentence for the person."""
+
+
+class Workspace:
+    """A horizontal plane, an upright plane facing the person, a cylinder about their axis, or a sphere.
+
+    Planes stay in the room as they were laid. The cylinder's axis and the sphere's centre go with the person
+    and their eyes; the radius stays. Places on it (`uv_m`): planes as `PlaneSolid` from the anchor, the
+    sphere as `SphereSolid`, the cylinder (radius · azimuth, height above the person's feet).
+    """
+
+    def __init__(
+        self,
+        kind: WorkspaceKind,
+        through_m: Vec3,
+        *,
+        feet_m: Vec3,
+        eyes_m: Vec3,
+        grazing_rad: float = GRAZING_RAD,
+    ) -> None:
+        """Lay it.
+
+        Args:
+            kind: its form.
+            through_m: the anchor, {W}.
+            feet_m: where the person stands, {W}.
+            eyes_m: where their ray begins, {W}.
+            grazing_rad: rays closer to parallel do not meet it.
+
+        Raises:
+            WorkspaceError: it would pass through the eyes, or too far away.
+        """
+        self.kind: WorkspaceKind = kind
+        self.solid: Solid = SOLIDS[kind]
+        self._grazing_rad = grazing_rad
+        self._steering_rad = (0.0, 0.0)
+        self._plane: PlaneSolid | None = None
+        away = vector.subtract(through_m, eyes_m)
+        aside = vector.subtract(through_m, feet_m)
+        level: Vec3 = (away[0], away[1], 0.0)
+        if kind == "sphere":
+            self._radius_m = vector.norm(away)
+        elif kind == "horizontal":
+            self._radius_m = abs(away[2])
+        else:
+            flat = away if kind == "facing" else aside
+            self._radius_m = math.hypot(flat[0], flat[1])
+        if self._radius_m < NEAREST_M:
+            raise WorkspaceError(
+                f"a {kind} workspace through there would pass within {NEAREST_M:g} m of the person's eyes: "
+                "choose another anchor or kind"
+            )
+        if vector.norm(away) > FARTHEST_M:
+            raise WorkspaceError(f"a workspace more than {FARTHEST_M:g} m away cannot be pointed at")
+        if kind == "horizontal":
+            self._plane = PlaneSolid(through_m, (0.0, 0.0, 1.0), grazing_rad=grazing_rad)
+        elif kind == "facing":
+            towards = vector.normalized(vector.scale(level, -1.0))
+            self._plane = PlaneSolid(through_m, towards, grazing_rad=grazing_rad)
+
+    def steer(self, direction: Vec3, eyes_m: Vec3, feet_m: Vec3, point_m: Vec3) -> None:
+        """Let the ray along `direction` meet it at `point_m`, and turn all later ones alike.
+
+        A cursor that was drawn to a thing stays where it is seen when it leaves that thing for the workspace.
+
+        Raises:
+            WorkspaceError: seen along there the workspace is too near parallel.
+        """
+        reach = vector.subtract(point_m, eyes_m)
+        self._steering_rad = (
+            vector.wrap(vector.azimuth(reach) - vector.azimuth(direction)),
+            vector.elevation(reach) - vector.elevation(direction),
+        )
+        hit = self.meet(eyes_m, direction, feet_m)
+        if hit is None or math.dist(hit.point_m, point_m) > SAME_M * max(1.0, hit.range_m):
+            raise WorkspaceError(
+                f"the ray is too near parallel to a {self.kind} workspace: point elsewhere, or choose another"
+            )
+
+    def meet(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Hit | None:
+        """Return where the ray from the eyes meets it, with misses to the ray as it is, or none."""
+        steered = self._steered(vector.normalized(direction))
+        if self._plane is not None:
+            ahead, uv_at = self._plane.meet(eyes_m, steered), self._plane.uv_at
+        elif self.kind == "sphere":
+            ahead, uv_at = self._radius_m, SphereSolid(eyes_m, self._radius_m).uv_at
+        else:
+            ahead, uv_at = self._leaves_cylinder(vector.subtract(eyes_m, feet_m), steered), None
+        if ahead is None or ahead > FARTHEST_M:
+            return None
+        point = vector.add(eyes_m, vector.scale(steered, ahead))
+        if uv_at is None:
+            own = vector.subtract(point, feet_m)
+            uv = (self._radius_m * vector.azimuth(own), own[2])
+        else:
+            uv = uv_at(point)
+        return hit_at(0, 0.0, point, eyes_m, direction)._replace(uv_m=uv)
+
+    def _steered(self, direction: Vec3) -> Vec3:
+        across, up = self._steering_rad
+        if across == up == 0.0:
+            return direction
+        elevation = min(max(vector.elevation(direction) + up, -STEEPEST_RAD), STEEPEST_RAD)
+        return vector.direction(vector.azimuth(direction) + across, elevation)
+
+    def _leaves_cylinder(self, own: Vec3, d: Vec3) -> float | None:
+        """Return how far a ray goes from `own`, seen from the feet, till it leaves the cylinder."""
+        square = d[0] * d[0] + d[1] * d[1]
+        if square < 1e-12:
+            return None
+        towards = own[0] * d[0] + own[1] * d[1]
+        gap = own[0] * own[0] + own[1] * own[1] - self._radius_m**2
+        root = towards * towards - square * gap
+        if root < 0.0:
+            return None
+        ahead = (math.sqrt(root) - towards) / square
+        x, y = own[0] + ahead * d[0], own[1] + ahead * d[1]
+        cosine = (d[0] * x + d[1] * y) / self._radius_m
+        return ahead if ahead > 0.0 and cosine > math.sin(self._grazing_rad) else None

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
 from pointit.schemas.environment import (
@@ -20,6 +19,7 @@ from pointit.schemas.environment import (
     Sphere,
     Strip,
 )
+from pointit.services.pui.map_lanes import enters_at, lanes_of, leaves_at
 from pointit.services.pui.map_model import MapFile
 
 
@@ -76,17 +76,13 @@ def environment(
 
 def _links(file: MapFile) -> tuple[BeltLink, ...]:
     """Return the links, positions that were rounded beyond an end set back to it."""
-    lengths = {name: Polyline(line).length_m for name, line in file.lanes.items()}
+    lanes = lanes_of(file)
     return tuple(
         BeltLink(
             source=link.source,
             target=link.target,
-            source_position_m=(
-                None
-                if link.from_position is None
-                else min(max(link.from_position, 0.0), lengths[link.source])
-            ),
-            target_position_m=min(max(link.to_position, 0.0), lengths[link.target]),
+            source_position_m=(None if link.from_position is None else leaves_at(link, lanes[link.source])),
+            target_position_m=enters_at(link, lanes[link.target]),
         )
         for link in file.links
     )

@@ -1,7 +1,7 @@
 """Reads maps: the YAML format of the ROS toolkit, and what it lacks."""
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from pointit.geometry.polyline import Polyline
 from pointit.runtime.complaint import field_names, listed, more_mistakes, shown
 from pointit.runtime.config import read_yaml
 from pointit.runtime.errors import ConfigError
@@ -19,6 +18,7 @@ from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 from pointit.services.pui.cloud_file import read_cloud
 from pointit.services.pui.map_environment import environment
+from pointit.services.pui.map_lanes import broken_references
 from pointit.services.pui.map_model import ENTRIES, CloudEntry, MapFile
 
 PACKAGE = "pointit.services.pui"
@@ -28,14 +28,18 @@ SUFFIX = ".yaml"
 Clouds = dict[str, NDArray[np.float64]]
 """Points in {W}, n x 3, by the cloud's id."""
 
-_OVERHANG_M = 0.01
-"""A position this far off its belt is one that was rounded."""
-
 
 def shipped_maps() -> tuple[str, ...]:
     """Return the names of the maps that come with PointIt."""
     entries = files(PACKAGE).joinpath(FOLDER).iterdir()
     return tuple(sorted(entry.name.removesuffix(SUFFIX) for entry in entries if entry.name.endswith(SUFFIX)))
+
+
+def about_map(path: Path) -> str:
+    """Return the first line of the file at `path` if it is a remark, without its end; else nothing."""
+    with path.open(encoding="utf-8") as file:
+        line = file.readline().strip()
+    return line.lstrip("# ").rstrip(".:") if line.startswith("#") else ""
 
 
 @contextmanager
@@ -90,7 +94,7 @@ def read_map(path: Path, stamp_ns: int) -> Environment:
 
 def _read_map_and_clouds(path: Path, stamp_ns: int) -> tuple[Environment, Clouds]:
     file = read_map_file(path)
-    broken = list(broken_references(file))
+    broken = [f"{where}: {text}" for where, text in broken_references(file)]
     if broken:
         raise ConfigError(f"{path}: {broken[0]}{more_mistakes(len(broken) - 1)}")
     clouds = read_clouds(path, file)
@@ -146,31 +150,6 @@ def travelling(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
             "split it into several sites"
         )
     return room
-
-
-def broken_references(file: MapFile) -> Iterator[str]:
-    """Yield a sentence for each link and bay that names no lane, or a place off its lane.
-
-    Strips are the lanes of a map without belts.
-    """
-    kind, lanes = ("belt" if file.belts else "strip"), file.lanes
-    lengths = {name: Polyline(line).length_m for name, line in lanes.items()}
-    known = f"use one of {listed(lanes)}" if lanes else "the map has neither belts nor strips"
-    for index, link in enumerate(file.links):
-        for end, name, position in (
-            ("from", link.source, link.from_position),
-            ("to", link.target, link.to_position),
-        ):
-            if name not in lanes:
-                yield f"links.{index}.{end}: there is no {kind} {name!r}; {known}"
-            elif position is not None and not -_OVERHANG_M <= position <= lengths[name] + _OVERHANG_M:
-                yield (
-                    f"links.{index}.{end}_position: {position:g} m is off {kind} {name}; "
-                    f"write 0 to {math.floor(lengths[name] * 1000) / 1000:g}"
-                )
-    for bay, name in file.bays.items():
-        if name not in lanes:
-            yield f"bays.{bay}: there is no {kind} {name!r}; {known}"
 
 
 def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:

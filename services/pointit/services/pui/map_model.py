@@ -208,13 +208,6 @@ class MapFile(_Entry):
     spheres: dict[_Name, SphereEntry] = {}
     clouds: dict[_Name, CloudEntry] = {}
 
-    @property
-    def lanes(self) -> dict[str, tuple[Vec3, ...]]:
-        """Return the lines that objects move along: belts, or strips where there are none."""
-        if self.belts:
-            return {name: belt.centerline for name, belt in self.belts.items()}
-        return {name: strip.line for name, strip in self.strips.items()}
-
 
 ENTRIES: dict[str, type[BaseModel]] = {
     "leds": LedEntry,

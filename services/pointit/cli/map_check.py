@@ -1,0 +1,66 @@
+"""`pointit map check`: what is wrong with a map."""
+
+import click
+
+from pointit.cli.map_person import Point, person_option
+from pointit.cli.output import json_option, print_json
+from pointit.runtime.errors import ConfigError
+from pointit.services.pui.finding import Finding, error
+from pointit.services.pui.map_check import check_map, contents
+from pointit.services.pui.map_file import map_path, read_clouds, read_map_file, travelling
+
+COLORS = {"error": "red", "warning": "yellow"}
+
+
+@click.command("check")
+@click.argument("name_or_path", metavar="MAP")
+@person_option
+@click.option("--strict", is_flag=True, help="warnings too make the exit code 1")
+@json_option
+def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json: bool) -> None:
+    """Say what is wrong with MAP, a shipped one or the path of a file, and what to do.
+
+    Errors make something impossible: belts that do not meet, places off a belt, bays on belts that lead on,
+    circles without a way out, lamps that tell no place. Warnings are probably mistakes: strips beside no
+    belt, pixels that do not fit a strip's length, belts that nothing links. The exit code is 1 if there is
+    an error.
+
+    Example: pointit map check ./site.yaml
+    """
+    with map_path(name_or_path) as path:
+        has = ""
+        try:
+            file = read_map_file(path)
+            clouds = read_clouds(path, file)
+        except ConfigError as unreadable:
+            findings = [error(str(path), str(unreadable).removeprefix(f"{path}: "))]
+        else:
+            has = contents(file, clouds)
+            findings = check_map(file, clouds, person_m=person_m)
+            if not any(each.severity == "error" for each in findings):
+                try:
+                    travelling(path, file, clouds, 0)
+                except ConfigError as too_large:
+                    findings.append(error(str(path), str(too_large).removeprefix(f"{path}: ")))
+    if as_json:
+        rows = [{"severity": each.severity, "where": each.where, "text": each.text} for each in findings]
+        print_json({"map": name_or_path, "has": has, "findings": rows})
+    else:
+        _print(name_or_path, has, findings)
+    if any(strict or each.severity == "error" for each in findings):
+        raise SystemExit(1)
+
+
+def _print(name: str, has: str, findings: list[Finding]) -> None:
+    for each in findings:
+        click.echo(
+            f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} {each.where}: {each.text}"
+        )
+    errors = sum(each.severity == "error" for each in findings)
+    warnings = len(findings) - errors
+    counts = [
+        f"{count} {word}{'s' * (count > 1)}"
+        for count, word in ((errors, "error"), (warnings, "warning"))
+        if count
+    ]
+    click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}")

@@ -1,0 +1,73 @@
+"""Draws boxes, planes, cylinders and spheres from above."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Polygon
+
+from pointit.cli.map_ink import ON_TOP, SOLID, SOLID_FILL, Axes
+from pointit.geometry.vector import Vec3, cross, dot, normalized, scale, subtract
+from pointit.schemas import Environment
+from pointit.schemas.environment import Plane
+
+_FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
+LEVEL = 0.999
+"""A plane whose normal rises so much has no side that rises most."""
+
+
+def draw_solids(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the solids of `room`, and return what the legend says of them."""
+    for box in room.boxes:
+        c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
+        outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
+        axes.add_patch(Polygon(outline, **_FILL))
+        _name(axes, box.id, box.center_m)
+    for cylinder in room.cylinders:
+        axes.add_patch(Circle(cylinder.center_m[:2], cylinder.radius_m, **_FILL))
+        _name(axes, cylinder.id, cylinder.center_m)
+    for sphere in room.spheres:
+        axes.add_patch(Circle(sphere.center_m[:2], sphere.radius_m, linestyle=(0, (3, 2)), **_FILL))
+        _name(axes, sphere.id, sphere.center_m)
+    for plane in room.planes:
+        _draw_plane(axes, plane)
+    legend: list[Any] = []
+    if room.boxes or room.planes or room.cylinders or room.spheres:
+        legend.append(
+            Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, plane, cylinder; sphere dashed")
+        )
+    floors = [plane.id for plane in room.planes if plane.size_m is None and abs(plane.normal[2]) >= LEVEL]
+    legend += [Line2D([], [], ls="", label=f"{name}: level, without end") for name in floors]
+    return legend
+
+
+def _draw_plane(axes: Axes, plane: Plane) -> None:
+    x, y, _ = plane.center_m
+    if plane.size_m is None:
+        nx, ny, nz = plane.normal
+        if abs(nz) < LEVEL:  # a level one is everywhere
+            axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
+            _name(axes, f"{plane.id} (without end)", plane.center_m)
+        return
+    u, v = _axes(plane.normal)
+    half_u, half_v = scale(u, plane.size_m[0] / 2), scale(v, plane.size_m[1] / 2)
+    corners = [
+        (x + a * half_u[0] + b * half_v[0], y + a * half_u[1] + b * half_v[1])
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
+    axes.add_patch(Polygon(corners, **look))
+    _name(axes, plane.id, plane.center_m)
+
+
+def _axes(normal: Vec3) -> tuple[Vec3, Vec3]:
+    """Return the plane's u and v axis: v rises most, y where it is level; u is v x normal."""
+    up: Vec3 = (0.0, 1.0, 0.0) if abs(normal[2]) > LEVEL else (0.0, 0.0, 1.0)
+    v = normalized(subtract(up, scale(normal, dot(up, normal))))
+    return cross(v, normal), v
+
+
+def _name(axes: Axes, text: str, center_m: Vec3) -> None:
+    axes.text(*center_m[:2], text, color=SOLID, fontsize=7.5, ha="center", va="center", **ON_TOP)

@@ -34,8 +34,8 @@ from pointit.schemas.topics import (
     STRIPS_FRAME,
 )
 from pointit.services.led_driver.config import LedDriverConfig, OutputConfig, StyleConfig
-from pointit.services.led_driver.render import Renderer
 from pointit.services.led_driver.layout import Layout
+from pointit.services.led_driver.render import Renderer
 from pointit.services.led_driver.scene import Scene
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import Bench, ManualClock, memory_bench, until

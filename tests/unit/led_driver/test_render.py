@@ -1,75 +1,32 @@
 """Each pixel where it should be: directions, ends, states, several cursors, brightness."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.schemas import Strip
+from pointit.geometry.colormap import UnknownColormapError, colormap
+from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
-from pointit.services.led_driver.config import StyleConfig
-from pointit.services.led_driver.render import CursorMark, ObjectMark, Renderer
-
-WHITE, RED, GREEN, BLACK = (255, 255, 255), (200, 0, 0), (0, 100, 0), (0, 0, 0)
-DIM = (50, 0, 0)  # a quarter of RED
-STYLE = StyleConfig(kind_colors={"red": RED}, default_color=(8, 8, 8), idle_level=0.25, edge_m=0.1)
-
-# 10 pixels a metre: pixel k of the line has its centre at 0.05 + 0.1 k
-FORTH = Strip(id="forth", line_m=((0, 0, 0), (1, 0, 0), (1, 1, 0)), pixels=20)
-BACK = Strip(id="back", line_m=((0, 0, 0), (2, 0, 0)), pixels=20, direction=-1)
-
-
-def colors(data: bytes) -> list[tuple[int, int, int]]:
-    return [(data[k], data[k + 1], data[k + 2]) for k in range(0, len(data), 3)]
-
-
-def lit(data: bytes) -> list[int]:
-    return [k for k, color in enumerate(colors(data)) if color != BLACK]
-
-
-def cursor(
-    strip_id: str, position_m: float, width_m: float = 0.3, color: tuple[int, int, int] = WHITE
-) -> CursorMark:
-    return CursorMark(strip_id=strip_id, position_m=position_m, width_m=width_m, color=color)
-
-
-def package(
-    position_m: float,
-    length_m: float = 0.6,
-    *,
-    strip_id: str = "forth",
-    kind: str = "red",
-    selected: bool = False,
-    progress: float = 0.0,
-    hover_color: tuple[int, int, int] | None = None,
-) -> ObjectMark:
-    return ObjectMark(
-        strip_id=strip_id,
-        position_m=position_m,
-        length_m=length_m,
-        kind=kind,
-        selected=selected,
-        progress=progress,
-        hover_color=hover_color,
-    )
-
-
-def drawn(*marks: ObjectMark) -> list[tuple[int, int, int]]:
-    return colors(Renderer([FORTH, BACK], STYLE).render(marks, [])["forth"])
+from pointit.services.led_driver.config import LedDriverConfig, PointerConfig
+from pointit.services.led_driver.layout import Layout
+from pointit.services.led_driver.lights import Lights
+from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
 
 
 def test_a_cursor_lights_the_pixels_around_its_position() -> None:
-    frame = Renderer([FORTH, BACK], STYLE).render([], [cursor("forth", 0.55)])
-    assert lit(frame["forth"]) == [4, 5, 6]
-    assert lit(frame["back"]) == []
+    stage = Stage().profile("anna").point("anna", 0.55)
+    assert stage.lit("forth") == [4, 5, 6]
+    assert stage.lit("back") == []
 
 
 def test_on_a_reversed_strip_pixel_0_is_at_the_end_of_the_line() -> None:
-    frame = Renderer([FORTH, BACK], STYLE).render([], [cursor("back", 0.25, 0.2)])
     # line pixels 2 (centre 0.25) and by rounding none other: wire pixel 19 - 2
-    assert 17 in lit(frame["back"])
-    ends = Renderer([BACK], STYLE).render([], [cursor("back", 0.0, 0.1), cursor("back", 1.99, 0.1)])
-    assert lit(ends["back"]) == [0, 19]
+    assert 17 in Stage().profile("anna", width_m=0.2).point("anna", 0.25, "back").lit("back")
+    ends = Stage().profile("anna", width_m=0.1).profile("ben", width_m=0.1)
+    assert ends.point("anna", 0.0, "back").point("ben", 1.99, "back").lit("back") == [0, 19]
 
 
 @given(st.floats(-0.5, 2.5), st.floats(0.001, 1.0), st.sampled_from(["forth", "back"]), st.integers(1, 300))
@@ -77,14 +34,14 @@ def test_exactly_the_pixels_with_their_centres_under_the_cursor_are_lit(
     position_m: float, width_m: float, strip_id: str, pixels: int
 ) -> None:
     strip = (FORTH if strip_id == "forth" else BACK).model_copy(update={"pixels": pixels})
-    frame = Renderer([strip], STYLE).render([], [cursor(strip_id, position_m, width_m)])
+    stage = Stage(strip).profile("anna", width_m=width_m).point("anna", position_m, strip_id)
     pitch_m = 2.0 / pixels
     centres = (np.arange(pixels) + 0.5) * pitch_m
     if strip_id == "back":
         centres = centres[::-1]
     distance = np.abs(centres - position_m)
     got = np.zeros(pixels, dtype=bool)
-    got[lit(frame[strip_id])] = True
+    got[stage.lit(strip_id)] = True
     rounding = 1e-9
     if (distance < width_m / 2 - rounding).any() or width_m >= pitch_m:
         assert got[distance < width_m / 2 - rounding].all()
@@ -97,106 +54,243 @@ def test_exactly_the_pixels_with_their_centres_under_the_cursor_are_lit(
         assert not got[distance > pitch_m / 2 + 1e-5].any()
 
 
-def test_an_object_is_dim_and_a_selected_one_bright_with_white_ends() -> None:
-    assert drawn(package(0.6))[2:10] == [BLACK, *[DIM] * 6, BLACK]
-    assert drawn(package(0.6, selected=True))[2:10] == [BLACK, WHITE, *[RED] * 4, WHITE, BLACK]
+def test_an_object_is_dim_and_a_selected_one_bright_with_the_owners_ends() -> None:
+    assert Stage().put(item(0.6)).shown()[2:10] == [BLACK, *[DIM] * 6, BLACK]
+    unknown = Stage().put(item(0.6)).select("anna").shown()
+    assert unknown[2:10] == [BLACK, WHITE, *[RED] * 4, WHITE, BLACK]
+    known = Stage().profile("anna", GREEN).put(item(0.6)).select("anna").shown()
+    assert known[2:10] == [BLACK, GREEN, *[RED] * 4, GREEN, BLACK]
 
 
 def test_a_hovered_object_has_ends_in_the_persons_colour_and_fills_with_the_progress() -> None:
-    assert drawn(package(0.6, hover_color=GREEN))[3:9] == [GREEN, *[DIM] * 4, GREEN]
-    assert drawn(package(0.6, hover_color=GREEN, progress=0.7))[3:9] == [GREEN, RED, DIM, DIM, RED, GREEN]
-    assert drawn(package(0.6, hover_color=GREEN, progress=1.0))[3:9] == [GREEN, *[RED] * 4, GREEN]
-    selected = package(0.6, hover_color=GREEN, progress=0.7, selected=True)
-    assert drawn(selected)[3:9] == [GREEN, DIM, RED, RED, DIM, GREEN]
+    def shown(progress: float, *, owner: str = "", **more: Any) -> list[tuple[int, int, int]]:
+        stage = Stage().profile("anna", GREEN).profile("ben", BLUE).put(item(0.6)).select(owner)
+        return stage.hover("anna", progress, **more).shown()[3:9]
+
+    assert shown(0.0) == [GREEN, *[DIM] * 4, GREEN]
+    assert shown(0.7) == [GREEN, RED, DIM, DIM, RED, GREEN]
+    assert shown(1.0, action="select") == [GREEN, *[RED] * 4, GREEN]
+    assert shown(1.0, action="refuse") == [GREEN, *[DIM] * 4, GREEN]  # nothing would change
+    # selected and hovered: both are told, the one pixel of each end has one of them
+    assert shown(0.7, owner="ben") == [BLUE, DIM, RED, RED, DIM, GREEN]
+    assert shown(1.0, owner="ben", action="deselect") == [BLUE, *[DIM] * 4, GREEN]
+    assert shown(1.0, owner="ben", action="select") == [BLUE, *[RED] * 4, GREEN]
+
+
+def margins(stage: Stage) -> list[tuple[int, int, int]]:
+    """Return two pixels from each end of a nine pixels long object at 1.0."""
+    shown = stage.shown()
+    return [*shown[5:7], *shown[12:14]]
+
+
+def wide() -> Stage:
+    people = Stage(edge_m=0.2).profile("anna", GREEN).profile("ben", BLUE).profile("cleo", (9, 9, 9))
+    return people.put(item(0.95, 0.9))
+
+
+def test_margins_tell_hovered_selected_and_both_apart() -> None:
+    told = {
+        "hovered": margins(wide().hover("anna")),
+        "selected": margins(wide().select("anna")),
+        "hovered by another": margins(wide().select("ben").hover("anna")),
+        "hovered by its owner": margins(wide().select("anna").hover("anna")),
+        "by two others": margins(wide().select("cleo").hover("anna").hover("ben")),
+        "idle": margins(wide()),
+    }
+    assert told["hovered"] == told["selected"] == [GREEN] * 4  # told by the body: dim, full
+    assert wide().hover("anna").shown()[9] == DIM
+    assert wide().select("anna").shown()[9] == RED
+    assert told["hovered by another"] == [BLUE, GREEN, GREEN, BLUE]  # the owner outside
+    assert told["hovered by its owner"] == [GREEN, WHITE, WHITE, GREEN]
+    assert set(told["by two others"]) == {(9, 9, 9), GREEN, BLUE}
+    assert told["idle"] == [DIM] * 4
+
+
+def test_a_reservation_is_a_thin_outer_mark_in_the_others_colour() -> None:
+    assert margins(wide().select(reserver="ben")) == [BLUE, DIM, DIM, BLUE]
+    assert margins(wide().select(reserver="ben").hover("anna")) == [BLUE, GREEN, GREEN, BLUE]
+    assert margins(wide().hover("anna", taken_by="ben")) == [BLUE, GREEN, GREEN, BLUE]
+    assert margins(wide().select(reserver="anna").hover("anna")) == [GREEN] * 4
+
+
+PATTERNS = ["solid", "dashed", "dotted", "striped", "hollow", "tailed"]
+
+
+@pytest.mark.parametrize("pixels", [8, 9, 10, 15])
+def test_owners_are_told_by_their_patterns_even_in_nine_pixels(pixels: int) -> None:
+    seen: set[tuple[str, ...]] = set()
+    for pattern in PATTERNS:
+        stage = Stage(edge_m=0.2).profile("anna", GREEN, pattern=pattern)
+        shown = stage.put(item(0.5 + pixels / 20 - 0.001, pixels / 10)).select("anna").shown()
+        signs = tuple({GREEN: "M", RED: "B", GAP: ".", BLACK: " "}[color] for color in shown[5 : 5 + pixels])
+        assert signs[:2] == signs[-2:] == ("M", "M")
+        assert signs.count("B") >= 2  # its kind stays to be seen
+        seen.add(signs)
+    assert len(seen) == len(PATTERNS)
+
+
+def test_the_patterns_of_nine_pixels() -> None:
+    def signs(pattern: str, speed_mps: float = 0.0) -> str:
+        stage = Stage(edge_m=0.2).profile("anna", GREEN, pattern=pattern)
+        shown = stage.put(item(0.95, 0.9, surface_speed_mps=speed_mps)).select("anna").shown()
+        return "".join({GREEN: "M", RED: "B", GAP: "."}[color] for color in shown[5:14])
+
+    assert [signs(pattern) for pattern in PATTERNS] == [
+        "MMBBBBBMM", "MM.BBB.MM", "MMB.B.BMM", "MMBMBMBMM", "MMB...BMM", "MMMMBBBMM"
+    ]  # fmt: skip
+    assert signs("tailed", -0.1) == "MMBBBMMMM"  # behind it
+
+
+def test_what_is_not_selected_has_no_pattern() -> None:
+    stage = wide().profile("anna", GREEN, pattern="hollow").hover("anna")
+    assert stage.shown()[7:12] == [DIM] * 5
+
+
+def test_a_moving_object_has_a_fading_tail_behind_it() -> None:
+    forth = Stage(tail_s=0.2).put(item(1.0, 0.4, surface_speed_mps=2.0)).shown()
+    assert forth[8:12] == [DIM] * 4
+    tail = [color[0] for color in forth[4:8]]
+    assert 0 < tail[0] < tail[1] < tail[2] < tail[3] <= 25
+    assert forth[12] == forth[3] == BLACK
+    back = Stage(tail_s=0.2).put(item(1.0, 0.4, surface_speed_mps=-2.0)).shown()
+    assert back == forth[::-1]
+    assert Stage(tail_s=0.2).put(item(1.0, 0.4)).lit() == [8, 9, 10, 11]
+
+
+def test_tails_lie_beneath_other_objects() -> None:
+    stage = Stage(tail_s=0.2).put(item(0.5, 0.4, id="q"), item(1.0, 0.4, surface_speed_mps=2.0))
+    assert stage.shown()[3:7] == [DIM] * 4
 
 
 def test_an_object_partly_beyond_the_strip_keeps_its_shape() -> None:
-    at_start = drawn(package(0.1, selected=True))
+    at_start = Stage().put(item(0.1)).select("x").shown()
     assert at_start[:5] == [*[RED] * 3, WHITE, BLACK]
-    at_end = drawn(package(1.9, selected=True))
+    at_end = Stage().put(item(1.9)).select("x").shown()
     assert at_end[15:] == [BLACK, WHITE, *[RED] * 3]
-    assert drawn(package(-0.5)) == drawn(package(2.5)) == [BLACK] * 20
+    assert Stage().put(item(-0.5)).shown() == Stage().put(item(2.5)).shown() == [BLACK] * 20
 
 
 def test_a_short_object_is_still_a_pixel_and_keeps_its_colour() -> None:
-    assert drawn(package(0.51, 0.0, selected=True))[4:7] == [BLACK, RED, BLACK]
+    shown = Stage(tail_s=1.0).put(item(0.51, 0.0, surface_speed_mps=0.1)).select("x").shown()
+    assert shown[4:7] == [BLACK, RED, BLACK]
 
 
 @pytest.mark.parametrize(("position_m", "pixel"), [(0.0, 0), (2.0, 19), (-0.01, None), (2.01, None)])
 def test_the_very_ends_belong_to_the_strip(position_m: float, pixel: int | None) -> None:
-    frame = Renderer([FORTH], STYLE).render([], [cursor("forth", position_m, 0.001)])
-    assert lit(frame["forth"]) == ([] if pixel is None else [pixel])
+    stage = Stage(FORTH).profile("anna", width_m=0.001).point("anna", position_m)
+    assert stage.lit() == ([] if pixel is None else [pixel])
 
 
-def test_an_unknown_kind_has_the_default_colour() -> None:
-    assert drawn(package(0.6, kind="?", selected=True))[5] == (8, 8, 8)
-
-
-def test_an_unknown_strip_draws_nothing() -> None:
-    frame = Renderer([FORTH], STYLE).render([package(0.5, strip_id="x")], [cursor("x", 0.5)])
-    assert lit(frame["forth"]) == []
+def test_an_unknown_kind_has_the_default_colour_and_an_unknown_line_draws_nothing() -> None:
+    assert Stage().put(item(0.6, kind="?")).select("x").shown()[5] == (8, 8, 8)
+    assert Stage().put(item(0.5, surface_id="x")).point("anna", 0.5, "x").lit() == []
+    assert Stage().put(item(0.5, surface="none")).point("anna", 0.5, surface="none").lit() == []
 
 
 def test_cursors_lie_on_top_of_objects() -> None:
-    frame = Renderer([FORTH], STYLE).render(
-        [package(0.6, selected=True)], [cursor("forth", 0.55, color=GREEN)]
-    )
-    assert colors(frame["forth"])[3:9] == [WHITE, GREEN, GREEN, GREEN, RED, WHITE]
+    stage = Stage(FORTH).profile("anna", GREEN).put(item(0.6)).select("x").point("anna", 0.55)
+    assert stage.shown()[3:9] == [WHITE, GREEN, GREEN, GREEN, RED, WHITE]
 
 
 def test_overlapping_cursors_alternate_and_lone_parts_stay_whole() -> None:
-    frame = Renderer([FORTH, BACK], STYLE).render(
-        [], [cursor("forth", 0.5, 0.6), cursor("forth", 0.8, 0.6, GREEN), cursor("back", 1.0)]
-    )
-    got = colors(frame["forth"])
+    stage = Stage().profile("anna", WHITE, 0.6).profile("ben", GREEN, 0.6).profile("cleo")
+    stage.point("anna", 0.5).point("ben", 0.8).point("cleo", 1.0, "back")
+    got = stage.shown()
     assert got[2:5] == [WHITE] * 3
     assert got[5:8] == [GREEN, WHITE, GREEN]
     assert got[8:11] == [GREEN] * 3
-    assert lit(frame["forth"]) == list(range(2, 11))
-    assert len(lit(frame["back"])) in (3, 4)
+    assert stage.lit() == list(range(2, 11))
+    assert len(stage.lit("back")) in (3, 4)
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_where_many_cursors_meet_everybody_is_seen(count: int) -> None:
-    marks = [cursor("forth", 1.0, 1.2, (k + 1, 0, 0)) for k in range(count)]
-    got = colors(Renderer([FORTH], STYLE).render([], marks)["forth"])
-    window = [color[0] for color in got[5:15]]
+    stage = Stage(FORTH)
+    for k in range(count):
+        stage.profile(f"u{k}", (k + 1, 0, 0), 1.0).point(f"u{k}", 1.0)
+    window = [color[0] for color in stage.shown()[5:15]]
     for start in range(len(window) - count):
         assert set(window[start : start + count]) == set(range(1, count + 1))
 
 
+def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
+    def color(pointer: PointerConfig, **miss: float) -> tuple[int, int, int]:
+        stage = Stage(pointer=pointer).profile("anna", GREEN, cursor_colormap="viridis")
+        return stage.point("anna", 0.55, **miss).shown()[5]
+
+    angle, metres = PointerConfig(range_deg=10.0), PointerConfig(distance="metres", range_m=2.0)
+    viridis = colormap("viridis")
+    assert color(angle, miss_rad=0.0, miss_m=9.0) == viridis.rgb(1.0)
+    assert color(angle, miss_rad=np.radians(2.5), miss_m=9.0) == viridis.rgb(0.75)
+    assert color(angle, miss_rad=1.0) == viridis.rgb(0.0)
+    assert color(metres, miss_rad=1.0, miss_m=0.5) == viridis.rgb(0.75)
+
+
+def test_an_unknown_colormap_is_refused_and_the_colour_shown() -> None:
+    stage = Stage()
+    with pytest.raises(UnknownColormapError, match="viridis"):
+        stage.profile("anna", GREEN, cursor_colormap="rainbow")
+    assert stage.point("anna", 0.55).shown()[5] == GREEN
+
+
+def test_the_true_cursor_is_drawn_unless_the_snapped_one_is_asked_for() -> None:
+    def lit(pointer: PointerConfig) -> list[int]:
+        stage = Stage(pointer=pointer).profile("anna").point("anna", 0.55)
+        return stage.hover("anna", snapped_position_m=0.85).lit()
+
+    assert lit(PointerConfig()) == [4, 5, 6]
+    assert lit(PointerConfig(draw_snapped=True)) == [7, 8, 9]
+    stage = Stage(pointer=PointerConfig(draw_snapped=True)).profile("anna").point("anna", 0.55)
+    assert stage.hover("anna").lit() == [4, 5, 6]  # drawn to nothing
+
+
 def test_brightness_scales_everything() -> None:
-    renderer = Renderer([FORTH], STYLE)
-    full = renderer.render([package(0.6)], [cursor("forth", 1.5)])["forth"]
-    renderer.set_brightness(0.5)
-    half = renderer.render([package(0.6)], [cursor("forth", 1.5)])["forth"]
-    assert list(half) == [round(value / 2) for value in full]
-    renderer.set_brightness(0.0)
-    assert not any(renderer.render([package(0.6)], [cursor("forth", 1.5)])["forth"])
+    stage = Stage(FORTH).profile("anna").put(item(0.6)).point("anna", 1.5)
+    full = stage.shown()
+    stage.lights.set_brightness(0.5)
+    assert stage.shown() == [tuple(round(value / 2) for value in color) for color in full]
+    stage.lights.set_brightness(0.0)
+    assert stage.lit() == []
 
 
 def test_a_frame_keeps_nothing_of_the_one_before() -> None:
-    renderer = Renderer([FORTH, BACK], STYLE)
-    renderer.render([package(0.6)], [cursor("back", 1.0)])
-    assert not any(b"".join(renderer.render([], []).values()))
+    stage = Stage().put(item(0.6)).point("anna", 1.0, "back")
+    assert stage.lit()
+    assert stage.lit("back")
+    stage.put().point("anna", 1.0, surface="none")
+    assert stage.lit() == stage.lit("back") == []
 
 
-def test_a_line_without_length_is_refused() -> None:
+def test_a_line_without_length_is_refused_and_the_map_before_stays() -> None:
+    stage = Stage()
+    broken = FORTH.model_copy(update={"line_m": ((0, 0, 0), (0, 0, 0))})
     with pytest.raises(ValueError, match="two different vertices"):
-        Renderer([FORTH.model_copy(update={"line_m": ((0, 0, 0), (0, 0, 0))})])
+        stage.lights.on_map(Environment(stamp_ns=0, name="bad", strips=(broken,)))
+    assert set(stage.frame()) == {"forth", "back"}
 
 
 def test_more_pixels_than_a_frame_holds_are_refused() -> None:
     line = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     strips = [Strip(id=f"strip_{n}", line_m=line, pixels=4096) for n in range(65)]
-    assert len(Renderer(strips[:64]).render([], [])) == 64
+    assert Layout(strips[:64]).count == 64 * 4096
     with pytest.raises(ValueError, match="266240 pixels together, a frame holds 262144"):
-        Renderer(strips)
+        Layout(strips)
 
 
 @pytest.mark.parametrize("end_m", [1e-8, 2.0])
 @pytest.mark.parametrize("position_m", [-FARTHEST_ALONG, FARTHEST_ALONG])
 def test_cursors_beyond_the_world_light_nothing_however_many(end_m: float, position_m: float) -> None:
     strip = Strip(id="a", line_m=((0.0, 0.0, 0.0), (end_m, 0.0, 0.0)), pixels=20)
-    marks = [CursorMark(strip_id="a", position_m=position_m, width_m=1.0, color=(9, 9, 9))] * 3
-    assert Renderer([strip]).render([], marks) == {"a": bytes(60)}
+    stage = Stage(strip).put(item(position_m, 1.0, surface_id="a"))
+    for user in "abc":
+        stage.profile(user, (9, 9, 9), 1.0).point(user, position_m, "a")
+    assert stage.lit("a") == []
+
+
+def test_without_a_map_there_is_no_frame_and_without_strips_an_empty_one() -> None:
+    lights = Lights(LedDriverConfig())
+    assert lights.frame(0) is None
+    lights.on_map(Environment(stamp_ns=0, name="dark"))
+    frame = lights.frame(5)
+    assert frame is not None
+    assert (frame.strips, frame.stamp_ns) == ((), 5)

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from pointit.geometry.colormap import colormap
 from pointit.runtime.config import Config
 
 Board = Literal["v1", "v2", "v3"]
@@ -49,6 +50,15 @@ class OutputConfig(Config):
     baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
     board: Board = Field(
         default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
+    )
+    gamma: float = Field(
+        default=2.2, ge=1, le=4, description="of the eye: LEDs are sent v to the power of it; 1: as it is"
+    )
+    current_per_pixel_ma: float = Field(
+        default=60.0, gt=0, le=1000, description="current of one white pixel, mA, for the estimate"
+    )
+    max_current_a: float | None = Field(
+        default=None, gt=0, le=1000, description="frames that need more are dimmed, A; empty: none is"
     )
     channels: dict[str, ChannelConfig] = Field(
         default={}, description="by strip id; empty: the strips in the map's order on channels 0, 1, 2 ..."
@@ -108,6 +118,34 @@ class PointerConfig(Config):
     range_m: float = Field(default=0.5, gt=0, le=1000, description="the same of the distance, m")
 
 
+class LampsConfig(Config):
+    """Lamps that show by their colour how far a ray passes them; pui says which, when it is asked to."""
+
+    colormap: str = Field(
+        default="viridis", description="its end is for a lamp that is hit, its start for those far away"
+    )
+    range_deg: float = Field(default=30.0, gt=0, le=180, description="angle that counts as far away")
+    localization_timeout_s: float = Field(
+        default=60.0, gt=0, le=3600, description="who is silent for so long while localizing has crashed, s"
+    )
+
+    @field_validator("colormap")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        colormap(name)
+        return name
+
+
+class StateLampConfig(Config):
+    """How the state lamp looks."""
+
+    idle_color: Color = Field(default=(40, 40, 40), description="while nobody points")
+    pointing_color: Color = Field(default=(0, 120, 60), description="while anybody points")
+    localizing_color: Color = Field(default=(0, 60, 255), description="pulses while anybody localizes")
+    pulse_hz: float = Field(default=1.0, gt=0, le=2, description="pulses a second while localizing")
+    flash_s: float = Field(default=0.4, ge=0.1, le=5, description="length of a cue's flash, s")
+
+
 class LedDriverConfig(Config):
     """How strips look, how often they are drawn, and where they are sent."""
 
@@ -124,4 +162,9 @@ class LedDriverConfig(Config):
     )
     style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
     pointer: PointerConfig = Field(default=PointerConfig(), description="cursors")
+    lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
+    state_lamp: Annotated[str, Field(pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.\-]{0,63})?$")] = Field(
+        default="", description="id of a lamp that shows the state of the site; empty: none does"
+    )
+    state: StateLampConfig = Field(default=StateLampConfig(), description="how that one looks")
     outputs: tuple[OutputConfig, ...] = Field(default=(), description="the controllers")

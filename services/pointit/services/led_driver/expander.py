@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import serial
 
@@ -12,9 +13,13 @@ from pointit.runtime.serial_port import PortSettings, SerialThread
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver import upxl
 from pointit.services.led_driver.config import OutputConfig
+from pointit.services.led_driver.power import Load, Power
 
 KEEP_ALIVE_S = 1.0
 """An unchanged frame is sent again after this: a board that was plugged in or lost a frame recovers."""
+
+LIMIT_SHOWN_S = 2.0
+"""That frames were dimmed is said for so long: health is looked at once a second."""
 
 CHANNELS = 64
 BITS_PER_BYTE = 10
@@ -51,12 +56,22 @@ class Picture:
         return upxl.draw_time_s(max((len(rgb) // 3 for _, _, rgb in self.channels), default=0))
 
 
+class Account(Warnings, Protocol):
+    """Where an output gives account of itself; `ServiceBus` is one."""
+
+    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+        """Show a number of its own; none takes it away."""
+        ...
+
+
 class ExpanderOutput:
     """Sends frames to one expander from a thread of its own; unsent frames give way to newer ones."""
 
-    def __init__(self, config: OutputConfig, warnings: Warnings) -> None:
+    def __init__(self, config: OutputConfig, account: Account) -> None:
         self._config = config
-        self._warnings = warnings
+        self._account = account
+        self._power = Power(config)
+        self._limited_s = -LIMIT_SHOWN_S
         self._wirings: tuple[Wiring, ...] = ()
         self._change = threading.Condition()
         self._newest: Picture | None = None
@@ -70,23 +85,36 @@ class ExpanderOutput:
         """Take the map's strips; says in health what of them the board cannot show."""
         self._wirings, problems = wire(self._config, strips)
         if problems:
-            self._warnings.warn(self._topic("wiring"), f"{self._config.port}: " + "; ".join(problems))
+            self._account.warn(self._topic("wiring"), f"{self._config.port}: " + "; ".join(problems))
         else:
-            self._warnings.clear(self._topic("wiring"))
+            self._account.clear(self._topic("wiring"))
 
     def show(self, frame: StripsFrame) -> None:
         """Have `frame` sent; returns at once."""
         pixels = {strip.id: strip.rgb for strip in frame.strips}
+        shown = [wiring for wiring in self._wirings if wiring.strip_id in pixels]
+        data, load = self._power.send([pixels[each.strip_id][: 3 * each.pixels] for each in shown])
+        self._tell(load)
         picture = Picture(
-            tuple(
-                (wiring.channel, wiring.order, pixels[wiring.strip_id][: 3 * wiring.pixels])
-                for wiring in self._wirings
-                if wiring.strip_id in pixels
-            )
+            tuple((each.channel, each.order, rgb) for each, rgb in zip(shown, data, strict=True))
         )
         with self._change:
             self._newest = picture
             self._change.notify()
+
+    def _tell(self, load: Load) -> None:
+        self._account.figure(self._topic("current"), load.drawn_a, "A")
+        now_s = time.monotonic()
+        if load.limited:
+            self._limited_s = now_s
+            self._account.warn(
+                self._topic("current"),
+                f"{self._config.port}: frames need up to {load.wanted_a:.1f} A and are dimmed to "
+                f"{self._config.max_current_a} A; lower the brightness, or give more power and raise "
+                "`max_current_a`",
+            )
+        elif now_s - self._limited_s >= LIMIT_SHOWN_S:
+            self._account.clear(self._topic("current"))
 
     async def run(self) -> None:
         """Send until cancelled; the strips are dark afterwards."""
@@ -101,9 +129,9 @@ class ExpanderOutput:
 
     def _on_port_change(self, why: str) -> None:
         if why:
-            self._warnings.warn(self._topic("port"), f"LED controller: {why}")
+            self._account.warn(self._topic("port"), f"LED controller: {why}")
         else:
-            self._warnings.clear(self._topic("port"))
+            self._account.clear(self._topic("port"))
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
         """Send what is newest whenever wire and board are ready; in the port's thread."""

@@ -15,6 +15,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import Color, LedDriverConfig
+from pointit.services.led_driver.lamps import Lamps
 from pointit.services.led_driver.layout import Layout
 from pointit.services.led_driver.render import Renderer
 from pointit.services.led_driver.scene import Scene
@@ -27,6 +28,7 @@ class Lights:
         """Begin without a map: nothing to draw on."""
         self._config = config
         self._scene = Scene(config)
+        self._lamps = Lamps(config)
         self._layout: Layout | None = None
         self._renderer: Renderer | None = None
         self._seq = 0
@@ -49,6 +51,7 @@ class Lights:
         self._renderer = Renderer(layout, self._config.style)
         self._layout = layout
         self._scene.set_layout(layout)
+        self._lamps.forget_lamps()
 
     def on_profile(self, user: str, profile: UserProfile) -> None:
         """Take `user`'s colour, pattern and cursor.
@@ -61,6 +64,7 @@ class Lights:
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Take where `user` points."""
         self._scene.set_cursor(user, cursor, now_ns)
+        self._lamps.on_cursor(user, cursor, now_ns)
 
     def on_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""
@@ -75,10 +79,12 @@ class Lights:
         self._scene.set_selection(selection)
 
     def on_localization(self, user: str, localization: Localization) -> None:
-        """Take how `user`'s localization goes."""
+        """Take how `user`'s localization goes: it needs the lamps."""
+        self._lamps.on_localization(user, localization)
 
-    def on_feedback(self, user: str, feedback: Feedback, now_ns: int) -> None:
-        """Take a cue for `user`."""
+    def on_feedback(self, user: str, feedback: Feedback, now_ns: int) -> None:  # noqa: ARG002 - as all others
+        """Take a cue for `user`: the state lamp flashes in its colour."""
+        self._lamps.on_feedback(feedback)
 
     def frame(self, now_ns: int) -> StripsFrame | None:
         """Return the strips as they are to be seen at `now_ns`; none before there is a map."""
@@ -99,6 +105,15 @@ class Lights:
         """Return when the strips change although nothing more is heard: something grows too old."""
         return self._scene.next_change_ns()
 
+    @property
+    def has_lamps(self) -> bool:
+        """Whether there is any lamp that it has a say in."""
+        return self._lamps.any
+
     def lamp_colors(self, now_ns: int) -> dict[str, Color]:
-        """Return the colours of the lamps that it has a say in at `now_ns`."""
-        return {}
+        """Return the colours at `now_ns` of the lamps that it has a say in then; others are left alone."""
+        return self._lamps.colors(now_ns)
+
+    def next_lamp_change_ns(self, now_ns: int) -> int | None:
+        """Return when lamps change although nothing more is heard."""
+        return self._lamps.next_change_ns(now_ns)

@@ -1,17 +1,22 @@
 """Reads the map, cursors, objects and their states; writes every strip's pixels, and sends them on."""
 
 import asyncio
+from collections import Counter
 from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
 from pointit.runtime import ConfigError, Context, Service
+from pointit.runtime.bus import Publisher
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
     Done,
     Environment,
+    Feedback,
     Hover,
+    LampColor,
+    Localization,
     Selection,
     SetBrightness,
     TrackedObjects,
@@ -19,7 +24,10 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import (
     CURSOR,
+    FEEDBACK,
     HOVER,
+    LAMP_COLOR,
+    LOCALIZATION,
     MAP,
     OBJECTS,
     PROFILE,
@@ -27,10 +35,14 @@ from pointit.schemas.topics import (
     SET_BRIGHTNESS,
     STRIPS_FRAME,
 )
-from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.config import Color, LedDriverConfig
 from pointit.services.led_driver.expander import ExpanderOutput
+from pointit.services.led_driver.lamps import DARK
 from pointit.services.led_driver.lights import Lights
 from pointit.services.led_driver.pacing import Pacer
+
+LAMP_PERIOD_S = 1 / 20
+"""Lamps change no faster."""
 
 
 class LedDriver(Service[LedDriverConfig]):
@@ -51,6 +63,12 @@ class LedDriver(Service[LedDriverConfig]):
         self._pacer = Pacer(config.max_rate_hz, config.patience_s)
         self._frame_timer: asyncio.TimerHandle | None = None
         self._expiry_timer: asyncio.TimerHandle | None = None
+        self._lamp_timer: asyncio.TimerHandle | None = None
+        self._lamps_s = -LAMP_PERIOD_S
+        self._lamps: dict[str, Publisher[LampColor]] = {}
+        self._lit: dict[str, Color] = {}
+        """What lamps were last told; those that others have a say in now are not among them."""
+        self._lamp_seqs = Counter[str]()
         self._ended = False
         self._outputs = self._make_outputs()
         self._frames = self.bus.publisher(STRIPS_FRAME)
@@ -58,12 +76,14 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(PROFILE, self._on_profile)
         self.bus.subscribe(SELECTION, self._on_selection)
+        self.bus.subscribe(LOCALIZATION, self._on_localization)
+        self.bus.subscribe(FEEDBACK, self._on_feedback)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(HOVER, self._on_hover)
         self.bus.subscribe(CURSOR, self._on_cursor)
 
     async def run(self) -> None:
-        """Have the outputs send; the drawing itself is driven by what arrives."""
+        """Have the outputs send; the drawing itself is driven by what arrives. Ends with dark lamps."""
         try:
             async with asyncio.TaskGroup() as group:
                 for output in self._outputs:
@@ -71,9 +91,10 @@ class LedDriver(Service[LedDriverConfig]):
                 await asyncio.Event().wait()
         finally:
             self._ended = True
-            for timer in (self._frame_timer, self._expiry_timer):
+            for timer in (self._frame_timer, self._expiry_timer, self._lamp_timer):
                 if timer is not None:
                     timer.cancel()
+            self._light(dict.fromkeys(self._lit, DARK))
 
     def _make_outputs(self) -> list[ExpanderOutput]:
         wanted = [output for output in self.config.outputs if output.kind == "expander"]
@@ -99,6 +120,7 @@ class LedDriver(Service[LedDriverConfig]):
         for output in self._outputs:
             output.set_strips(environment.strips)
         self._wish()
+        self._wish_lamps()
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         try:
@@ -124,6 +146,15 @@ class LedDriver(Service[LedDriverConfig]):
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self._lights.on_cursor(user, cursor, self.clock.now_ns())
         self._wish(fresh=True)
+        self._wish_lamps()
+
+    def _on_localization(self, localization: Localization, user: str) -> None:
+        self._lights.on_localization(user, localization)
+        self._wish_lamps()
+
+    def _on_feedback(self, feedback: Feedback, user: str) -> None:
+        self._lights.on_feedback(user, feedback, self.clock.now_ns())
+        self._wish_lamps()
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
         self._lights.set_brightness(query.brightness)
@@ -153,6 +184,47 @@ class LedDriver(Service[LedDriverConfig]):
         for output in self._outputs:
             output.show(frame)
         self._watch_expiry(now_ns)
+
+    def _wish_lamps(self) -> None:
+        """Have the lamps looked at, soon."""
+        if self._lights.has_lamps:
+            self._look_at_lamps_in(0.0)
+
+    def _look_at_lamps_in(self, wait_s: float) -> None:
+        if self._ended:
+            return
+        loop = asyncio.get_running_loop()
+        at_s = max(loop.time() + wait_s, self._lamps_s + LAMP_PERIOD_S)
+        if self._lamp_timer is not None:
+            if self._lamp_timer.when() <= at_s:
+                return
+            self._lamp_timer.cancel()
+        self._lamp_timer = self.bus.call_later(max(at_s - loop.time(), 0.0), self._shine)
+
+    def _shine(self) -> None:
+        """Tell the lamps what changed."""
+        if self._lamp_timer is not None:
+            self._lamp_timer.cancel()
+            self._lamp_timer = None
+        if self._ended or not self._lights.has_lamps:
+            return
+        self._lamps_s = asyncio.get_running_loop().time()
+        now_ns = self.clock.now_ns()
+        colors = self._lights.lamp_colors(now_ns)
+        self._light(colors)
+        self._lit = colors
+        change_ns = self._lights.next_lamp_change_ns(now_ns)
+        if change_ns is not None:
+            self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
+
+    def _light(self, colors: dict[str, Color]) -> None:
+        for lamp_id, color in colors.items():
+            if self._lit.get(lamp_id) == color:
+                continue
+            if lamp_id not in self._lamps:
+                self._lamps[lamp_id] = self.bus.publisher(LAMP_COLOR, lamp_id)
+            self._lamp_seq += 1
+            self._lamps[lamp_id].put(LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seq, color=color))
 
     def _watch_expiry(self, now_ns: int) -> None:
         """Have a frame drawn when something grows old; one timer at a time, which looks again."""

@@ -85,6 +85,11 @@ class Subscription(Closable, Protocol):
 class Bus(Protocol):
     """Publish, subscribe, ask, serve, be present."""
 
+    @property
+    def site(self) -> str:
+        """Return the name of the site that was joined."""
+        ...
+
     def publisher(self, topic: Topic[M], name: str = "") -> Publisher[M]:
         """Declare a writer of the key `topic.at(name)`; declare once, put often."""
         ...

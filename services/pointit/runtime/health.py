@@ -230,6 +230,11 @@ class ServiceBus:
         return timer
 
     @property
+    def site(self) -> str:
+        """Return the name of the site."""
+        return self._bus.site
+
+    @property
     def trouble(self) -> str:
         """Return what is wrong with the bus itself."""
         return self._bus.trouble

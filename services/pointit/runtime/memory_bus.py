@@ -235,6 +235,11 @@ class MemoryBus:
         self._tasks: set[asyncio.Task[Any]] = set()
 
     @property
+    def site(self) -> str:
+        """Return a name for what has no site: one process by itself."""
+        return "memory"
+
+    @property
     def trouble(self) -> str:
         """Return nothing: this bus works or is closed."""
         return ""

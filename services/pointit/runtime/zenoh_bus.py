@@ -50,6 +50,11 @@ class ZenohBus(MemoryBus):
         return self._watch is None or self._watch.up
 
     @property
+    def site(self) -> str:
+        """Return the name of the site that was joined."""
+        return self.link.site
+
+    @property
     def trouble(self) -> str:
         """Return that the router is lost, if it is."""
         return "" if self._watch is None else self._watch.trouble

@@ -51,7 +51,14 @@ class Selecting:
             display_lag_s=config.display_lag_s,
             ended_after_s=config.unseen_after_s,
         )
-        self._scene = Scene(stale_after_s=config.objects_stale_after_s, display_lag_s=config.display_lag_s)
+        self._scene = Scene(
+            stale_after_s=config.objects_stale_after_s,
+            display_lag_s=config.display_lag_s,
+            reach_rad=math.radians(
+                max(config.gauge.sparse_deg, 4.0 * config.gauge.aim_sigma_deg, 4.0 * config.gauge.snap_deg)
+            ),
+            leave=config.gauge.leave,
+        )
         self._presences = Presences(config.ownerless_after_s)
         self._ledger = Ledger(self._presences.is_gone, undo_steps=config.undo_steps)
         self._reservations = Reservations(config.reserve_s)
@@ -67,6 +74,11 @@ class Selecting:
         for entry in entries.values():
             self._presences.hear(entry.user, now_ns)
         self._departures.await_(entries, now_ns)
+
+    @property
+    def has_selected(self) -> bool:
+        """Return whether anything is selected."""
+        return bool(self._ledger.entries)
 
     def selection(self, now_ns: int) -> Selection:
         """Return what is selected and reserved now."""

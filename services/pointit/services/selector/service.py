@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
 from pointit.runtime.service import Scope
+from pointit.runtime.state import state_directory
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,
@@ -34,6 +35,8 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.journal import Journal, Kept
+from pointit.services.selector.outputs import event_of
 from pointit.services.selector.selecting import Output, Selecting
 
 JUDGE_S = 0.5
@@ -49,11 +52,12 @@ class Selector(Service[SelectorConfig]):
 
     def __init__(self, config: SelectorConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._selecting = Selecting(config)
+        self._journal = self._open_journal(config)
+        self._selecting = Selecting(config, self._journal.add if self._journal else None)
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
-        self._selections.put(self._selecting.selection(self.clock.now_ns()))
+        self._begin(self.clock.now_ns())
         self.bus.serve(CLEAR_SELECTION, self._clear)
         self.bus.serve(UNDO_SELECTION, self._undo)
         self.bus.serve(RELEASE_OBJECT, self._release)
@@ -64,12 +68,45 @@ class Selector(Service[SelectorConfig]):
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     async def run(self) -> None:
-        """Mind what ends without a message."""
-        while True:
-            await sleep(self.clock, JUDGE_S)
-            now_ns = self.clock.now_ns()
-            self._put(self._selecting.pass_time(now_ns))
-            self._mind_silence(now_ns)
+        """Mind what ends without a message, and the journal; let go of that at the end."""
+        try:
+            while True:
+                await sleep(self.clock, JUDGE_S)
+                now_ns = self.clock.now_ns()
+                self._put(self._selecting.pass_time(now_ns))
+                self._mind_silence(now_ns)
+                self._mind_journal(now_ns)
+        finally:
+            if self._journal is not None:
+                self._mind_journal(self.clock.now_ns())
+                self._journal.close()
+
+    def _open_journal(self, config: SelectorConfig) -> Journal | None:
+        kept = config.journal
+        folder = state_directory() / self.bus.site / self.NAME
+        if not kept.enabled:
+            return None
+        return Journal(folder, keep_days=kept.keep_days, restore_within_s=kept.restore_within_s)
+
+    def _begin(self, now_ns: int) -> None:
+        """Take up what was selected before a restart, and tell again what may not have been told."""
+        kept = Kept() if self._journal is None else self._journal.begin(now_ns)
+        self._selecting.restore(kept.entries, kept.events, now_ns)
+        self._selections.put(self._selecting.selection(now_ns))
+        for record in kept.untold:
+            event = event_of(record, record.seq or 0, again=True)
+            if event is not None:
+                self._events.put(event)
+        self._mind_journal(now_ns)
+
+    def _mind_journal(self, now_ns: int) -> None:
+        if self._journal is None:
+            return
+        self._journal.mind(now_ns, is_selected=self._selecting.has_selected)
+        if self._journal.problem:
+            self.bus.warn("journal", self._journal.problem)
+        else:
+            self.bus.clear("journal")
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._put(self._selecting.on_map(environment))
@@ -100,7 +137,10 @@ class Selector(Service[SelectorConfig]):
         return Done(message=_what_was_done(outputs))
 
     def _put(self, outputs: list[Output]) -> list[Output]:
-        """Publish `outputs` and return them."""
+        """Publish `outputs`, which the journal has by then, and return them."""
+        journal = self._journal
+        if journal is not None:
+            journal.commit(self.clock.now_ns())
         for output in outputs:
             message = output.message
             if isinstance(message, Hover):
@@ -111,6 +151,8 @@ class Selector(Service[SelectorConfig]):
                 self._selections.put(message)
             else:
                 self._events.put(message)
+                if journal is not None:
+                    journal.tell(message.seq)
         return outputs
 
     def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:

@@ -1,7 +1,6 @@
 """How fast a ray turns: a robust estimate over a fraction of a second."""
 
 import math
-from collections import deque
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -14,51 +13,49 @@ FEWEST = 2
 class Steadiness:
     """Keeps the last directions of one person's ray and says how fast it turns.
 
-    The window is cut in the middle; the speed is the way from the median direction of its older half to
-    that of its newer half, over the time between their means. A single wrong sample changes a median
-    little, and tremor of 6 to 12 Hz, whose momentary speed is as high as that of slow pointing, is
-    levelled out.
+    The rays of the window are cut in two halves; the speed is the way from the median direction of the
+    older to that of the newer, over the time between. A single wrong sample changes a median little, and
+    tremor of 6 to 12 Hz, whose momentary speed is as high as that of slow pointing, is levelled out.
     """
 
     def __init__(self, window_s: float) -> None:
         self._window_ns = round(window_s * NS_PER_S)
-        self._rays: deque[tuple[int, float, float]] = deque()
-        """Stamp, azimuth (without jumps at half a turn) and elevation."""
+        self._stamps_ns: list[int] = []
+        self._azimuths: list[float] = []
+        """Without jumps at half a turn."""
+        self._elevations: list[float] = []
 
     def clear(self) -> None:
         """Forget all rays."""
-        self._rays.clear()
+        self._stamps_ns.clear()
+        self._azimuths.clear()
+        self._elevations.clear()
 
     def add(self, stamp_ns: int, direction: Vec3) -> None:
         """Take the ray of `stamp_ns`, later than those before, with its unit direction in {W}."""
-        rays = self._rays
+        stamps_ns, azimuths = self._stamps_ns, self._azimuths
         azimuth = vector.azimuth(direction)
-        if rays:
-            azimuth = rays[-1][1] + vector.wrap(azimuth - rays[-1][1])
-        rays.append((stamp_ns, azimuth, vector.elevation(direction)))
+        if azimuths:
+            azimuth = azimuths[-1] + vector.wrap(azimuth - azimuths[-1])
+        stamps_ns.append(stamp_ns)
+        azimuths.append(azimuth)
+        self._elevations.append(vector.elevation(direction))
         oldest_ns = stamp_ns - self._window_ns
-        while len(rays) > FEWEST and rays[0][0] < oldest_ns:
-            rays.popleft()
+        old = 0
+        while len(stamps_ns) - old > FEWEST and stamps_ns[old] < oldest_ns:
+            old += 1
+        if old:
+            del stamps_ns[:old], azimuths[:old], self._elevations[:old]
 
     def rate(self) -> tuple[float, float] | None:
         """Return the speed towards greater azimuth (on the sphere) and up, rad/s; none: not known yet."""
-        rays = self._rays
-        if len(rays) < FEWEST:
+        count = len(self._stamps_ns)
+        if count < FEWEST:
             return None
-        middle_ns = (rays[0][0] + rays[-1][0]) // 2
-        older = [ray for ray in rays if ray[0] <= middle_ns]
-        newer = [ray for ray in rays if ray[0] > middle_ns]
-        base_ns = rays[0][0]
-        span_s = (
-            sum(ray[0] - base_ns for ray in newer) / len(newer)
-            - sum(ray[0] - base_ns for ray in older) / len(older)
-        ) / NS_PER_S
-        turned = _median([ray[1] for ray in newer]) - _median([ray[1] for ray in older])
-        raised = _median([ray[2] for ray in newer]) - _median([ray[2] for ray in older])
-        return turned * math.cos(rays[-1][2]) / span_s, raised / span_s
-
-
-def _median(values: list[float]) -> float:
-    values.sort()
-    half = len(values) // 2
-    return values[half] if len(values) % 2 else (values[half - 1] + values[half]) / 2.0
+        half = count // 2  # of an odd number the middle one is in neither
+        middle = half // 2
+        span_s = (self._stamps_ns[count - half + middle] - self._stamps_ns[middle]) / NS_PER_S
+        azimuths, elevations = self._azimuths, self._elevations
+        turned = sorted(azimuths[-half:])[middle] - sorted(azimuths[:half])[middle]
+        raised = sorted(elevations[-half:])[middle] - sorted(elevations[:half])[middle]
+        return turned * math.cos(elevations[-1]) / span_s, raised / span_s

@@ -1,0 +1,91 @@
+"""The journal's table of events: its statements, its rows as records, and reading it beside its writer."""
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pointit.services.selector.outputs import Record
+
+FILE = "journal.sqlite"
+LAYOUT = 1
+"""Of the tables; a file with a higher number was written by a newer version."""
+
+BUSY_S = 0.05
+"""How long a writer waits for somebody else's lock."""
+READ_BUSY_S = 2.0
+"""How long a reader does."""
+
+TABLES = """
+CREATE TABLE IF NOT EXISTS events (
+    id INTEGER PRIMARY KEY,
+    stamp_ns INTEGER NOT NULL, event TEXT NOT NULL, object_id TEXT NOT NULL, kind TEXT NOT NULL,
+    user TEXT NOT NULL, owner TEXT NOT NULL, since_ns INTEGER NOT NULL, cause TEXT NOT NULL,
+    method TEXT NOT NULL, confidence REAL, reason TEXT NOT NULL, seq INTEGER
+);
+CREATE INDEX IF NOT EXISTS events_of_object ON events (object_id, id);
+CREATE INDEX IF NOT EXISTS events_told ON events (seq);
+CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
+"""
+
+COLUMNS = "stamp_ns, event, object_id, kind, user, owner, since_ns, cause, method, confidence, reason, seq"
+# All parts of these statements are constants of this file; what varies are their parameters.
+INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * 12)})"  # noqa: S608 - see above
+UNTOLD = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
+OPEN_IDS = (
+    "SELECT id FROM events WHERE event = 'selected' AND id IN "
+    "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"
+)
+OPEN = f"SELECT {COLUMNS} FROM events WHERE id IN ({OPEN_IDS}) ORDER BY id"  # noqa: S608 - see above
+PRUNE = (
+    "DELETE FROM events WHERE id IN (SELECT id FROM events WHERE stamp_ns < ? "  # noqa: S608 - see above
+    f"AND id NOT IN ({OPEN_IDS}) ORDER BY id LIMIT ?)"
+)
+AUDIT = (
+    f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND (? = '' OR user = ? OR owner = ?) "  # noqa: S608 - see above
+    "AND (? = '' OR object_id = ?) ORDER BY id"
+)
+
+
+def row_of(record: Record) -> tuple[object, ...]:
+    """Return `record` as a row of `COLUMNS`."""
+    return (
+        record.stamp_ns,
+        record.event,
+        record.object_id,
+        record.kind,
+        record.user,
+        record.owner,
+        record.since_ns,
+        record.cause,
+        record.method,
+        record.confidence,
+        record.reason,
+        record.seq,
+    )
+
+
+def record_of(row: tuple[Any, ...]) -> Record:
+    """Return a row of `COLUMNS` as a record."""
+    names = COLUMNS.split(", ")
+    return Record(**dict(zip(names, row, strict=True)))
+
+
+def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "") -> Iterator[Record]:
+    """Yield what happened, the oldest first, while a selector may be writing.
+
+    Args:
+        path: of the journal.
+        user: what they did, or what was done to what is theirs; empty: everybody.
+        since_ns: nothing before.
+        object_id: of one object; empty: of all.
+
+    Raises:
+        sqlite3.Error: the file cannot be read.
+    """
+    db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=READ_BUSY_S)
+    try:
+        for row in db.execute(AUDIT, (since_ns, user, user, user, object_id, object_id)):
+            yield record_of(row)
+    finally:
+        db.close()

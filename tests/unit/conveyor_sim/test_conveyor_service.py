@@ -189,7 +189,7 @@ async def first_id(start_ns: int) -> str:
     belt = Belt(id="a", line_m=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
     async with memory_bench(ManualClock(start_ns)) as bench:
         lists = bench.collect(OBJECTS)
-        bench.start(ConveyorSim, config(surface="belt"))
+        bench.start(ConveyorSim, config(surface="belt", resume_within_s=0.0))
         bench.put(MAP, Environment(stamp_ns=1, name="hall", belts=(belt,)))
         await until(lambda: bool(lists) and bool(lists[-1].objects))
         assert lists[-1].objects[0].surface == "belt"

@@ -1,14 +1,14 @@
 """Parameters of the simulated conveyor."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pointit.runtime.config import Config
 
 
 class FeederConfig(Config):
-    """What is put on the lanes, and when."""
+    """What is put on the lanes in turn, and when."""
 
     sequence: tuple[str, ...] = Field(
         default=("red", "green", "blue"),
@@ -24,17 +24,109 @@ class FeederConfig(Config):
     )
 
 
+class NamedFeederConfig(Config):
+    """A feeder at the start of one belt."""
+
+    belt: str = Field(description="id of the belt at whose start it feeds")
+    sequence: tuple[str, ...] = Field(
+        default=(), description="kinds in this order, over and over; or give probabilities"
+    )
+    probabilities: dict[str, float] = Field(
+        default={}, description="kind to how often it comes, relative to the others; or give a sequence"
+    )
+    min_interval_s: float = Field(
+        default=4.0, gt=0, le=3600, description="shortest time from one package to the next, s"
+    )
+    max_interval_s: float = Field(
+        default=7.0, gt=0, le=3600, description="longest time from one package to the next, s"
+    )
+    length_m: float = Field(default=0.3, gt=0, le=5, description="length of the packages, m")
+    count: int = Field(default=0, ge=0, description="packages fed in all; 0: without end")
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        if bool(self.sequence) == bool(self.probabilities):
+            raise ValueError("give a sequence of kinds or their probabilities, one of both")
+        if self.probabilities and not (
+            min(self.probabilities.values()) >= 0 < sum(self.probabilities.values())
+        ):
+            raise ValueError("probabilities are numbers from 0 on, one of them above 0")
+        if self.min_interval_s > self.max_interval_s:
+            raise ValueError("min_interval_s must not be above max_interval_s")
+        return self
+
+
+class TrackingConfig(Config):
+    """What a real tracker gets wrong; as it is, nothing."""
+
+    noise_m: float = Field(
+        default=0.0, ge=0, le=1, description="standard deviation of reported positions along the belt, m"
+    )
+    missed_share: float = Field(
+        default=0.0, ge=0, lt=1, description="share of the packages missing in a report, each by itself"
+    )
+    dropout_share: float = Field(default=0.0, ge=0, lt=1, description="share of the reports lost, in bursts")
+    dropout_s: float = Field(default=0.4, gt=0, le=60, description="how long a burst is on average, s")
+    latency_s: float = Field(
+        default=0.0, ge=0, le=5, description="how old a report's content and stamp are when it comes, s"
+    )
+
+
 class ConveyorSimConfig(Config):
-    """Which lines of the map are lanes, how fast they move, what is fed."""
+    """What of the map moves and how fast, what is fed, where it goes, what is kept."""
 
     surface: Literal["strip", "belt"] = Field(
         default="belt", description="belt: the map's belts; strip: its LED strips taken as belts"
     )
     lanes: tuple[str, ...] = Field(
-        default=(), description="ids of the belts or strips in the map; empty: all of them"
+        default=(), description="ids of the belts or strips of the map that move; empty: all of them"
     )
     speed_mps: float = Field(
-        default=0.5, ge=-5, le=5, description="speed at the start, m/s; negative: towards the lines' starts"
+        default=0.5, ge=-10, le=10, description="speed at the start, m/s; negative: towards the lines' starts"
     )
     rate_hz: float = Field(default=25.0, gt=0, le=200, description="how often objects are reported, Hz")
-    feeder: FeederConfig = Field(default=FeederConfig(), description="what is put on the lanes, and when")
+    seed: int = Field(default=0, ge=0, description="of everything random: the same seed, the same packages")
+    bay_selected: str = Field(default="1", description="bay of the map to which selected packages go")
+    bay_rest: str = Field(default="3", description="bay of the map to which all others go")
+    longest_m: float = Field(
+        default=0.4,
+        gt=0,
+        le=5,
+        description="longest package that a network of belts takes, m; so far it keeps junctions clear",
+    )
+    feeder: FeederConfig = Field(
+        default=FeederConfig(), description="what is put on the lanes in turn, without feeders and schedule"
+    )
+    feeders: dict[str, NamedFeederConfig] = Field(
+        default={}, description="feeders by name, instead of `feeder`"
+    )
+    schedule: str = Field(
+        default="", description="a file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"
+    )
+    schedule_length_m: float = Field(
+        default=0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
+    )
+    kinds: dict[str, str] = Field(
+        default={"0": "blue", "1": "red"}, description="what a schedule's numbers of kinds mean"
+    )
+    feeder_belts: dict[str, str] = Field(
+        default={}, description="belts of a schedule's feeders; else those of the same name, belt_, part_"
+    )
+    tracking: TrackingConfig = Field(default=TrackingConfig(), description="what a real tracker gets wrong")
+    resume_within_s: float = Field(
+        default=60.0,
+        ge=0,
+        le=86400,
+        description="after a restart within this time it goes on with the packages it had, s; 0: never",
+    )
+    site: str = Field(default="lab", description="name under which its packages are kept on this machine")
+
+    @property
+    def longest_fed_m(self) -> float:
+        """Return the length that junctions are laid out for, m."""
+        lengths = [self.longest_m, *(feeder.length_m for feeder in self.feeders.values())]
+        if self.schedule:
+            lengths.append(self.schedule_length_m)
+        elif not self.feeders and self.feeder.sequence:
+            lengths.append(self.feeder.length_m)
+        return max(lengths)

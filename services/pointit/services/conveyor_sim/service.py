@@ -3,8 +3,7 @@
 import asyncio
 from typing import ClassVar
 
-from pointit.geometry.polyline import Polyline
-from pointit.runtime import Context, RefusedError, Service, ticks
+from pointit.runtime import ConfigError, Context, RefusedError, Service, ticks
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     NS_PER_S,
@@ -15,9 +14,7 @@ from pointit.schemas import (
     Environment,
     ResetConveyor,
     Selection,
-    SelectionEvent,
     SetSpeed,
-    TrackedObjects,
 )
 from pointit.schemas.topics import (
     ADD_PACKAGE,
@@ -30,9 +27,11 @@ from pointit.schemas.topics import (
     SET_SPEED,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.conveyor import Conveyor, NoRoomError, UnknownLaneError
-from pointit.services.conveyor_sim.feeder import Feeder
-from pointit.services.conveyor_sim.lane import Lane
+from pointit.services.conveyor_sim.keeping import fingerprint
+from pointit.services.conveyor_sim.memory import Memory
+from pointit.services.conveyor_sim.plant import NoRoomError, Plant, UnknownLaneError, UnusableMapError
+from pointit.services.conveyor_sim.schedule import check_schedule
+from pointit.services.conveyor_sim.tracking import Tracker
 
 TRACKER = "conveyor"
 """Under this name its objects are reported."""
@@ -53,13 +52,15 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def __init__(self, config: ConveyorSimConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._conveyor: Conveyor | None = None
-        self._has_lanes = asyncio.Event()
-        self._lines: dict[str, Polyline] = {}
-        self._owners: dict[str, str] = {}
+        self._plant: Plant | None = None
+        self._tracker: Tracker | None = None
+        self._mark = ""
+        self._memory = Memory(config, self.bus)
+        self._is_resumed = False
+        self._has_plant = asyncio.Event()
+        self._owners: dict[str, str] | None = None
         self._stepped_ns = 0
         self._seq = 0
-        self._events_seq = 0
         self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps)
         self._objects = self.bus.publisher(OBJECTS, TRACKER)
         self._states = self.bus.publisher(CONVEYOR_STATE)
@@ -71,137 +72,132 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self.bus.subscribe(SELECTION, self._on_selection)
         self.bus.subscribe(MAP, self._on_map)
 
+    @classmethod
+    def check(cls, config: ConveyorSimConfig) -> None:
+        """Refuse a schedule that cannot be read.
+
+        Raises:
+            ConfigError: names the file and what is wrong in it.
+        """
+        check_schedule(config)
+
     async def run(self) -> None:
-        """Step and report, once there are lanes."""
-        await self._has_lanes.wait()
-        async for now_ns in ticks(self.clock, self.config.rate_hz):
-            self._report(self._ready(), now_ns)
+        """Step and report, once there are lanes; keep what there is at the end."""
+        await self._has_plant.wait()
+        try:
+            self._resume()
+            async for now_ns in ticks(self.clock, self.config.rate_hz):
+                self._report(self._ready(), now_ns)
+        finally:
+            if self._plant is not None:
+                self._memory.keep(self._plant, self._mark, self.clock.now_ns())
+            self._memory.close()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._owners = {selected.id: selected.user for selected in selection.objects}
+        if self._plant is not None and self._is_resumed:
+            self._plant.select(self._owners, self.clock.now_ns())
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        lines = self._choose(environment)
-        if lines is None or _same(lines, self._lines):
+        mark = fingerprint(environment, self.config)
+        before = self._plant
+        if before is not None and mark == self._mark:
             return
-        config, feeder = self.config, self.config.feeder
-        before = self._conveyor
-        self._lines = lines
-        self._stepped_ns = self.clock.now_ns()
-        self._conveyor = Conveyor(
-            [Lane(config.surface, lane_id, line) for lane_id, line in lines.items()],
-            Feeder(
-                feeder.sequence,
-                interval_s=feeder.interval_s,
-                length_m=feeder.length_m,
-                count=feeder.count,
-            ),
-            speed_mps=config.speed_mps if before is None else before.speed_mps,
-            initial=feeder.initial,
-            prefix=f"{self._stepped_ns // 1_000_000:x}",  # unique across restarts and maps
-            start_ns=self._stepped_ns,
-        )
-        if self._conveyor.fed < feeder.initial:
+        now_ns = self.clock.now_ns()
+        try:
+            plant = Plant(environment, self.config, seed=self.config.seed, start_ns=now_ns)
+        except (UnusableMapError, ConfigError) as error:
+            self.bus.warn("map", str(error))
+            return
+        self.bus.clear("map")
+        self._plant, self._mark, self._stepped_ns = plant, mark, now_ns
+        self._tracker = Tracker(self.config.tracking, plant.network.lines, seed=self.config.seed)
+        if before is not None:
+            plant.set_speed(before.state(now_ns).speed_mps)
+        if self._owners is not None:
+            plant.select(self._owners, now_ns)
+        self._check_initial(plant)
+        self._has_plant.set()
+
+    def _check_initial(self, plant: Plant) -> None:
+        initial = 0 if self.config.feeders or self.config.schedule else self.config.feeder.initial
+        if plant.fed < initial:
             self.bus.warn(
                 "initial",
-                f"feeder.initial: {feeder.initial} were asked for, {self._conveyor.fed} put on the lanes: "
+                f"feeder.initial: {initial} were asked for, {plant.fed} put on the lanes: "
                 "there is no room, or no kind, for more",
             )
-        self._has_lanes.set()
+        else:
+            self.bus.clear("initial")
 
-    def _choose(self, environment: Environment) -> dict[str, Polyline] | None:
-        """Return the lines that are lanes; none, with a warning, when the map does not have them."""
-        surface = self.config.surface
-        there = environment.strips if surface == "strip" else environment.belts
-        lines = {line.id: line.line_m for line in there}
-        wanted = self.config.lanes or tuple(lines)
-        missing = [lane_id for lane_id in wanted if lane_id not in lines]
-        if missing or not wanted:
-            what = f"no {surface} {missing[0]!r}" if missing else f"no {surface}s"
-            listed = ", ".join(lines) or "none"
-            self.bus.warn(
-                "map",
-                f"lanes: map {environment.name!r} has {what}, there are {listed}; set surface and lanes",
-            )
-            return None
-        try:
-            chosen = {lane_id: Polyline(lines[lane_id]) for lane_id in wanted}
-        except ValueError as error:
-            self.bus.warn("map", f"lanes: a {surface} of map {environment.name!r} is no lane: {error}")
-            return None
-        self.bus.clear("map")
-        return chosen
+    def _resume(self) -> None:
+        """Go on with what a conveyor before this one kept, if it is fresh and of the same map."""
+        plant = self._plant
+        if plant is not None:
+            for event in self._memory.resume(plant, self._mark, self.clock):
+                self._events.put(event)
+            if self._owners is not None:
+                plant.select(self._owners, self.clock.now_ns())
+        self._is_resumed = True
 
     async def _on_add(self, query: AddPackage, _name: str) -> AddPackageReply:
-        conveyor = self._up_to_date()
+        plant = self._up_to_date()
         try:
-            item = conveyor.add(query.kind, query.lane, query.length_m)
+            object_id = plant.add(query.kind, query.lane, query.length_m)
         except (NoRoomError, UnknownLaneError) as error:
             raise RefusedError(str(error)) from error
-        self._report(conveyor, self._stepped_ns)
-        return AddPackageReply(object_id=item.id, message=f"{item.kind} {item.id} is on the conveyor")
+        self._report(plant, self._stepped_ns)
+        return AddPackageReply(object_id=object_id, message=f"{query.kind} {object_id} is on the conveyor")
 
     async def _on_speed(self, query: SetSpeed, _name: str) -> Done:
-        conveyor = self._up_to_date()
-        conveyor.set_speed(query.speed_mps)
-        self._report(conveyor, self._stepped_ns)
-        return Done(message=f"the conveyor runs at {query.speed_mps:g} m/s")
+        plant = self._up_to_date()
+        try:
+            plant.set_speed(query.speed_mps, query.belts)
+        except UnknownLaneError as error:
+            raise RefusedError(str(error)) from error
+        self._report(plant, self._stepped_ns)
+        what = f"{', '.join(query.belts)} of the conveyor runs" if query.belts else "the conveyor runs"
+        return Done(message=f"{what} at {query.speed_mps:g} m/s")
 
     async def _on_reset(self, _query: ResetConveyor, _name: str) -> Done:
-        conveyor = self._up_to_date()
-        size = conveyor.size
-        conveyor.reset()
-        self._report(conveyor, self._stepped_ns)
+        plant = self._up_to_date()
+        size = plant.size
+        plant.reset()
+        self._report(plant, self._stepped_ns)
         return Done(message=f"{size} objects taken off, the feeder starts again")
 
-    def _ready(self) -> Conveyor:
-        if self._conveyor is None:
+    def _ready(self) -> Plant:
+        if self._plant is None or not self._is_resumed:
             raise RefusedError("the conveyor has no lanes yet: no map with them came; is pui running?")
-        return self._conveyor
+        return self._plant
 
-    def _up_to_date(self) -> Conveyor:
-        conveyor = self._ready()
-        self._advance(conveyor, self.clock.now_ns())
-        return conveyor
+    def _up_to_date(self) -> Plant:
+        plant = self._ready()
+        self._advance(plant, self.clock.now_ns())
+        return plant
 
-    def _advance(self, conveyor: Conveyor, now_ns: int) -> None:
+    def _advance(self, plant: Plant, now_ns: int) -> None:
         stall_s = max(STALL_S * self.clock.speed, STALL_PERIODS / self.config.rate_hz)
         if now_ns - self._stepped_ns > stall_s * NS_PER_S:
-            conveyor.stand_still(now_ns)
+            plant.stand_still(now_ns)
         self._stepped_ns = now_ns
-        for item in conveyor.step(now_ns):
-            self._events_seq += 1
-            self._events.put(
-                SelectionEvent(
-                    stamp_ns=now_ns,
-                    seq=self._events_seq,
-                    event="left",
-                    object_id=item.id,
-                    kind=item.kind,
-                    user=self._owners.get(item.id, ""),
-                )
-            )
+        events = self._memory.keep(plant, self._mark, now_ns, plant.step(now_ns))
+        for event in events:
+            self._events.put(event)
+        if events:
+            self._memory.told()
 
-    def _report(self, conveyor: Conveyor, now_ns: int) -> None:
-        self._advance(conveyor, now_ns)
-        self._seq += 1
-        self._objects.put(TrackedObjects(stamp_ns=now_ns, seq=self._seq, objects=tuple(conveyor.tracked())))
+    def _report(self, plant: Plant, now_ns: int) -> None:
+        self._advance(plant, now_ns)
+        report = None if self._tracker is None else self._tracker.report(plant.tracked(now_ns))
+        if report is not None:
+            self._seq += 1
+            self._objects.put(report.model_copy(update={"seq": self._seq}))
+        state = plant.state(now_ns)
         last = self._state
-        if (conveyor.speed_mps, conveyor.fed, conveyor.left) != (last.speed_mps, last.fed, last.left):
-            self._state = ConveyorState(
-                stamp_ns=now_ns,
-                seq=last.seq + 1,
-                speed_mps=conveyor.speed_mps,
-                fed=conveyor.fed,
-                left=conveyor.left,
-            )
+        if state.model_copy(update={"stamp_ns": last.stamp_ns, "seq": last.seq}) != last:
+            self._state = state.model_copy(update={"seq": last.seq + 1})
             self._states.put(self._state)
-
-
-def _same(a: dict[str, Polyline], b: dict[str, Polyline]) -> bool:
-    return list(a) == list(b) and all(
-        a[lane_id].vertices_m.tolist() == b[lane_id].vertices_m.tolist() for lane_id in a
-    )
 
 
 SERVICE = ConveyorSim

@@ -1,0 +1,163 @@
+"""Who may pass a zone: first come, first served, and only who can leave it again."""
+
+from dataclasses import dataclass
+
+from pointit.services.conveyor_sim.network import Network
+from pointit.services.conveyor_sim.package import Package
+from pointit.services.conveyor_sim.routes import END, Routes
+from pointit.services.conveyor_sim.zones import SHARP, Gate, Zones
+
+PAST_M = 1e-6
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """Somebody before a zone."""
+
+    arrival: int
+    turn: int
+    """When it asked last; who does not ask any more does not wait."""
+    lane: tuple[str | int, ...]
+    is_exclusive: bool
+    is_ready: bool
+    """Whether there is room behind the zone."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Passage:
+    """A way through a zone."""
+
+    way: tuple[int, ...]
+    lane: tuple[str | int, ...]
+    is_exclusive: bool
+    exit_m: float
+    """Offset on the last piece of the way where the zone ends."""
+
+
+class CrossingGuard:
+    """Lets packages into zones."""
+
+    def __init__(self, network: Network, routes: Routes, zones: Zones, held: list[list[Package]]) -> None:
+        """Look at the packages by piece in `held`, which others move."""
+        self._pieces = network.pieces
+        self._routes = routes
+        self._zones = zones
+        self._held = held
+        self._inside: list[dict[str, Package]] = [{} for _ in range(zones.count)]
+        self._waiting: list[dict[str, _Waiting]] = [{} for _ in range(zones.count)]
+        self._arrivals = 0
+        self.turn = 0
+        """Counts the steps of the conveyor."""
+
+    def clear(self) -> None:
+        """Have nobody in any zone."""
+        for inside, waiting in zip(self._inside, self._waiting, strict=True):
+            inside.clear()
+            waiting.clear()
+
+    def restore(self, package: Package) -> None:
+        """Have `package` be in the zone that it says."""
+        self._inside[package.zone][package.id] = package
+
+    def leave(self, package: Package) -> None:
+        """Have `package` be out of its zone, if it is in one."""
+        if package.zone >= 0:
+            self._inside[package.zone].pop(package.id, None)
+            package.leave_zone()
+
+    def is_free(self, zone: int) -> bool:
+        """Return whether nobody is in `zone`."""
+        return not self._inside[zone]
+
+    def take(self, package: Package, gate: Gate) -> None:
+        """Have `package`, which has just been put on, be in the zone of `gate`, where nobody else is."""
+        passage = self._passage(package, gate, package.piece)
+        self._enter(package, gate.zone, passage)
+
+    def admits(self, package: Package, gate: Gate, piece: int) -> bool:
+        """Let `package` pass the zone of `gate` on `piece`, which it is about to enter, or not yet."""
+        passage = self._passage(package, gate, piece)
+        return self._decide(package, gate.zone, passage, is_ready=self._has_room(package, gate, passage))
+
+    def admits_back(self, package: Package, gate: Gate) -> bool:
+        """Let `package`, whose belt runs backwards, into the zone of `gate` on its piece, or not yet."""
+        lane = ("belt", self._pieces[package.piece].belt)
+        return self._decide(package, gate.zone, _Passage((), lane, False, gate.end_m), is_ready=True)
+
+    def _decide(self, package: Package, zone: int, passage: _Passage, *, is_ready: bool) -> bool:
+        waiting = self._waiting[zone]
+        mine = waiting.get(package.id)
+        if mine is None or mine.turn < self.turn - 1:
+            self._arrivals += 1
+            mine = _Waiting(self._arrivals, self.turn, passage.lane, passage.is_exclusive, is_ready)
+            waiting[package.id] = mine
+        mine.turn, mine.lane, mine.is_exclusive = self.turn, passage.lane, passage.is_exclusive
+        mine.is_ready = is_ready
+        if not is_ready:
+            return False
+        for other in self._inside[zone].values():
+            if passage.is_exclusive or other.is_exclusive or other.lane != passage.lane:
+                return False
+        for name, rival in list(waiting.items()):
+            if rival.turn < self.turn - 1:
+                del waiting[name]
+            elif rival.arrival < mine.arrival and rival.is_ready and rival.lane != passage.lane:
+                return False
+        del waiting[package.id]
+        self._enter(package, zone, passage)
+        return True
+
+    def _enter(self, package: Package, zone: int, passage: _Passage) -> None:
+        package.zone, package.way = zone, passage.way
+        package.lane, package.is_exclusive = passage.lane, passage.is_exclusive
+        self._inside[zone][package.id] = package
+
+    def _passage(self, package: Package, gate: Gate, piece: int) -> _Passage:
+        way: list[int] = [] if piece == package.piece else [piece]
+        here, inside = piece, gate
+        while inside.end_m > self._pieces[here].length_m:
+            following = self._routes.next_of(here, package.bay)
+            if following == END or following in way:
+                break
+            onward = next(
+                (g for g in self._zones.gates[following] if g.zone == gate.zone and g.start_m < 0.0), None
+            )
+            if onward is None:  # the zone ends where this piece does
+                break
+            here, inside = following, onward
+            way.append(here)
+        first, last = self._pieces[piece], self._pieces[here]
+        exit_m = min(inside.end_m, last.length_m)
+        along = first.direction(max(gate.start_m, 0.0)) @ last.direction(exit_m)
+        belts = {self._pieces[index].belt for index in (piece, *way)}
+        is_straight_on = len(belts) == 1 and not any(self._pieces[i].is_bridge for i in (piece, *way))
+        lane: tuple[str | int, ...] = ("belt", first.belt) if is_straight_on else (piece, *way)
+        return _Passage(tuple(way), lane, not is_straight_on and float(along) < SHARP, exit_m)
+
+    def _has_room(self, package: Package, gate: Gate, passage: _Passage) -> bool:
+        """Return whether all that is on its way out of the zone, and `package`, fit before the next zone."""
+        here = passage.way[-1] if passage.way else package.piece
+        lengths_m = [other.length_m for other in self._inside[gate.zone].values()]
+        room_m, from_m = 0.0, passage.exit_m
+        seen: set[int] = set()
+        while here not in seen:
+            seen.add(here)
+            piece = self._pieces[here]
+            wall = next((g for g in self._zones.gates[here] if g.start_m >= from_m - PAST_M), None)
+            to_m = piece.length_m if wall is None else wall.start_m
+            lengths_m += [
+                other.length_m for other in self._held[here] if from_m <= other.offset_m <= to_m + PAST_M
+            ]
+            room_m += to_m - from_m
+            if wall is not None:
+                needed_m = sum(lengths_m) + package.length_m
+                ends_m = (lengths_m[0] if lengths_m else package.length_m) / 2.0 + package.length_m / 2.0
+                return needed_m - ends_m <= room_m + PAST_M
+            if piece.bay and piece.bay == package.bay:
+                return True
+            here, from_m = self._routes.next_of(here, package.bay), 0.0
+            if here == END:
+                return True
+            if any(g.start_m < 0.0 for g in self._zones.gates[here]):  # a zone begins with the piece
+                return not lengths_m or sum(lengths_m) <= room_m + PAST_M
+        return True

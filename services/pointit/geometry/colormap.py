@@ -17,7 +17,7 @@ ERROR = 4
 
 REVERSED = "_r"
 
-_TABLES: dict[str, tuple[str, ...]] = {
+_TABLES: dict[str, str] = {
     "viridis": (
         "440154470d6048186a482374472d7b4536814240863f49893b528b375a8d33638d2f6a8e2c728e297a8e26818e23898e"
         "21908d1f988b1e9f8821a68527ae8031b57b3dbc744cc26c5cc9636ece5881d44c96d840abdc32c0df24d5e219eae519"
@@ -119,7 +119,7 @@ def colormap(name: str) -> Colormap:
         raise UnknownColormapError(
             f"there is no colormap {name!r}; use one of {', '.join(_TABLES)}, with _r for reversed"
         )
-    nodes = np.frombuffer(bytes.fromhex("".join(table)), dtype=np.uint8).reshape(NODES, 3)
+    nodes = np.frombuffer(bytes.fromhex(table), dtype=np.uint8).reshape(NODES, 3)
     at, places = np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, NODES)
     colors = np.column_stack([np.rint(np.interp(at, places, nodes[:, channel])) for channel in range(3)])
     return Colormap(name, (colors[::-1] if name.endswith(REVERSED) else colors).astype(np.uint8))

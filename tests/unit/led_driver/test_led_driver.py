@@ -13,6 +13,8 @@ from pointit.schemas import (
     Cursor,
     Environment,
     Hover,
+    LampMiss,
+    Localization,
     SelectedObject,
     Selection,
     SetBrightness,
@@ -26,6 +28,8 @@ from pointit.schemas.topics import (
     CURSOR,
     HEALTH,
     HOVER,
+    LAMP_COLOR,
+    LOCALIZATION,
     MAP,
     OBJECTS,
     PROFILE,
@@ -206,6 +210,64 @@ async def test_brightness_by_request() -> None:
         await until(lambda: max(pixels(frames[-1], "a").values()) == (51, 51, 51))
 
 
+async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:
+    async with memory_bench() as bench:
+        reports = bench.collect(HEALTH)
+        frames = await started(bench)
+        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_colormap="rainbow"), "anna")
+        await until(lambda: bool(reports) and any("no colormap 'rainbow'" in w for w in reports[-1].warnings))
+        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_colormap="viridis"), "anna")
+        await until(lambda: not reports[-1].warnings)
+        assert frames
+
+
+async def test_lamps_are_told_what_changes_and_are_dark_at_the_end() -> None:
+    clock = ManualClock()
+    told: list[tuple[str, tuple[int, ...]]] = []
+    async with memory_bench(clock) as bench:
+        bench.bus.subscribe(LAMP_COLOR, lambda news, lamp: told.append((lamp, news.color)))
+        await started(bench, FAST.model_copy(update={"state_lamp": "state"}))
+        await until(lambda: told == [("state", (40, 40, 40))])
+        near = cursor(clock, 0.5).model_copy(update={"lamps": (LampMiss(id="a", miss_rad=0.0),)})
+        bench.put(CURSOR, near, "anna")
+        await until(lambda: {lamp for lamp, _ in told[1:]} == {"a", "state"})
+        count = len(told)
+        for _ in range(3):
+            bench.put(CURSOR, near, "anna")
+            await asyncio.sleep(0.06)
+        assert len(told) == count  # nothing changed
+        bench.put(LOCALIZATION, Localization(stamp_ns=1, phase="sampling", target_id="a"), "ben")
+        await until(lambda: told[-1][1][0] == 0 < told[-1][1][2])  # the state lamp pulses
+        count = len(told)
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        await asyncio.sleep(0.06)
+        assert all(lamp == "state" for lamp, _ in told[count:])
+        bench.put(LOCALIZATION, Localization(stamp_ns=1, phase="solved"), "ben")
+        await bench.settle()
+        count = len(told)
+        clock.advance(0.1)
+        await asyncio.sleep(0.06)
+        clock.advance(0.2)
+        await until(lambda: "a" in {lamp for lamp, _ in told[count:]}, what="lamp a again")
+    assert dict(told) == {"a": (0, 0, 0), "state": (0, 0, 0)}
+
+
+async def test_lamps_change_twenty_times_a_second_at_most() -> None:
+    clock = ManualClock()
+    told: list[float] = []
+    async with memory_bench(clock) as bench:
+        loop = asyncio.get_running_loop()
+        bench.bus.subscribe(LAMP_COLOR, lambda _news, _lamp: told.append(loop.time()))
+        await started(bench)
+        began_s = loop.time()
+        for step in range(200):
+            lamps = (LampMiss(id="a", miss_rad=step % 50 / 100),)
+            bench.put(CURSOR, cursor(clock, 0.5).model_copy(update={"lamps": lamps}), "anna")
+            clock.advance(0.002)
+            await asyncio.sleep(0.002)
+        assert 2 <= len(told) <= (loop.time() - began_s) * 20 + 2
+
+
 async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
@@ -328,6 +390,23 @@ async def test_the_expander_gets_a_throw_away_frame_keep_alives_and_darkness_at_
         await until(lambda: colored(bytes(stream))[-4:] == [True, False, False, False])
         one = 2 * SET_SIZE + DRAW_SIZE
         assert stream[:one] == stream[one : 2 * one]  # the first may be swallowed
+
+
+async def test_what_an_expander_draws_is_shown_and_said_when_it_is_too_much(tmp_path: Path) -> None:
+    clock = ManualClock()
+    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), max_current_a=0.05)
+    async with memory_bench(clock) as bench:
+        reports = bench.collect(HEALTH)
+        frames = await started(bench, FAST.model_copy(update={"outputs": (output,)}))
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        await next_frame(frames)
+        await until(lambda: any("dimmed to 0.05 A" in text for text in reports[-1].warnings))
+        figure = next(figure for figure in reports[-1].figures if figure.name.startswith("current"))
+        assert figure.unit == "A"
+        assert 0.04 < figure.value <= 0.05
+        bench.put(CURSOR, cursor(clock, 9.0), "anna")
+        await next_frame(frames)
+        await until(lambda: any(figure.value == 0.0 for figure in reports[-1].figures))
 
 
 async def test_the_expander_may_come_late_and_come_back(tmp_path: Path) -> None:

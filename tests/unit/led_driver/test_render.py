@@ -214,7 +214,7 @@ def test_where_many_cursors_meet_everybody_is_seen(count: int) -> None:
 
 
 def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
-    def color(pointer: PointerConfig, **miss: float) -> tuple[int, int, int]:
+    def color(pointer: PointerConfig, **miss: Any) -> tuple[int, int, int]:
         stage = Stage(pointer=pointer).profile("anna", GREEN, cursor_colormap="viridis")
         return stage.point("anna", 0.55, **miss).shown()[5]
 

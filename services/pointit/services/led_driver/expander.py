@@ -21,6 +21,9 @@ KEEP_ALIVE_S = 1.0
 LIMIT_SHOWN_S = 2.0
 """That frames were dimmed is said for so long: health is looked at once a second."""
 
+FIGURE_NAME = 50
+"""So many letters of the port's name are in that of its figure."""
+
 CHANNELS = 64
 BITS_PER_BYTE = 10
 """On the wire, with start and stop bit."""
@@ -103,7 +106,8 @@ class ExpanderOutput:
             self._change.notify()
 
     def _tell(self, load: Load) -> None:
-        self._account.figure(self._topic("current"), load.drawn_a, "A")
+        # a figure's name is short, a port's path may not be; its end tells ports apart
+        self._account.figure(f"current {self._config.port[-FIGURE_NAME:]}", load.drawn_a, "A")
         now_s = time.monotonic()
         if load.limited:
             self._limited_s = now_s

@@ -223,8 +223,10 @@ class LedDriver(Service[LedDriverConfig]):
                 continue
             if lamp_id not in self._lamps:
                 self._lamps[lamp_id] = self.bus.publisher(LAMP_COLOR, lamp_id)
-            self._lamp_seq += 1
-            self._lamps[lamp_id].put(LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seq, color=color))
+            self._lamp_seqs[lamp_id] += 1
+            self._lamps[lamp_id].put(
+                LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seqs[lamp_id], color=color)
+            )
 
     def _watch_expiry(self, now_ns: int) -> None:
         """Have a frame drawn when something grows old; one timer at a time, which looks again."""

@@ -68,7 +68,7 @@ class LocalizerConfig(Config):
         default=300.0,
         gt=0,
         le=86400,
-        description="static_targets: who waits for others to be done with the lamps gives up after so long, s",
+        description="static_targets: waiting for others to be done with the lamps ends after so long, s",
     )
     steady_degps: float = Field(
         default=8.0,

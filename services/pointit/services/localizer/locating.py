@@ -183,15 +183,12 @@ class Locating:
             out.append(self._tracking.given(self._config.fixed(now_ns), now_ns))
             out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
             return Answer("the pose is fixed by the configuration", out)
-        out = (
-            self._procedures.follow(now_ns)
-            if method == "moving_target"
-            else self._procedures.at_lamps(now_ns)
-        )
-        if isinstance(out, Refusal):
-            return out
+        procedures = self._procedures
+        begun = procedures.follow(now_ns) if method == "moving_target" else procedures.at_lamps(now_ns)
+        if isinstance(begun, Refusal):
+            return begun
         self._outside.take_over()
-        return Answer(self._queued() or f"localizing by {method.replace('_', ' ')}", out)
+        return Answer(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
 
     def cancel(self, now_ns: int) -> Answer:
         """Stop what goes on."""

@@ -130,8 +130,8 @@ def too_long(user: str, ahead: Collection[str], limit_s: float) -> str:
     """Return why `user` waits no longer."""
     who = ", ".join(ahead) or "nobody"
     return (
-        f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, then "
-        "start again"
+        f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, "
+        "then start again"
     )
 
 

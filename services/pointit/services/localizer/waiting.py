@@ -40,7 +40,7 @@ class Waiting:
         self._clock.begin(now_ns)
 
     def is_too_long(self, now_ns: int) -> bool:
-        """Return whether the limit is reached; call it from time to time, also for a clock that is set back."""
+        """Return whether the limit is reached; call it often, as clocks may be set back."""
         if back_ns := self._clock.by_ns(now_ns):
             self._until_ns -= back_ns
             self.wish = Wish(self.wish.make, max(0, self.wish.since_ns - back_ns))

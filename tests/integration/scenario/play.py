@@ -127,9 +127,6 @@ def watched_people(people: list[Person]) -> Generator[None]:
 def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = None) -> Outcome:
     """Run `scenario` for one person; the same choices give the same outcome."""
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
-    # the light is for other people's eyes: a simulated person sees the cursor's message
-    dark = {name: parameters for name, parameters in plan.site.items() if name != "led-driver"}
-    plan = plan.model_copy(update={"site": dark})
     return run_virtually(_play(plan, choices, duration_s or plan.duration_s))
 
 

@@ -9,9 +9,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.aim import Aim
 from pointit.services.user_sim.config import ArmConfig
-
-TREMOR_HZ = (6.0, 12.0)
-TREMOR_TONES = 5
+from pointit.services.user_sim.unrest import Unrest
 
 State = tuple[float, float, float]
 """Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
@@ -49,15 +47,15 @@ def fading(start: State, duration_s: float, elapsed_s: float) -> State:
 class Arm:
     """An arm that follows an aim; a reach carries it from one aim to the next."""
 
-    def __init__(self, aim: Aim, config: ArmConfig, rng: np.random.Generator) -> None:
-        """Begin at rest on `aim`."""
+    def __init__(self, aim: Aim, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
+        """Begin at rest on `aim`; `skill`, 0 to 1, is of who has it."""
         self._config = config
         self._rng = rng
         self._aim = aim
         self._start: tuple[State, State] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._began_ns = 0
         self._duration_s = config.reach_base_s
-        self._unrest = Unrest(config, rng)
+        self._unrest = Unrest(config, rng, skill)
 
     @property
     def reached_ns(self) -> int:
@@ -76,6 +74,10 @@ class Arm:
         bits = math.log2(amplitude_rad / math.radians(config.reach_width_deg) + 1.0)
         usual_s = config.reach_base_s + config.reach_per_bit_s * bits
         return usual_s * math.exp(config.reach_spread * self._rng.standard_normal())
+
+    def hold_anew(self) -> None:
+        """Be steadier or less steady than before: it differs from hold to hold."""
+        self._unrest.draw()
 
     def reach(self, now_ns: int, aim: Aim, duration_s: float) -> None:
         """Begin to move from wherever the arm is onto `aim`, to be on it after `duration_s`."""
@@ -116,30 +118,3 @@ class Arm:
             fading(self._start[0], self._duration_s, elapsed_s),
             fading(self._start[1], self._duration_s, elapsed_s),
         )
-
-
-class Unrest:
-    """What a hand adds to any hold: slow wandering (Ornstein-Uhlenbeck) and tremor (tones, 6 to 12 Hz)."""
-
-    def __init__(self, config: ArmConfig, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._correlation_s = config.hold_correlation_s
-        self._sd = np.radians([config.hold_yaw_sd_deg, config.hold_pitch_sd_deg])
-        self._wander = self._sd * rng.standard_normal(2)
-        shape = (2, TREMOR_TONES)
-        self._tone_radps = math.tau * rng.uniform(*TREMOR_HZ, shape)
-        self._phase_rad = rng.uniform(0.0, math.tau, shape)
-        self._tone_rad = math.radians(config.tremor_rms_deg) * math.sqrt(2.0 / TREMOR_TONES)
-        self._at_ns: int | None = None
-
-    def at(self, now_ns: int) -> tuple[float, float]:
-        """Return azimuth and elevation beside the intended ones at `now_ns`, rad."""
-        passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
-        self._at_ns = now_ns
-        keep = math.exp(-passed_s / self._correlation_s)
-        self._wander = keep * self._wander + self._sd * math.sqrt(
-            max(1.0 - keep * keep, 0.0)
-        ) * self._rng.standard_normal(2)
-        self._phase_rad = (self._phase_rad + self._tone_radps * passed_s) % math.tau
-        both = self._wander + self._tone_rad * np.sin(self._phase_rad).sum(axis=1)
-        return (float(both[0]), float(both[1]))

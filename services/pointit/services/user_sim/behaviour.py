@@ -1,40 +1,28 @@
-"""What the person wants to point at now: nothing, the lit lamp, the strips' length, the next object."""
+"""What the person wants to point at now: nothing, lamps, the strips' length, anything, the next object."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
+
 from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.belief import Belief
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.sight import SeenObject, Sight
+from pointit.services.user_sim.goal import REST, Goal, on_object
+from pointit.services.user_sim.pace import Pace
+from pointit.services.user_sim.pixels import Kind
+from pointit.services.user_sim.selecting import Selecting
+from pointit.services.user_sim.sight import Sight
+from pointit.services.user_sim.things import Things
 
-PURSUIT_S = 1.5
-"""How long a thing that was lost from view is followed along its way."""
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """Something to point at that moves evenly; no point: let the arm rest."""
-
-    key: str
-    """Two goals with the same key are the same thing seen at different times."""
-    point_m: Vec3 | None = None
-    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
-    stamp_ns: int = 0
-    closed_loop: bool = False
-    """Whether the system shows a cursor that the person may correct by."""
-
-    def point_at(self, now_ns: int) -> Vec3 | None:
-        """Return where the person expects it at `now_ns`."""
-        if self.point_m is None:
-            return None
-        passed_s = min((now_ns - self.stamp_ns) / NS_PER_S, PURSUIT_S)
-        return vector.add(self.point_m, vector.scale(self.velocity_mps, passed_s))
-
-
-REST = Goal("rest")
+APART_M = 0.3
+"""From one strip's end to the next one's start: further is another reach, not the same movement."""
+FIND_S = 1.0
+"""From choosing a lamp or thing until the hand is there, usually."""
 
 
 class Wish(Protocol):
@@ -54,15 +42,20 @@ class Resting:
 
 
 class AlongStrips:
-    """Leads the cursor along all strips from end to end, there and back."""
+    """Leads the cursor along all strips from end to end, there and back; along belts where there are none."""
 
     def __init__(self, speed_mps: float) -> None:
+        """Go at `speed_mps`."""
         self._speed_mps = speed_mps
         self._start_ns: int | None = None
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
         """Return the point that runs along the strips."""
-        lines = list(sight.strips.values())
+        kind: Kind = "strip"
+        lines = sight.lines_of(kind)
+        if not lines:
+            kind = "belt"
+            lines = sight.lines_of(kind)
         if not lines:
             self._start_ns = None
             return REST
@@ -72,112 +65,106 @@ class AlongStrips:
         at_m = (now_ns - self._start_ns) / NS_PER_S * self._speed_mps % (2.0 * total_m)
         sign = 1.0 if at_m <= total_m else -1.0
         at_m = min(at_m, 2.0 * total_m - at_m)
-        for line in lines[:-1]:
+        stretch = 0
+        last = lines[0]
+        for number, line in enumerate(lines):
+            stretch += number > 0 and _gap_m(last, line) > APART_M
+            last = line
             if at_m <= line.length_m:
                 break
-            at_m -= line.length_m
-        else:
-            line = lines[-1]
+            at_m -= line.length_m if number < len(lines) - 1 else 0.0
         return Goal(
-            key="strips",
-            point_m=line.point_at(at_m),
-            velocity_mps=vector.scale(line.tangent_at(at_m), sign * self._speed_mps),
+            key=f"{kind}s {stretch}",
+            point_m=last.point_at(at_m),
+            velocity_mps=vector.scale(last.tangent_at(at_m), sign * self._speed_mps),
             stamp_ns=now_ns,
             closed_loop=True,
+            kind=kind,
         )
 
 
-class Selecting:
-    """Selects every object of some kinds and takes back what got selected by accident.
+class OneAfterTheOther:
+    """Points at places of its choice, at each for a while."""
 
-    Stays with one object until it is done, gone, or has taken too long; then takes the one that leaves
-    first among those that leave enough time.
-    """
-
-    def __init__(self, user: str, config: UserSimConfig) -> None:
-        self._user = user
-        self._kinds = frozenset(config.target_kinds)
-        self._give_up_ns = round(config.give_up_s * NS_PER_S)
-        self._retry_ns = round(config.retry_s * NS_PER_S)
-        arm = config.arm
-        # a common reach, with what it takes to begin and to be noticed; less than that is not worth trying
-        self._needed_s = config.aim.reaction_s + arm.reach_base_s + 3.0 * arm.reach_per_bit_s + 0.5
-        self._current = ""
-        self._since_ns = 0
-        self._pause_until_ns: dict[str, int] = {}
+    def __init__(self, choose: Callable[[str, int, Sight], Goal | None], hold_s: float, pace: Pace) -> None:
+        """`choose` gives the next goal after the one of the given key at a time."""
+        self._choose = choose
+        self._hold_s = hold_s
+        self._pace = pace
+        self._goal = REST
+        self._until_ns: int | None = None
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
-        """Return the object to hold the cursor on, or rest."""
-        tasks = {seen.thing.id: seen for seen in sight.objects(now_ns) if self._is_task(seen, sight)}
-        if self._current in tasks and now_ns - self._since_ns > self._give_up_ns:
-            self._pause_until_ns[self._current] = now_ns + self._retry_ns
-            self._current = ""
-        if self._current not in tasks:
-            self._current = self._next(now_ns, tasks, sight)
-            self._since_ns = now_ns
-        if not self._current:
-            return REST
-        seen = tasks[self._current]
-        return Goal(
-            key=f"object {self._current}",
-            point_m=seen.thing.position_m,
-            velocity_mps=seen.thing.velocity_mps,
-            stamp_ns=seen.stamp_ns,
-            closed_loop=True,
-        )
-
-    def _is_task(self, seen: SeenObject, sight: Sight) -> bool:
-        owner = sight.selection.get(seen.thing.id)
-        return owner is None if seen.thing.kind in self._kinds else owner == self._user
-
-    def _next(self, now_ns: int, tasks: dict[str, SeenObject], sight: Sight) -> str:
-        left_s = {
-            name: sight.time_left_s(seen, now_ns)
-            for name, seen in tasks.items()
-            if self._pause_until_ns.get(name, 0) <= now_ns and sight.has_come(seen, now_ns)
-        }
-        worth = {name: left for name, left in left_s.items() if left >= self._needed_s}
-        return min(worth, key=worth.__getitem__, default="")
+        """Return the present place, followed on where it moves."""
+        is_gone = bool(self._goal.object_id) and sight.find(self._goal.object_id, now_ns) is None
+        if self._until_ns is None or now_ns >= self._until_ns or is_gone:
+            self._goal = self._choose(self._goal.key, now_ns, sight) or REST
+            hold_s = FIND_S + self._hold_s * self._pace.between(0.5, 1.5)
+            self._until_ns = now_ns + round(hold_s * NS_PER_S) if self._goal is not REST else None
+        elif self._goal.object_id:
+            seen = sight.find(self._goal.object_id, now_ns)
+            if seen is not None:
+                self._goal = on_object(seen, sight, closed_loop=True)
+        return self._goal
 
 
-def wish_of(config: UserSimConfig, user: str) -> Wish:
+def next_lamp(before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG001 - as `choose` has it
+    """Return the lamp after the one of key `before`, in the map's order, round and round."""
+    goals = [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+    if not goals:
+        return None
+    keys = [goal.key for goal in goals]
+    return goals[(keys.index(before) + 1) % len(goals) if before in keys else 0]
+
+
+class Anything:
+    """Chooses anything there is: an object, a lamp, a place on a strip or belt."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        """Choose by `rng`."""
+        self._rng = rng
+
+    def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:
+        """Return something other than what has the key `before`, if there is."""
+        goals = [on_object(seen, sight, closed_loop=True) for seen in sight.objects(now_ns)]
+        goals += [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+        for key, line in sight.lines.items():
+            along_m = float(self._rng.uniform(0.0, line.length_m))
+            name = f"{key[0]} {key[1]} {along_m:.2f}"
+            goals.append(Goal(key=name, point_m=line.point_at(along_m), closed_loop=True, kind=key[0]))
+        others = [goal for goal in goals if goal.key != before] or goals
+        return others[int(self._rng.integers(len(others)))] if others else None
+
+
+def wish_of(config: UserSimConfig, things: Things, pace: Pace, rng: np.random.Generator) -> Wish:
     """Return the wish that `config.behaviour` names."""
     match config.behaviour:
         case "rest":
             return Resting()
+        case "lamps":
+            return OneAfterTheOther(next_lamp, config.lamp_hold_s, pace)
         case "strips":
             return AlongStrips(config.strip_speed_mps)
+        case "random":
+            return OneAfterTheOther(Anything(rng), config.lamp_hold_s, pace)
         case "select":
-            return Selecting(user, config)
+            return Selecting(config, things, pace)
 
 
-def is_asked(sight: Sight) -> bool:
-    """Return whether the localizer wants the person to point at something.
-
-    While they point at things of their own, only a lamp, or setting their pose right, is reason to turn away:
-    a robot may be followed all the time.
-    """
-    state = sight.interaction.state if sight.interaction is not None else "idle"
-    if state == "localizing":
-        return True
-    news = sight.localization
-    if news is None or news.phase != "sampling" or not news.target_id:
-        return False
-    return state == "idle" or news.purpose == "anchor" or news.target_id in sight.lamps_m
-
-
-def asked_goal(now_ns: int, sight: Sight) -> Goal:
-    """Return what the localizer asks to point at: the lamp or moving target it names, else the lit lamp."""
-    asked = sight.localization.target_id if sight.localization is not None else ""
+def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> Goal:
+    """Return what the person is asked to point at: the lamp or thing that was named, else the lit lamp."""
+    asked = belief.target
     lamp = asked if asked in sight.lamps_m else sight.lit_lamp() if not asked else ""
     if lamp:
         return Goal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
-    for seen in sight.objects(now_ns):
-        if seen.thing.id == asked:
-            return Goal(
-                key=f"object {asked}",
-                point_m=seen.thing.position_m,
-                velocity_mps=seen.thing.velocity_mps,
-                stamp_ns=seen.stamp_ns,
-            )
-    return REST
+    seen = sight.find(asked, now_ns) if asked else None
+    return on_object(seen, sight, closed_loop=False) if seen is not None else REST
+
+
+def _gap_m(line: Polyline, following: Polyline) -> float:
+    return math.dist(_end(line, -1), _end(following, 0))
+
+
+def _end(line: Polyline, index: int) -> Vec3:
+    x, y, z = line.vertices_m[index].tolist()
+    return (x, y, z)

@@ -8,7 +8,7 @@ from pointit.runtime.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
 
-Behaviour = Literal["rest", "strips", "select"]
+Behaviour = Literal["rest", "lamps", "strips", "select", "random"]
 """What the person does once they may point."""
 
 
@@ -47,6 +47,12 @@ class ArmConfig(Config):
     hold_pitch_sd_deg: float = Field(
         default=0.16, ge=0, le=20, description="unrest while holding, pitch, deg"
     )
+    hold_spread: float = Field(
+        default=0.65,
+        ge=0,
+        le=2,
+        description="log-normal spread of that unrest from hold to hold (p90 of pitch: 0.37 deg), a share",
+    )
     hold_correlation_s: float = Field(default=0.3, gt=0, le=10, description="how long unrest lasts, s")
     tremor_rms_deg: float = Field(default=0.05, ge=0, le=5, description="tremor of 6 to 12 Hz, rms, deg")
 
@@ -58,8 +64,12 @@ class AimConfig(Config):
     reaction_s: float = Field(
         default=0.35, ge=0, le=3, description="from the light to the hand, s; contains the visual delay"
     )
-    skill: float = Field(
-        default=0.0, ge=0, le=1, description="0: errs without feedback as untrained people do; 1: never"
+    skill: float | None = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="0: errs without feedback as untrained people do; 1: never, is a third quicker to find "
+        "things, holds half as unsteadily and has no lapses; empty: drawn for each person",
     )
     elevation_error_mean_deg: float = Field(
         default=-2.8, ge=-30, le=30, description="people point too low without feedback, mean, deg"
@@ -89,6 +99,36 @@ class AimConfig(Config):
         default=0.9, ge=0, le=1.5, description="share of the seen error that is corrected"
     )
     correction_s: float = Field(default=0.25, gt=0, le=2, description="duration of a correction, s")
+    correction_spread: float = Field(
+        default=0.15,
+        ge=0,
+        le=1,
+        description="of a correction's size, a share: hands err in proportion to their way (Schmidt 1979)",
+    )
+
+
+class MindConfig(Config):
+    """How long it takes to find and choose, how often that goes wrong (`pace.py` has the sources)."""
+
+    check_period_s: float = Field(
+        default=0.1, gt=0, le=2, description="between two looks at the strips while pointing, s"
+    )
+    search_base_s: float = Field(default=0.15, ge=0, le=5, description="to find the next thing at all, s")
+    search_per_item_s: float = Field(
+        default=0.03, ge=0, le=1, description="longer for each thing that is in view, s"
+    )
+    decide_per_bit_s: float = Field(
+        default=0.15, ge=0, le=2, description="longer for each bit of log2(choices + 1), s"
+    )
+    search_spread: float = Field(
+        default=0.3, ge=0, le=2, description="log-normal spread of these times, a share"
+    )
+    lapse_share: float = Field(
+        default=0.005,
+        ge=0,
+        le=1,
+        description="of choices that go wrong: another thing is taken, or left before it is selected",
+    )
 
 
 class WristbandConfig(Config):
@@ -122,7 +162,8 @@ class UserSimConfig(Config):
     seed: int | None = Field(default=0, ge=0, description="of everything random; empty: another each run")
     behaviour: Behaviour = Field(
         default="select",
-        description="rest; strips: along the strips, there and back; select: every object of a kind",
+        description="rest; lamps: one lamp after the other; strips: along the strips, there and back; "
+        "select: every object of a kind; random: at anything",
     )
     target_kinds: tuple[str, ...] = Field(default=("red",), description="kinds of objects to select")
     position_m: Vec3 = Field(default=(2.0, 0.5, 0.0), description="where the feet truly stand in the room, m")
@@ -159,6 +200,20 @@ class UserSimConfig(Config):
         le=90,
         description="press twice when the cursor stays this far from where they point, deg; 0: never",
     )
+    lost_press_s: float = Field(
+        default=12.0,
+        ge=0,
+        le=3600,
+        description="press when no cursor is to be seen for so long while pointing, s; 0: never",
+    )
+    lamp_hold_s: float = Field(
+        default=2.0, gt=0, le=600, description="time on a lamp (behaviour lamps) or thing (random), mean, s"
+    )
+    deadline: dict[str, float] = Field(
+        default={},
+        description="by belt: where along it, m, it is too late to select a package that comes; none: where "
+        "its way ends",
+    )
     strip_speed_mps: float = Field(
         default=0.5, gt=0, le=5, description="speed along the strips (behaviour strips), m/s"
     )
@@ -170,4 +225,5 @@ class UserSimConfig(Config):
     body: BodyConfig = Field(default=BodyConfig(), description="measures")
     arm: ArmConfig = Field(default=ArmConfig(), description="movement")
     aim: AimConfig = Field(default=AimConfig(), description="aiming")
+    mind: MindConfig = Field(default=MindConfig(), description="finding and choosing")
     wristband: WristbandConfig = Field(default=WristbandConfig(), description="the IMU")

@@ -1,18 +1,20 @@
 """Closing the loop: what the person makes of the cursor they see (pointing.md §3, §7).
 
 The person knows what their own hand has just done (an efference copy), so that a correction still on its
-way to the eyes is not made twice.
+way to the eyes is not made twice, and where to look for the cursor.
 """
 
 import math
 from collections import deque
-from collections.abc import Sequence
+
+import numpy as np
 
 from pointit.geometry import vector
-from pointit.schemas import NS_PER_S, Cursor
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.aim import Stance
-from pointit.services.user_sim.behaviour import Goal
 from pointit.services.user_sim.config import AimConfig
+from pointit.services.user_sim.goal import Goal
 
 MEMORY_S = 1.5
 """How far back a person recalls what their hand did."""
@@ -22,7 +24,6 @@ LOST_S = 0.7
 """Without a cursor for so long after a reach, the person searches for it."""
 SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
 """Elevations tried one after the other."""
-
 LOST_SEARCHES = 2
 """After so many in vain it is lost."""
 
@@ -32,9 +33,12 @@ Pair = tuple[float, float]
 class Correction:
     """The deliberate turn away from where the person thinks the target is, so that the cursor is on it."""
 
-    def __init__(self, config: AimConfig, stance: Stance) -> None:
+    def __init__(self, config: AimConfig, stance: Stance, rng: np.random.Generator) -> None:
+        """Correct from the place of `stance`."""
         self._stance = stance
+        self._rng = rng
         self._gain = config.correction_gain
+        self._spread = config.correction_spread
         self._period_ns = round(config.correction_period_s * NS_PER_S)
         self._delay_ns = round(config.visual_delay_s * NS_PER_S)
         self._learned: Pair = (0.0, 0.0)
@@ -42,22 +46,29 @@ class Correction:
         """Azimuth and elevation."""
         self._done: deque[tuple[int, Pair]] = deque()
         self._seen: list[Pair] = []
+        self._beside: Pair = (0.0, 0.0)
+        """How far from where the hand should point the cursor was when it was seen last."""
         self._look_from_ns = 0
         self._next_ns = 0
-        self._newest_cursor_ns = 0
+        self._newest_ns = 0
         self._searches = 0
+
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the cursor was searched for in vain."""
+        return self._searches >= LOST_SEARCHES
 
     @property
     def off_rad(self) -> float:
         """Return how far the cursor is from where the person feels to point; infinite when it is lost."""
-        return math.inf if self._searches >= LOST_SEARCHES else math.hypot(*self.now_rad)
+        return math.inf if self.is_lost else math.hypot(*self.now_rad)
 
     def settle(self, left: Goal, goal: Goal) -> None:
         """Turn from `left` to `goal`: of a correction by the cursor a part stays, as adaptation.
 
         It serves the next goal with a cursor; without one the person aims along their finger, as they see it.
         """
-        if left.closed_loop:
+        if left.closed_loop and not self.is_lost:
             self._learned = (
                 self._learned[0] + ADAPTATION * (self.now_rad[0] - self._learned[0]),
                 self._learned[1] + ADAPTATION * (self.now_rad[1] - self._learned[1]),
@@ -66,7 +77,7 @@ class Correction:
 
     def begin(self, reached_ns: int) -> None:
         """Look at the cursor again once the hand has arrived."""
-        self._look_from_ns = self._newest_cursor_ns = reached_ns
+        self._look_from_ns = self._newest_ns = reached_ns
         self._next_ns = reached_ns + self._delay_ns
         self._seen.clear()
         self._searches = 0
@@ -74,45 +85,60 @@ class Correction:
     def remember(self, now_ns: int, deviation_rad: Pair) -> None:
         """Note what the hand deliberately does beside the goal."""
         turned = (deviation_rad[0] + self.now_rad[0], deviation_rad[1] + self.now_rad[1])
+        while self._done and self._done[-1][0] > now_ns:  # a clock was set back
+            self._done.pop()
         self._done.append((now_ns, turned))
         while self._done[0][0] < now_ns - MEMORY_S * NS_PER_S:
             self._done.popleft()
 
-    def step(self, now_ns: int, goal: Goal, cursors: Sequence[Cursor]) -> bool:
-        """Take in the cursors just seen; return whether `now_rad` changed, so that the hand must move."""
-        for cursor in cursors:
-            self._take(cursor, goal)
-        if now_ns < self._next_ns:
+    def expected_m(self, at_ns: int, goal: Goal) -> Vec3 | None:
+        """Return about where the cursor should have been at `at_ns`, {W}; none while that is not known."""
+        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        if target is None or did is None:
+            return None
+        azimuth, elevation = self._stance.sight_of(target)
+        away = vector.direction(azimuth + did[0] + self._beside[0], elevation + did[1] + self._beside[1])
+        return vector.add(self._stance.eyes_m, vector.scale(away, math.dist(target, self._stance.eyes_m)))
+
+    def see(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
+        """Take in where the cursor was at `at_ns`."""
+        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        if target is None or did is None:
+            return
+        shown, meant = self._stance.sight_of(point_m), self._stance.sight_of(target)
+        self._beside = (vector.wrap(shown[0] - meant[0]) - did[0], shown[1] - meant[1] - did[1])
+        if at_ns < self._look_from_ns:
+            return
+        self._newest_ns = max(self._newest_ns, at_ns)
+        self._searches = 0
+        self._seen.append(self._beside)
+
+    def step(self, now_ns: int) -> bool:
+        """Return whether `now_rad` changed, so that the hand must move."""
+        if now_ns < self._next_ns <= now_ns + self._period_ns + self._delay_ns + 10 * NS_PER_S:
             return False
         if self._seen:
             self._next_ns = now_ns + self._period_ns
             unknown = [math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True)]
             self._seen.clear()
             self.now_rad = (
-                self.now_rad[0] - self._gain * (self.now_rad[0] + unknown[0]),
-                self.now_rad[1] - self._gain * (self.now_rad[1] + unknown[1]),
+                self.now_rad[0] - self._share() * (self.now_rad[0] + unknown[0]),
+                self.now_rad[1] - self._share() * (self.now_rad[1] + unknown[1]),
             )
             return True
-        if now_ns - self._newest_cursor_ns > self._delay_ns + LOST_S * NS_PER_S:
+        if abs(now_ns - self._newest_ns) > self._delay_ns + LOST_S * NS_PER_S:
             self._search(now_ns)
             return True
         return False
 
-    def _take(self, cursor: Cursor, goal: Goal) -> None:
-        if cursor.point_m is None or cursor.stamp_ns < self._look_from_ns:
-            return
-        self._newest_cursor_ns = max(self._newest_cursor_ns, cursor.stamp_ns)
-        target = goal.point_at(cursor.stamp_ns)
-        did = self._recall(cursor.stamp_ns)
-        if target is None or did is None:
-            return
-        shown, meant = self._stance.sight_of(cursor.point_m), self._stance.sight_of(target)
-        self._seen.append((vector.wrap(shown[0] - meant[0]) - did[0], shown[1] - meant[1] - did[1]))
+    def _share(self) -> float:
+        """Return the share of an error that is corrected this time."""
+        return self._gain * (1.0 + self._spread * float(self._rng.standard_normal()))
 
-    def _recall(self, stamp_ns: int) -> Pair | None:
-        """Return what the hand did beside the goal at `stamp_ns`."""
+    def _recall(self, at_ns: int) -> Pair | None:
+        """Return what the hand did beside the goal at `at_ns`."""
         for then_ns, turned in reversed(self._done):
-            if then_ns <= stamp_ns:
+            if then_ns <= at_ns:
                 return turned
         return None
 
@@ -121,4 +147,4 @@ class Correction:
         self._searches += 1
         self.now_rad = (self._learned[0], self._learned[1] + step)
         self._next_ns = now_ns + self._period_ns
-        self._newest_cursor_ns = now_ns
+        self._newest_ns = now_ns

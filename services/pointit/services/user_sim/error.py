@@ -19,14 +19,15 @@ BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
 class OpenLoopError:
     """A person's own bias, and a new scatter with every reach."""
 
-    def __init__(self, config: AimConfig, rng: np.random.Generator) -> None:
+    def __init__(self, config: AimConfig, skill: float, rng: np.random.Generator) -> None:
+        """Be somebody with `skill`, 0 to 1."""
         self._config = config
         self._rng = rng
         drawn_deg = config.elevation_error_mean_deg + config.elevation_error_person_sd_deg * float(
             rng.standard_normal()
         )
         given_deg = config.elevation_bias_deg
-        self._clumsy = 1.0 - config.skill
+        self._clumsy = 1.0 - skill
         self.bias_rad = math.radians(self._clumsy * drawn_deg if given_deg is None else given_deg)
         """How much higher than the target the person points on the whole."""
         self.now_rad: tuple[float, float] = (0.0, 0.0)

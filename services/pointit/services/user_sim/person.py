@@ -9,11 +9,14 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
 from pointit.services.user_sim.aim import Aim, Stance
 from pointit.services.user_sim.arm import Arm
-from pointit.services.user_sim.behaviour import REST, Goal, asked_goal, is_asked, wish_of
+from pointit.services.user_sim.behaviour import asked_goal, wish_of
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.correction import Correction
 from pointit.services.user_sim.error import OpenLoopError
 from pointit.services.user_sim.feet import Feet
+from pointit.services.user_sim.goal import REST, Goal
+from pointit.services.user_sim.mind import Mind
+from pointit.services.user_sim.pace import Pace
 from pointit.services.user_sim.press import Press
 from pointit.services.user_sim.sight import Sight
 from pointit.services.user_sim.wristband import Wristband
@@ -26,8 +29,12 @@ class Person:
     """One simulated person with their wristband; step it at the band's rate."""
 
     def __init__(self, config: UserSimConfig, user: str, rng: np.random.Generator) -> None:
-        """Be born; everything random comes from `rng`."""
-        hand_rng, eye_rng, band_rng, foot_rng = rng.spawn(4)
+        """Be born, called `user`; everything random comes from `rng`."""
+        hand_rng, eye_rng, band_rng, foot_rng, mind_rng = rng.spawn(5)
+        given = config.aim.skill
+        self.user = user
+        self.skill = skill = float(mind_rng.random()) if given is None else given
+        """0 to 1."""
         self.yaw_rad = yaw_rad = (
             float(rng.uniform(-math.pi, math.pi)) if config.yaw_deg is None else math.radians(config.yaw_deg)
         )
@@ -42,12 +49,13 @@ class Person:
             ray_model=config.body.ray_model,
         )
         self._rest_rad = math.radians(config.rest_elevation_deg)
-        self._arm = Arm(Aim(yaw_rad, self._rest_rad), config.arm, hand_rng)
+        self._arm = Arm(Aim(yaw_rad, self._rest_rad), config.arm, hand_rng, skill)
         self._azimuth_rad = yaw_rad
-        self._error = OpenLoopError(config.aim, eye_rng)
-        self._correction = Correction(config.aim, self._stance)
-        self._sight = Sight(config.aim.visual_delay_s)
-        self._wish = wish_of(config, user)
+        self._error = OpenLoopError(config.aim, skill, eye_rng)
+        self._correction = Correction(config.aim, self._stance, hand_rng)
+        self._sight = Sight(config.aim.visual_delay_s, config.deadline)
+        self._mind = Mind(self._sight, self._correction, config.mind.check_period_s)
+        self._wish = wish_of(config, self._mind.things, Pace(config, skill, mind_rng), mind_rng)
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
         self._goal: Goal = REST
         self._wanted: Goal = REST
@@ -76,22 +84,30 @@ class Person:
     def step(self, now_ns: int) -> tuple[ImuSample | None, ButtonEvent | None]:
         """Live up to `now_ns`; return what the wristband sends and the button, if pressed."""
         self._sight.look(now_ns)
+        self._mind.think(now_ns, self._goal)
         self._stance.move(self._feet.at(now_ns))
         self._decide(now_ns)
-        if self._goal.closed_loop:
-            self._correct(now_ns)
+        correction, closed = self._correction, self._goal.closed_loop
+        if closed and correction.step(now_ns):
+            self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
-        self._correction.remember(now_ns, self._arm.deviation(now_ns))
-        off_rad = self._correction.off_rad if self._goal.closed_loop else 0.0
-        return self._band.sample(now_ns, orientation), self._press.step(now_ns, self._sight, off_rad)
+        correction.remember(now_ns, self._arm.deviation(now_ns))
+        press = self._press.step(
+            now_ns,
+            self._mind.belief,
+            known_ns=self._sight.profile_ns,
+            off_rad=correction.off_rad if closed else 0.0,
+            lost=closed and correction.is_lost and self._sight.frame_ns is not None,
+        )
+        return self._band.sample(now_ns, orientation), press
 
     def _decide(self, now_ns: int) -> None:
         """Follow the same goal on; turn to another one only after the reaction time."""
-        interaction = self._sight.interaction
+        belief = self._mind.belief
         wanted = REST
-        if self._config.points_when_asked and is_asked(self._sight):
-            wanted = asked_goal(now_ns, self._sight)
-        elif interaction is not None and interaction.state == "pointing":
+        if belief.state == "asked" and self._config.points_when_asked:
+            wanted = asked_goal(now_ns, self._sight, belief)
+        elif belief.state == "pointing":
             wanted = self._wish.goal(now_ns, self._sight)
         if wanted.key != self._wanted.key:
             aim = self._config.aim
@@ -100,7 +116,7 @@ class Person:
         self._wanted = wanted
         if wanted.key == self._goal.key:
             self._goal = wanted
-        elif now_ns >= self._act_at_ns:
+        elif now_ns >= self._act_at_ns or self._act_at_ns > now_ns + NS_PER_S * 10:  # a clock was set back
             self._turn_to(now_ns, wanted)
 
     def _turn_to(self, now_ns: int, goal: Goal) -> None:
@@ -109,13 +125,9 @@ class Person:
         amplitude_rad = self._arm.amplitude_rad(now_ns, self._aim_with_rate(now_ns))
         self._error.draw(amplitude_rad)
         aim = self._aim_with_rate(now_ns)
+        self._arm.hold_anew()
         self._arm.reach(now_ns, aim, self._arm.reach_s(amplitude_rad))
         self._correction.begin(self._arm.reached_ns)
-
-    def _correct(self, now_ns: int) -> None:
-        """Look where the cursor is and move again, if it is time to."""
-        if self._correction.step(now_ns, self._goal, self._sight.cursors):
-            self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
 
     def _aim(self, now_ns: int) -> Aim:
         point = self._goal.point_at(now_ns)

@@ -11,23 +11,22 @@ from pointit.runtime.service import Scope
 from pointit.schemas import Message
 from pointit.schemas.topics import (
     BUTTON,
-    CURSOR,
+    FEEDBACK,
     IMU,
-    INTERACTION,
     LAMP_COLOR,
-    LOCALIZATION,
     MAP,
     OBJECTS,
-    SELECTION,
+    PROFILE,
+    STRIPS_FRAME,
     Topic,
 )
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 
-IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, SELECTION, LAMP_COLOR)
+IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, STRIPS_FRAME, LAMP_COLOR)
 """What everybody there sees."""
-OWN: tuple[Topic[Any], ...] = (CURSOR, INTERACTION, LOCALIZATION)
-"""What concerns this person only."""
+OWN: tuple[Topic[Any], ...] = (FEEDBACK, PROFILE)
+"""What this person feels and hears, and how they look to the system."""
 
 
 class UserSim(Service[UserSimConfig]):

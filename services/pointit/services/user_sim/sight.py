@@ -1,29 +1,34 @@
-"""What the person has seen so far: everything reaches the mind a visual delay after the light."""
+"""What the person has seen and heard so far: everything reaches the mind a delay after the light."""
 
-import contextlib
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
-    Belt,
-    Cursor,
+    BeltLink,
     Environment,
-    Interaction,
+    Feedback,
     LampColor,
-    Localization,
     Message,
-    Selection,
-    Strip,
+    StripsFrame,
     TrackedObject,
     TrackedObjects,
+    UserProfile,
 )
+from pointit.services.user_sim.eyes import Eyes
+from pointit.services.user_sim.pixels import Key, Kind, drawable
 
 FRESH_S = 1.0
 """Objects of a tracker that says nothing for so long, or is so far ahead, are out of sight."""
+MOST_COMING = 4096
+"""Messages on their way to the mind; with a clock that was set back they would pile up for ever."""
+END_M = 0.001
+"""So near its end a belt hands over what it carries."""
+MOST_LINKS = 64
+"""Of belts that are followed one after the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,34 +38,57 @@ class SeenObject:
     thing: TrackedObject
     stamp_ns: int
 
+    @property
+    def key(self) -> Key | None:
+        """Return the strip or belt it lies on, if it lies on one."""
+        match self.thing.surface:
+            case "strip" | "belt" as kind:
+                return (kind, self.thing.surface_id)
+            case _:
+                return None
+
+    def along_m(self, now_ns: int) -> float:
+        """Return where along its surface its middle is at `now_ns`."""
+        return self.thing.surface_position_m + self.thing.surface_speed_mps * self.age_s(now_ns)
+
+    def age_s(self, now_ns: int) -> float:
+        """Return how long ago it was there, s."""
+        return (now_ns - self.stamp_ns) / NS_PER_S
+
 
 class Sight:
-    """The person's eyes; they see what the topics of the process table show, and nothing else."""
+    """The person's senses; they get what the topics of the process table show, and nothing else."""
 
-    def __init__(self, delay_s: float) -> None:
+    def __init__(self, delay_s: float, deadlines_m: Mapping[str, float] | None = None) -> None:
+        """Look, `delay_s` late; `deadlines_m`: from where along a belt on it is too late for a package."""
         self._delay_ns = round(delay_s * NS_PER_S)
+        self._deadlines_m = dict(deadlines_m or {})
         self._coming: deque[tuple[int, Message, str]] = deque()
-        self._trackers: dict[str, TrackedObjects] = {}
+        self._trackers: dict[str, tuple[int, dict[str, TrackedObject]]] = {}
+        self.eyes = Eyes()
+        self.frame_ns: int | None = None
+        """When the frame before the eyes shone."""
+        self.cues: list[Feedback] = []
+        """Felt and heard with the last `look`."""
         self.lamps_m: dict[str, Vec3] = {}
-        self.strips: dict[str, Polyline] = {}
-        self._lines: dict[tuple[str, str], Polyline] = {}
-        self._links: dict[str, str] = {}
+        self.lines: dict[Key, Polyline] = {}
+        self._links: dict[str, list[BeltLink]] = {}
+        self._fed: set[str] = set()
+        """Belts that others lead to."""
         self._colors: dict[str, LampColor] = {}
-        self.cursors: list[Cursor] = []
-        """Cursors that came into view with the last `look`, oldest first."""
-        self.selection: dict[str, str] = {}
-        """Who has selected what: object id to user."""
-        self.interaction: Interaction | None = None
-        self.interaction_since_ns = 0
-        self.localization: Localization | None = None
+        self.profile_ns: int | None = None
+        """When they first knew how they look to the system: it is there."""
 
     def show(self, now_ns: int, message: Message, name: str = "") -> None:
-        """Put `message` before the eyes; it is noticed later."""
-        self._coming.append((now_ns + self._delay_ns, message, name))
+        """Put `message` before the senses; it is noticed later."""
+        if self._coming and self._coming[-1][0] > now_ns + self._delay_ns:  # a clock was set back
+            self._coming = deque((min(due, now_ns), late, of) for due, late, of in self._coming)
+        if len(self._coming) < MOST_COMING:
+            self._coming.append((now_ns + self._delay_ns, message, name))
 
     def look(self, now_ns: int) -> None:
         """Notice what has become due."""
-        self.cursors.clear()
+        self.cues.clear()
         while self._coming and self._coming[0][0] <= now_ns:
             due_ns, message, name = self._coming.popleft()
             self._notice(due_ns, message, name)
@@ -69,11 +97,20 @@ class Sight:
         """Return every object in view."""
         fresh_ns = round(FRESH_S * NS_PER_S)
         oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
-        for name in [n for n, t in self._trackers.items() if not oldest_ns <= t.stamp_ns <= newest_ns]:
+        for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
             del self._trackers[name]
         return [
-            SeenObject(thing, seen.stamp_ns) for seen in self._trackers.values() for thing in seen.objects
+            SeenObject(thing, stamp) for stamp, things in self._trackers.values() for thing in things.values()
         ]
+
+    def find(self, object_id: str, now_ns: int) -> SeenObject | None:
+        """Return the object called `object_id`, or none that is in view."""
+        fresh_ns = round(FRESH_S * NS_PER_S)
+        for stamp, things in self._trackers.values():
+            thing = things.get(object_id)
+            if thing is not None and -fresh_ns <= now_ns - stamp <= self._delay_ns + fresh_ns:
+                return SeenObject(thing, stamp)
+        return None
 
     def lit_lamp(self) -> str:
         """Return the lamp that is lit; empty when none is."""
@@ -82,52 +119,75 @@ class Sight:
                 return lamp
         return ""
 
+    def lines_of(self, kind: Kind) -> list[Polyline]:
+        """Return the lines of all strips, or of all belts."""
+        return [line for key, line in self.lines.items() if key[0] == kind]
+
     def time_left_s(self, seen: SeenObject, now_ns: int) -> float:
-        """Return how long until the object's centre leaves its surface and those linked to it, s."""
-        thing = seen.thing
-        line = self._lines.get((thing.surface, thing.surface_id))
-        speed = thing.surface_speed_mps
-        if line is None or speed == 0.0:
+        """Return how long until it is too late to select the object: at its deadline, or where it leaves."""
+        thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
+        line = self.lines.get(key) if key is not None else None
+        if key is None or line is None or speed == 0.0:
             return float("inf")
-        distance_m = line.length_m - thing.surface_position_m if speed > 0.0 else thing.surface_position_m
-        if speed > 0.0:
-            distance_m += self._linked_m(thing.surface, thing.surface_id)
-        return distance_m / abs(speed) - (now_ns - seen.stamp_ns) / NS_PER_S
+        if speed < 0.0:
+            return thing.surface_position_m / -speed - seen.age_s(now_ns)
+        left_m = self._left_m(key, thing.surface_position_m)
+        return left_m / speed - seen.age_s(now_ns)
 
     def has_come(self, seen: SeenObject, now_ns: int) -> bool:
         """Return whether all of an object, and half as much again, has come in where its surface begins."""
-        thing = seen.thing
-        line = self._lines.get((thing.surface, thing.surface_id))
-        speed = thing.surface_speed_mps
-        if line is None or speed == 0.0:
+        thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
+        line = self.lines.get(key) if key is not None else None
+        if line is None or speed == 0.0 or self._is_fed(thing):
             return True
         come_m = thing.surface_position_m if speed > 0.0 else line.length_m - thing.surface_position_m
-        return come_m + abs(speed) * (now_ns - seen.stamp_ns) / NS_PER_S >= thing.length_m
+        return come_m + abs(speed) * seen.age_s(now_ns) >= thing.length_m
 
-    def _linked_m(self, surface: str, line_id: str) -> float:
-        total_m, passed = 0.0, {line_id}
-        while (line_id := self._links.get(line_id, "")) and line_id not in passed:
-            passed.add(line_id)
-            line = self._lines.get((surface, line_id))
-            total_m += line.length_m if line is not None else 0.0
+    def _is_fed(self, thing: TrackedObject) -> bool:
+        """Return whether its belt goes on from others, so that it was there before."""
+        return thing.surface == "belt" and thing.surface_id in self._fed
+
+    def _left_m(self, key: Key, at_m: float) -> float:
+        """Return the way from `at_m` on to the first deadline, or else to where the last belt ends."""
+        total_m = 0.0
+        for _ in range(MOST_LINKS):
+            line = self.lines.get(key)
+            if line is None:
+                break
+            deadline_m = self._deadlines_m.get(key[1]) if key[0] == "belt" else None
+            if deadline_m is not None:
+                return total_m + deadline_m - at_m  # less than nothing when it has passed
+            total_m += line.length_m - at_m
+            onward = None if key[0] != "belt" else self._onward(key[1])
+            if onward is None:
+                break
+            key, at_m = ("belt", onward.target), onward.target_position_m
         return total_m
 
-    def _notice(self, now_ns: int, message: Message, name: str) -> None:
+    def _onward(self, belt: str) -> BeltLink | None:
+        """Return the link at a belt's end."""
+        for link in self._links.get(belt, ()):
+            line = self.lines.get(("belt", belt))
+            at_m = link.source_position_m
+            if at_m is None or (line is not None and at_m >= line.length_m - END_M):
+                return link
+        return None
+
+    def _notice(self, due_ns: int, message: Message, name: str) -> None:
         match message:
+            case StripsFrame():
+                self.frame_ns = due_ns - self._delay_ns
+                self.eyes.open(message)
             case TrackedObjects():
-                self._trackers[name] = message
-            case Cursor():
-                self.cursors.append(message)
-            case Selection():
-                self.selection = {chosen.id: chosen.user for chosen in message.objects}
-            case Interaction():
-                if self.interaction is None or self.interaction.state != message.state:
-                    self.interaction_since_ns = now_ns
-                self.interaction = message
-            case Localization():
-                self.localization = message
+                self._trackers[name] = (message.stamp_ns, {thing.id: thing for thing in message.objects})
+            case Feedback():
+                self.cues.append(message)
             case LampColor():
                 self._colors[name] = message
+            case UserProfile():
+                if self.profile_ns is None:
+                    self.profile_ns = due_ns
+                self.eyes.set_profile(message)
             case Environment():
                 self._learn(message)
             case _:
@@ -135,16 +195,10 @@ class Sight:
 
     def _learn(self, room: Environment) -> None:
         self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps}
-        self.strips = _drawable(room.strips)
-        self._lines = {("strip", name): line for name, line in self.strips.items()}
-        self._lines |= {("belt", name): line for name, line in _drawable(room.belts).items()}
-        self._links = {link.source: link.target for link in room.links}
-
-
-def _drawable(things: Sequence[Strip] | Sequence[Belt]) -> dict[str, Polyline]:
-    """Return the lines of `things`; those that are none, such as a single point, cannot be seen."""
-    lines: dict[str, Polyline] = {}
-    for thing in things:
-        with contextlib.suppress(ValueError):
-            lines[thing.id] = Polyline(thing.line_m)
-    return lines
+        self.lines = {("strip", strip.id): line for strip, line in drawable(room.strips)}
+        self.lines |= {("belt", belt.id): line for belt, line in drawable(room.belts)}
+        self._fed = {link.target for link in room.links}
+        self._links = {}
+        for link in room.links:
+            self._links.setdefault(link.source, []).append(link)
+        self.eyes.learn(room)

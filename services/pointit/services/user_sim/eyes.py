@@ -1,0 +1,320 @@
+"""What a person makes of the light on the strips: where their own cursor is, and what became of a thing.
+
+The language of light: a thing is a segment in its kind's colour, dim while it is free, bright once selected;
+its two ends show whose cursor is on it, or who selected it; a cursor is a short run in its person's colour,
+on top of all, and cursors that meet alternate pixel by pixel. Nothing but the frame's bytes, the map, the
+things themselves and one's own colour is used. A frame is decoded when somebody looks, not when it comes.
+"""
+
+import contextlib
+import functools
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pointit.geometry.colormap import UnknownColormapError, colormap
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Environment, StripsFrame, UserProfile
+from pointit.services.user_sim.pixels import Key, Kind, Pixels, ShownLine
+
+HUE_TOLERANCE = 0.09
+"""How far a colour may lie beside another one, as a share, to be taken for it, whatever the brightness."""
+LEVEL_SHARE = 0.8
+"""A cursor is at least so bright, as a share of how bright it was lately."""
+DARKEST = 0.04
+ADAPTING = 0.96
+"""By how much less bright a cursor is looked for after each look in vain: the eyes adapt to dimmed strips."""
+TOO_WIDE = 1.6
+"""A run longer than this many cursors, and two pixels, is no cursor."""
+INTERLEAVED = 4.5
+"""Pixels between two of one's own where as many people's cursors meet as can be told apart."""
+SCALE_M = 0.7
+"""So far from where they feel to point a run is as doubtful as one of a third of the cursor's width."""
+LEAST_LIKELY = 2.6
+"""Of what is still taken for a cursor."""
+END_M = 0.06
+"""A narrow run so close to the end of a thing is taken for its margin."""
+NARROW = 0.8
+"""Of the cursor's width: what may be a margin."""
+MIXED_PATTERNS = ("striped", "tailed")
+"""They put the owner's colour into the body of what is theirs."""
+TINTS = 32
+"""Colours of a colormap that are told apart."""
+FULL = 1.5
+"""Times as bright as a thing that nobody selected: selected (twice and more, as it is drawn)."""
+
+GAP = 0.6
+"""Times as bright, that is darker: a pixel of the pattern of what somebody selected."""
+UNKNOWN_DIM = 105.0
+"""Brightness of things of a kind that was never seen unmarked."""
+
+Color = tuple[int, int, int]
+Span = tuple[Key, float, float]
+"""A line, and from where to where on it a thing lies."""
+
+
+class SeenCursor(NamedTuple):
+    """One's own cursor."""
+
+    kind: Kind
+    line_id: str
+    position_m: float
+    """Along the strip, or along the belt beside it."""
+    point_m: Vec3
+    width_m: float
+
+
+class Looks(NamedTuple):
+    """How a thing looks."""
+
+    marked: bool
+    """Its ends are in another colour than its middle."""
+    full: bool
+    """It is as bright as selected things are."""
+    hidden: bool
+    """A cursor lies over its middle, so that its brightness is a guess."""
+    own: bool
+    """An end is in one's own colour."""
+    foreign: bool
+    """An end is in a colour that is neither one's own nor the thing's."""
+
+
+class _Run(NamedTuple):
+    line: ShownLine
+    first_m: float
+    last_m: float
+    parts: int
+
+    @property
+    def width_m(self) -> float:
+        return self.last_m - self.first_m + self.line.pitch_m
+
+    @property
+    def middle_m(self) -> float:
+        return (self.first_m + self.last_m) / 2.0
+
+
+class Eyes:
+    """Looks at frames of one room for one person."""
+
+    def __init__(self) -> None:
+        """Open them: there is nothing to see yet."""
+        self._pixels = Pixels(Environment(stamp_ns=0, name="nothing"))
+        self._frame: StripsFrame | None = None
+        self._codes: list[int] | None = None
+        self._brightness = 1.0
+        """Of cursors, as lately seen."""
+        self._shares: dict[int, float] = {0: 0.0}
+        """By colour seen: how bright a cursor of one's own it would be, 0 when it is none."""
+        self._dim: dict[str, tuple[int, int]] = {}
+        """By kind: colour and brightness of things that nobody selected."""
+        self.set_profile(UserProfile(stamp_ns=0))
+
+    def learn(self, room: Environment) -> None:
+        """Look around in `room`."""
+        self._pixels = Pixels(room)
+        self._codes = None
+
+    def set_profile(self, profile: UserProfile) -> None:
+        """Know one's own colour, or colours, and how wide one's cursor is."""
+        self._own = np.array([profile.cursor_color], dtype=np.float64)
+        if profile.cursor_colormap:
+            with contextlib.suppress(UnknownColormapError):  # then it is drawn in its colour
+                tints = colormap(profile.cursor_colormap)(np.linspace(0.0, 1.0, TINTS))
+                self._own = tints.astype(np.float64)
+        self._width_m = profile.cursor_width_m
+        self._is_mixed = profile.pattern in MIXED_PATTERNS
+        self._shares = {0: 0.0}
+
+    def open(self, frame: StripsFrame) -> None:
+        """Have `frame` before the eyes; nothing is made of it yet."""
+        self._frame = frame
+        self._codes = None
+
+    def line(self, key: Key) -> ShownLine | None:
+        """Return how the strip or belt `key` is shown, or none."""
+        return self._pixels.lines.get(key)
+
+    def cursor(
+        self, kind: Kind, expected_m: Vec3 | None = None, things: Iterable[Span] = ()
+    ) -> SeenCursor | None:
+        """Return where one's own cursor is, or none that could be it.
+
+        Args:
+            kind: belt: what is seen beside a belt is on the belt; strip: on the strip.
+            expected_m: where the hand is felt to point, {W}.
+            things: where things lie, as their margins may have the same colour.
+        """
+        runs = self._runs(kind)
+        best: tuple[float, _Run, Vec3] | None = None
+        things = list(things) if runs else []
+        for run in runs:
+            doubt = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
+            if doubt > 0.0 and _is_cut(run):
+                doubt /= 2.0
+            point_m = run.line.line.point_at(run.middle_m)
+            if expected_m is not None:
+                doubt += min(math.dist(point_m, expected_m) / SCALE_M, 2.0)
+            doubt += self._margin_doubt(run, things)
+            if best is None or doubt < best[0]:
+                best = (doubt, run, point_m)
+        if best is None or best[0] > LEAST_LIKELY:
+            self._brightness = max(DARKEST, self._brightness * ADAPTING)
+            return None
+        _, run, point_m = best
+        return SeenCursor(run.line.kind, run.line.id, run.middle_m, point_m, run.width_m)
+
+    def _margin_doubt(self, run: _Run, things: Sequence[Span]) -> float:
+        """Return how doubtful it is that `run` is a cursor, because things lie there."""
+        key, at_m = (run.line.kind, run.line.id), run.middle_m
+        is_narrow = run.width_m < NARROW * self._width_m
+        for where, start_m, end_m in things:
+            if where != key or not start_m - END_M < at_m < end_m + END_M:
+                continue
+            is_end = min(abs(at_m - start_m), abs(at_m - end_m)) < END_M
+            if (is_end or self._is_mixed) and is_narrow:
+                return 1.0
+            return 0.7 if self._is_mixed else 0.0
+        return 0.0
+
+    def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> Looks | None:
+        """Return how a thing of `kind` looks whose middle is at `position_m` of line `key`.
+
+        None when the strips do not show enough of it.
+        """
+        line = self._pixels.lines.get(key)
+        if line is None:
+            return None
+        codes = self._decoded()
+        first = bisect_left(line.arcs_m, position_m - length_m / 2.0)
+        last = bisect_right(line.arcs_m, position_m + length_m / 2.0)
+        shown = [codes[line.at[k]] for k in range(first, last)]
+        while shown and not shown[-1]:
+            shown.pop()
+        while shown and not shown[0]:
+            shown.pop(0)
+        if len(shown) < 3:
+            return None
+        return self._judge(kind, shown)
+
+    def _judge(self, kind: str, shown: Sequence[int]) -> Looks:
+        known = self._dim.get(kind)
+        body = known[0] if known is not None else _commonest(shown[1:-1])
+        is_plain = [_is_same_hue(code, body) for code in shown]
+        bodies = [code for code, is_it in zip(shown, is_plain, strict=True) if is_it]
+        if is_plain[0] and is_plain[-1] and not any(self._share(code) > 0.0 for code in shown[:2]):
+            usual = _commonest(bodies)
+            self._dim[kind] = (usual, _brightness(usual))
+            return Looks(marked=False, full=False, hidden=False, own=False, foreign=False)
+        ends = [code for code in (shown[0], shown[-1]) if not _is_same_hue(code, body)]
+        is_own = [self._share(code) > 0.0 for code in ends]
+        own, foreign = any(is_own), not all(is_own)
+        if not bodies:  # covered, or something else has come to lie there
+            return Looks(marked=True, full=False, hidden=True, own=own, foreign=foreign)
+        dim = known[1] if known is not None else UNKNOWN_DIM * self._brightness
+        third = len(shown) / 3.0
+        inner = [
+            _brightness(code)
+            for k, (code, is_it) in enumerate(zip(shown, is_plain, strict=True))
+            if is_it and third - 0.5 <= k + 0.5 <= 2.0 * third + 0.5
+        ]
+        levels = inner or [_brightness(code) for code in bodies]
+        full = max(levels) > FULL * dim or (known is not None and min(levels) < GAP * dim)
+        return Looks(marked=True, full=full, hidden=not inner, own=own, foreign=foreign)
+
+    def _runs(self, kind: Kind) -> list[_Run]:
+        """Return runs of pixels that may be one's own cursor, those interleaved with others' as one."""
+        codes = self._decoded()
+        least = LEVEL_SHARE * self._brightness
+        own = {code: share for code in set(codes) if code and (share := self._share(code)) >= least}
+        if not own:
+            return []
+        self._brightness += 0.3 * (max(own.values()) - self._brightness)
+        hits: dict[int, tuple[ShownLine, list[float]]] = {}
+        for pixel, code in enumerate(codes):
+            if code in own:
+                for line, arc_m in self._pixels.places(pixel, kind):
+                    hits.setdefault(id(line), (line, []))[1].append(arc_m)
+        longest_m = TOO_WIDE * self._width_m
+        runs: list[_Run] = []
+        for line, arcs_m in hits.values():
+            arcs_m.sort()
+            single = _grouped(line, arcs_m, 1.5)
+            merged = [run for run in _grouped(line, arcs_m, INTERLEAVED) if run not in single]
+            if merged:
+                merged = [run._replace(parts=2) for run in merged]
+            most_m = longest_m + 2.0 * line.pitch_m
+            runs += [run for run in (*single, *merged) if run.width_m <= most_m]
+        return runs
+
+    def _decoded(self) -> list[int]:
+        """Return the colour of every pixel as red * 65536 + green * 256 + blue; what is missing is dark."""
+        if self._codes is not None:
+            return self._codes
+        shown = {} if self._frame is None else {strip.id: strip.rgb for strip in self._frame.strips}
+        parts: list[bytes] = []
+        for name, count in self._pixels.strips:
+            rgb = shown.get(name, b"")
+            parts.append(rgb if len(rgb) == 3 * count else bytes(3 * count))
+        pixels = np.frombuffer(b"".join(parts), dtype=np.uint8).reshape(-1, 3).astype(np.int32)
+        self._codes = (pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]).tolist()
+        return self._codes
+
+    def _share(self, code: int) -> float:
+        """Return how bright a cursor of one's own colour looks like this, 0 for none."""
+        share = self._shares.get(code)
+        if share is None:
+            if len(self._shares) > 4096:
+                self._shares = {0: 0.0}
+            share = self._shares[code] = self._share_of(_rgb(code))
+        return share
+
+    def _share_of(self, color: Color) -> float:
+        pixel = np.array(color, dtype=np.float64)
+        squares = np.maximum(np.einsum("ij,ij->i", self._own, self._own), 1.0)
+        shares = self._own @ pixel / squares
+        beside = np.linalg.norm(pixel - shares[:, None] * self._own, axis=1)
+        off = beside / np.maximum(shares * np.sqrt(squares), 1e-9)
+        best = int(np.argmin(off))
+        return float(shares[best]) if off[best] <= HUE_TOLERANCE and shares[best] >= DARKEST else 0.0
+
+
+def _grouped(line: ShownLine, arcs_m: Sequence[float], gap: float) -> list[_Run]:
+    """Return runs of `arcs_m` with at most `gap` pixels from one to the next."""
+    runs: list[_Run] = []
+    first_m = last_m = arcs_m[0]
+    for arc_m in arcs_m[1:]:
+        if arc_m - last_m > gap * line.pitch_m:
+            runs.append(_Run(line, first_m, last_m, 1))
+            first_m = arc_m
+        last_m = arc_m
+    return [*runs, _Run(line, first_m, last_m, 1)]
+
+
+def _is_cut(run: _Run) -> bool:
+    """Return whether a run touches the first or last pixel of its line, so that a part of it is not seen."""
+    return run.first_m <= run.line.arcs_m[0] or run.last_m >= run.line.arcs_m[-1]
+
+
+def _rgb(code: int) -> Color:
+    return (code >> 16, code >> 8 & 255, code & 255)
+
+
+def _brightness(code: int) -> int:
+    return max(_rgb(code))
+
+
+def _commonest(codes: Sequence[int]) -> int:
+    return max(codes, key=codes.count)
+
+
+@functools.lru_cache(maxsize=4096)
+def _is_same_hue(code: int, other: int) -> bool:
+    """Return whether two colours differ in brightness alone."""
+    a, b = _rgb(code), _rgb(other)
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    lengths = math.hypot(*a) * math.hypot(*b)
+    return lengths > 0.0 and dot >= lengths * math.cos(HUE_TOLERANCE)

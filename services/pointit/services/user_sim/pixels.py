@@ -1,0 +1,139 @@
+"""Where the pixels of the strips are, and which places of strips and belts they show."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import Belt, Environment, Strip
+
+Array = NDArray[np.float64]
+Kind = Literal["strip", "belt"]
+Key = tuple[Kind, str]
+T = TypeVar("T", Strip, Belt)
+
+MAX_PIXELS = 64 * 4096
+"""Of all strips together, as many as a frame holds; nobody can look at more."""
+BESIDE_M = 0.1
+"""What is on a belt shows on strips up to half the belt's width and this from its centre line."""
+MOST_PAIRS = 20_000_000
+"""Pixels times segments of belts that are compared at most: a map of more is none of a hall."""
+PAIRS_AT_ONCE = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class ShownLine:
+    """A strip or a belt, and the pixels that show what is on it, by arc length."""
+
+    kind: Kind
+    id: str
+    line: Polyline
+    pitch_m: float
+    """From one pixel to the next on the strip, or strips."""
+    arcs_m: list[float] = field(default_factory=list[float])
+    """Increasing."""
+    at: list[int] = field(default_factory=list[int])
+    """Index of each of them in the frame."""
+
+
+Place = tuple[ShownLine, float]
+"""A line and an arc length on it."""
+
+
+class Pixels:
+    """All pixels of a room, numbered as they follow one another in a frame (strips in the map's order)."""
+
+    def __init__(self, room: Environment) -> None:
+        """Lay out the strips of `room`; those that cannot be drawn, or are too many, are not seen."""
+        self.strips: list[tuple[str, int]] = []
+        """Ids and numbers of pixels, in the map's order."""
+        self.lines: dict[Key, ShownLine] = {}
+        self.count = 0
+        places: list[Array] = []
+        pitches: list[Array] = []
+        for strip, line in drawable(room.strips):
+            if self.count + strip.pixels > MAX_PIXELS:
+                break
+            places.append(self._add(strip, line))
+            pitches.append(np.full(strip.pixels, line.length_m / strip.pixels))
+        points = np.concatenate(places) if places else np.empty((0, 3))
+        self._pitches_m: Array = np.concatenate(pitches) if pitches else np.empty(0)
+        budget = MOST_PAIRS
+        for belt, line in drawable(room.belts):
+            budget -= len(points) * len(line.tangents)
+            if budget >= 0 and len(points):
+                self._lay_beside(belt, line, points)
+        self._by_strip = _by_pixel(self.count, [line for line in self.lines.values() if line.kind == "strip"])
+        by_belt = _by_pixel(self.count, [line for line in self.lines.values() if line.kind == "belt"])
+        self._by_belt = [belts or strips for belts, strips in zip(by_belt, self._by_strip, strict=True)]
+
+    def places(self, pixel: int, kind: Kind) -> Sequence[Place]:
+        """Return which places `pixel` shows to somebody who minds belts, or strips only."""
+        return (self._by_belt if kind == "belt" else self._by_strip)[pixel]
+
+    def _add(self, strip: Strip, line: Polyline) -> Array:
+        offset, self.count = self.count, self.count + strip.pixels
+        self.strips.append((strip.id, strip.pixels))
+        pitch_m = line.length_m / strip.pixels
+        arcs = (np.arange(strip.pixels, dtype=np.float64) + 0.5) * pitch_m
+        wire = range(strip.pixels) if strip.direction == 1 else range(strip.pixels - 1, -1, -1)
+        self.lines["strip", strip.id] = ShownLine(
+            "strip", strip.id, line, pitch_m, arcs.tolist(), [offset + index for index in wire]
+        )
+        points = line.points_at(arcs)
+        return points if strip.direction == 1 else points[::-1]
+
+    def _lay_beside(self, belt: Belt, line: Polyline, points: Array) -> None:
+        """Find the pixels beside a belt, each with the nearest arc length of its centre line."""
+        reach_m = belt.width_m / 2.0 + BESIDE_M
+        low, high = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
+        near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
+        arcs = np.full(len(near), np.nan)
+        step = max(1, PAIRS_AT_ONCE // len(line.tangents))
+        for first in range(0, len(near), step):
+            some = slice(first, first + step)
+            arcs[some] = _nearest_arcs(line, points[near[some]], reach_m)
+        there = np.flatnonzero(~np.isnan(arcs))
+        order = there[np.argsort(arcs[there], kind="stable")]
+        if not len(order):
+            return
+        at = [int(pixel) for pixel in near[order]]
+        pitch_m = float(self._pitches_m[at].max())
+        self.lines["belt", belt.id] = ShownLine("belt", belt.id, line, pitch_m, arcs[order].tolist(), at)
+
+
+def drawable(things: Sequence[T]) -> Iterator[tuple[T, Polyline]]:
+    """Yield `things` with their lines; those that are none, such as a single point, cannot be seen."""
+    for thing in things:
+        with contextlib.suppress(ValueError):
+            yield thing, Polyline(thing.line_m)
+
+
+def _nearest_arcs(line: Polyline, points: Array, reach_m: float) -> Array:
+    """Return the arc length on `line` nearest to each of `points` (n x 3); NaN beyond reach or its ends."""
+    starts, tangents = line.vertices_m[:-1], line.tangents
+    lengths = np.diff(line.starts_m)
+    along = np.einsum("nsk,sk->ns", points[:, None, :] - starts[None, :, :], tangents)
+    held = np.clip(along, 0.0, lengths)
+    feet = starts[None, :, :] + held[:, :, None] * tangents[None, :, :]
+    gaps = np.linalg.norm(points[:, None, :] - feet, axis=2)
+    best = np.argmin(gaps, axis=1)
+    row = np.arange(len(points))
+    arcs: Array = line.starts_m[best] + held[row, best]
+    beyond = ((best == 0) & (along[row, best] < 0.0)) | (
+        (best == len(tangents) - 1) & (along[row, best] > lengths[best])
+    )
+    arcs[(gaps[row, best] > reach_m) | beyond] = np.nan
+    return arcs
+
+
+def _by_pixel(count: int, lines: Sequence[ShownLine]) -> list[list[Place]]:
+    places: list[list[Place]] = [[] for _ in range(count)]
+    for line in lines:
+        for arc_m, pixel in zip(line.arcs_m, line.at, strict=True):
+            places[pixel].append((line, arc_m))
+    return places

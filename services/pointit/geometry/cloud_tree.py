@@ -186,8 +186,8 @@ def _halved(points: Array) -> tuple[Indices, int]:
     count = len(points)
     halvings = max(0, math.ceil(math.log2(count / LEAF_POINTS)))
     size = math.ceil(count / 2**halvings)
-    filled: Indices = np.arange(size * 2**halvings)
-    order: Indices = np.minimum(filled, count - 1)  # the last repeated: it is itself again
+    order: Indices = np.arange(size * 2**halvings, dtype=np.intp)
+    order[count:] = count - 1  # the last repeated: it is itself again
     for halving in range(halvings):
         nodes = order.reshape(2**halving, -1)
         places = points[nodes]

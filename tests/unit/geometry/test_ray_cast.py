@@ -223,7 +223,7 @@ def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(seeds)
-def test_asking_coarsely_first_changes_nothing(seed: int) -> None:
+def test_the_tree_finds_the_nearest_neighbour_of_any_point_of_the_ray(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d, tolerance = some_point(rng), some_direction(rng), rng.choice([0.05, 0.3, 0.7, 3.0])
@@ -260,3 +260,29 @@ def test_the_tree_sees_only_as_far_as_its_ray() -> None:
     ray: tuple[Vec3, Vec3] = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     assert PointTree([line], reach_m=4.0).cast(*ray, 0.7) is None
     assert PointTree([line], reach_m=4.9).cast(*ray, 0.7) is not None
+
+
+# what is further along the ray
+
+
+@settings(deadline=None, max_examples=50)
+@given(seeds, measures, st.floats(-1.0, 6.0))
+def test_what_is_beyond_the_reach_is_cut_off(seed: int, measure: Measure, reach_m: float) -> None:
+    rng = random.Random(seed)
+    lines, points = scene(rng)
+    o, d = some_point(rng), some_direction(rng)
+    for some, alone in ((lines, points), (lines[:1], points[:2])):  # on arrays, and in plain Python
+        pieces: list[tuple[Vec3, Vec3]] = [(p, p) for p in alone]
+        for line in some:
+            places = [line.point_at(line.length_m * i / 300) for i in range(301)]
+            pieces += [(p, p) for p in places]
+        near = [p for p, _ in pieces if vector.dot(d, vector.subtract(p, o)) <= reach_m]
+        hit = RayCaster(some, alone, measure=measure).cast(o, d, math.inf, reach_m)
+        assert hit is not None or not near
+        if hit is None:
+            continue
+        assert vector.dot(d, vector.subtract(hit.point_m, o)) <= reach_m + 1e-9
+        best = min((miss(hit_at(0, 0.0, p, o, d), measure) for p in near), default=math.inf)
+        assert miss(hit, measure) <= best + 3e-7
+        if hit.target < len(some):
+            assert math.dist(some[hit.target].point_at(hit.position_m), hit.point_m) < 1e-9

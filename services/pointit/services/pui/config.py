@@ -25,7 +25,7 @@ class PuiConfig(Config):
     priority: dict[str, int] = Field(
         default_factory=dict[str, int],
         description="by id or kind; of all within the tolerance, the highest is pointed at; where nothing is "
-        "said, strips, belts and lamps have 1, all else 0",
+        "said, strips, belts and lamps have 2, points 1, all else 0",
     )
     opaque: tuple[Literal["box", "plane", "cylinder", "sphere"], ...] = Field(
         default=("box", "cylinder", "sphere"),

@@ -27,7 +27,8 @@ from pointit.schemas.topics import (
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.lamp_fan import LampFan
-from pointit.services.pui.map_file import load_map, load_map_and_clouds
+from pointit.services.pui.map_file import load_map_and_clouds
+from pointit.services.pui.shapes import ranked
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
 from pointit.services.pui.workspace import WorkspaceError
@@ -80,8 +81,12 @@ class Pui(Service[PuiConfig]):
 
     @classmethod
     def check(cls, config: PuiConfig) -> None:
-        """Refuse a map that cannot be used."""
-        load_map(config.map, 0)
+        """Refuse a map that cannot be used, or that has nothing of what is to be pointed at."""
+        environment, clouds = load_map_and_clouds(config.map, 0)
+        try:
+            ranked(environment, config.surfaces, clouds, config.priority, math.radians(config.grazing_deg))
+        except ValueError as error:
+            raise ConfigError(f"pui: {error}") from error
 
     def _person(self, user: str) -> PersonCursor:
         person = self._persons.get(user)

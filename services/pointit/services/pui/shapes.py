@@ -19,6 +19,12 @@ SolidKind = Literal["box", "plane", "cylinder", "sphere"]
 Kind = Literal["strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points"]
 
 
+ALL_KINDS: tuple[Kind, ...] = ("strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points")
+
+PRIORITY: Mapping[str, int] = {"lamp": 2, "strip": 2, "belt": 2, "points": 1}
+"""Of kinds that are not mentioned; 0 for others. Thin things come first, an area is seldom missed."""
+
+
 class Surface(NamedTuple):
     """A thing with a name."""
 
@@ -31,6 +37,39 @@ class Shape(NamedTuple):
 
     surface: Surface
     form: Polyline | Vec3 | Solid | NDArray[Any]
+
+
+def ranked(
+    environment: Environment,
+    kinds: Collection[Kind],
+    clouds: Clouds,
+    priority: Mapping[str, int],
+    grazing_rad: float,
+) -> dict[int, list[Shape]]:
+    """Return the things of `kinds` by their priority, which goes by id or else by kind.
+
+    Raises:
+        ValueError: there is none, a cloud was not read, or a priority names nothing.
+    """
+    shapes = shapes_of(environment, kinds, clouds, grazing_rad)
+    if not shapes:
+        raise ValueError(
+            f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
+            "choose kinds that the map has"
+        )
+    unknown = priority.keys() - set(ALL_KINDS) - {shape.surface.id for shape in shapes}
+    if unknown:
+        raise ValueError(
+            f"priority: {min(unknown)!r} is neither a kind nor the id of a thing that can be pointed at; "
+            "correct or remove it"
+        )
+    ranks = {**PRIORITY, **priority}
+    groups: dict[int, list[Shape]] = {}
+    for shape in shapes:
+        kind, name = shape.surface
+        rank = priority[name] if name in priority else ranks.get(kind, 0)
+        groups.setdefault(rank, []).append(shape)
+    return groups
 
 
 def shapes_of(

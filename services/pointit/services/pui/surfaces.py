@@ -17,16 +17,11 @@ from pointit.geometry.solid_cast import SAME, SolidCaster
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
 from pointit.services.pui.occlusion import Screens
-from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, shapes_of, solids_of
+from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, ranked, solids_of
 
 PAPER_TOLERANCE_M = 0.7
 
 OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
-
-PRIORITY: Mapping[str, int] = {"lamp": 1, "strip": 1, "belt": 1}
-"""Of kinds that are not mentioned; 0 for others. Thin things come before areas, which nothing misses less."""
-
-ALL_KINDS: tuple[Kind, ...] = ("strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points")
 
 
 class Caster(Protocol):
@@ -82,31 +77,15 @@ class Surfaces:
         Raises:
             ValueError: the map has nothing of these kinds, or nothing that a priority names.
         """
-        shapes = shapes_of(environment, kinds, clouds or {}, grazing_rad)
-        if not shapes:
-            raise ValueError(
-                f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
-                "choose kinds that the map has"
-            )
-        ranks = dict(priority or {})
-        unknown = ranks.keys() - set(ALL_KINDS) - {shape.surface.id for shape in shapes}
-        if unknown:
-            raise ValueError(
-                f"priority: {min(unknown)!r} is neither a kind nor the id of a thing that can be pointed at; "
-                "correct or remove it"
-            )
-        ranks = {**PRIORITY, **ranks}
+        groups = ranked(environment, kinds, clouds or {}, priority or {}, grazing_rad)
         self._measure: Measure = "angle" if method == "exact" and tolerance_m is None else "metres"
         if method == "kd_tree":
             self._tolerance = PAPER_TOLERANCE_M if tolerance_m is None else tolerance_m
         else:
             self._tolerance = tolerance_rad if tolerance_m is None else tolerance_m
-        groups: dict[int, list[Shape]] = {}
-        for shape in shapes:
-            kind, name = shape.surface
-            groups.setdefault(ranks.get(name, ranks.get(kind, 0)), []).append(shape)
         self._groups = [
-            self._parties(groups[rank], method, step_m, reach_m) for rank in sorted(groups, reverse=True)
+            self._parties(shapes, method, step_m, reach_m)
+            for _, shapes in sorted(groups.items(), reverse=True)
         ]
         hiding = solids_of(environment, opaque, grazing_rad)
         self._screens = Screens([solid for _, solid in hiding]) if hiding else None

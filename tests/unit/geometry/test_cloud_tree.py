@@ -1,0 +1,161 @@
+"""Clouds: the tree against looking at every point, and against the paper's nearest neighbours."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pointit.geometry import vector
+from pointit.geometry.cloud_tree import LEAF_POINTS, CloudMeasure, CloudTree
+from pointit.geometry.point_tree import PointTree
+from pointit.geometry.vector import Vec3
+
+Array = NDArray[np.float64]
+
+MEASURES: list[CloudMeasure] = ["angle", "metres", "samples"]
+STEP_M, LENGTH_M = 0.05, 8.0
+seeds = st.integers(0, 2**32 - 1)
+
+
+def some_cloud(rng: np.random.Generator) -> Array:
+    """Return walls, a ball of points and lone points, from one to some thousands."""
+    count = int(rng.choice([1, 5, LEAF_POINTS, LEAF_POINTS + 1, 1000, 5000]))
+    walls = rng.uniform(-5, 5, (count, 3))
+    walls[: count // 2, int(rng.integers(3))] = rng.uniform(-5, 5)
+    walls[count // 2 : count // 2 + count // 4] = rng.normal(0, 0.05, (count // 4, 3)) + rng.uniform(-5, 5, 3)
+    return walls
+
+
+def some_ray(rng: np.random.Generator) -> tuple[Vec3, Vec3]:
+    x, y, z = rng.uniform(-5, 5, 3).tolist()
+    return (x, y, z), vector.direction(float(rng.uniform(-3.1, 3.1)), float(rng.uniform(-1.5, 1.5)))
+
+
+def misses(points: Array, origin: Vec3, direction: Vec3, measure: CloudMeasure) -> Array:
+    """Return what every point is missed by; `samples` by distances to all points of the ray."""
+    reach = points - np.array(origin)
+    d = np.array(direction)
+    along, across = reach @ d, np.linalg.norm(np.cross(d, reach), axis=1)
+    if measure == "angle":
+        angles: Array = np.arctan2(across, along)
+        return angles
+    if measure == "metres":
+        distances: Array = np.where(along >= 0.0, across, np.linalg.norm(reach, axis=1))
+        return distances
+    count = math.ceil(LENGTH_M / STEP_M)
+    on_ray = np.linspace(0.0, LENGTH_M, count + 1)[:, None] * d
+    return np.asarray(np.min([np.linalg.norm(reach - place, axis=1) for place in on_ray], axis=0))
+
+
+@settings(deadline=None, max_examples=60)
+@given(seeds, st.sampled_from(MEASURES))
+def test_no_point_is_overlooked(seed: int, measure: CloudMeasure) -> None:
+    rng = np.random.default_rng(seed)
+    points = some_cloud(rng)
+    tree = CloudTree(points, measure=measure, step_m=STEP_M, length_m=LENGTH_M)
+    for _ in range(5):
+        origin, direction = some_ray(rng)
+        expected = misses(points, origin, direction, measure)
+        hit = tree.cast(origin, direction)
+        assert hit is not None
+        assert expected[hit.target] == pytest.approx(expected.min(), abs=2e-7)
+        assert math.dist(hit.point_m, points[hit.target].tolist()) == 0.0
+
+
+@settings(deadline=None, max_examples=60)
+@given(seeds, st.sampled_from(MEASURES), st.floats(0.01, 1.0))
+def test_nothing_beyond_the_tolerance_and_all_within(
+    seed: int, measure: CloudMeasure, tolerance: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    points = some_cloud(rng)
+    origin, direction = some_ray(rng)
+    expected = misses(points, origin, direction, measure)
+    assume(abs(expected.min() - tolerance) > 1e-6)
+    tree = CloudTree(points, measure=measure, step_m=STEP_M, length_m=LENGTH_M)
+    hit = tree.cast(origin, direction, tolerance)
+    assert (hit is not None) == (expected.min() <= tolerance)
+    if hit is not None:
+        assert expected[hit.target] == pytest.approx(expected.min(), abs=2e-7)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seeds, st.sampled_from(MEASURES), st.floats(-2.0, 6.0))
+def test_points_beyond_the_reach_are_left_out(seed: int, measure: CloudMeasure, reach_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = some_cloud(rng)
+    origin, direction = some_ray(rng)
+    expected = misses(points, origin, direction, measure)
+    near = (points - np.array(origin)) @ np.array(direction) <= reach_m
+    hit = CloudTree(points, measure=measure, step_m=STEP_M, length_m=LENGTH_M).cast(
+        origin, direction, math.inf, reach_m
+    )
+    assert (hit is not None) == bool(near.any())
+    if hit is not None:
+        assert near[hit.target]
+        assert expected[hit.target] == pytest.approx(expected[near].min(), abs=2e-7)
+
+
+@settings(deadline=None, max_examples=20)
+@given(seeds)
+def test_the_paper_in_the_papers_own_way_finds_the_same(seed: int) -> None:
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - a third of a second that other tests do without
+
+    rng = np.random.default_rng(seed)
+    points = some_cloud(rng)
+    tree = PointTree([], [], [points], step_m=STEP_M, reach_m=LENGTH_M)
+    on_ray = np.linspace(0.0, LENGTH_M, math.ceil(LENGTH_M / STEP_M) + 1)[:, None]
+    for _ in range(5):
+        origin, direction = some_ray(rng)
+        asked = cKDTree(points).query(np.array(origin) + on_ray * np.array(direction))
+        distances, found = np.asarray(asked[0]), np.asarray(asked[1])
+        best = int(np.argmin(distances))
+        assume(abs(distances[best] - 0.7) > 1e-6)
+        hit = tree.cast(origin, direction, 0.7)
+        assert (hit is not None) == (distances[best] <= 0.7)
+        if hit is not None:
+            here = np.linalg.norm(
+                np.array(origin) + on_ray * np.array(direction) - np.array(hit.point_m), axis=1
+            )
+            assert here.min() == pytest.approx(distances[best], abs=2e-7)
+            # the same point, where no other is as near
+            rivals = misses(points, origin, direction, "samples")
+            if np.ptp(np.sort(rivals)[:2]) > 1e-6:
+                assert hit.point_m == tuple(points[found[best]].tolist())
+
+
+def test_a_hundred_thousand_points_take_more_than_one_level() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-5, 5, (100_000, 3))
+    tree = CloudTree(points)
+    for _ in range(10):
+        origin, direction = some_ray(rng)
+        hit = tree.cast(origin, direction)
+        assert hit is not None
+        assert hit.miss_rad == pytest.approx(misses(points, origin, direction, "angle").min(), abs=2e-7)
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_one_place_many_times_and_eyes_in_it(measure: CloudMeasure) -> None:
+    tree = CloudTree([(1.0, 2.0, 3.0)] * 200, measure=measure)
+    hit = tree.cast((1.0, 2.0, 3.0), (1.0, 0.0, 0.0))
+    assert hit is not None
+    assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
+
+
+def test_lines_points_and_clouds_of_a_point_tree_are_numbered_in_turn() -> None:
+    cloud = np.array([[5.0, 0.0, 0.0], [0.0, 5.0, 0.0]])
+    tree = PointTree([], [(0.0, 0.0, 5.0)], [cloud[:1], cloud[1:]])
+    for direction, target in (((0.0, 0.0, 1.0), 0), ((1.0, 0.0, 0.0), 1), ((0.0, 1.0, 0.0), 2)):
+        hit = tree.cast((0.0, 0.0, 0.0), direction, 0.1)
+        assert hit is not None
+        assert hit.target == target
+
+
+@pytest.mark.parametrize("points", [[], [(0.0, math.nan, 0.0)], [(math.inf, 0.0, 0.0)]])
+def test_no_points_or_no_numbers(points: list[Vec3]) -> None:
+    with pytest.raises(ValueError, match="cloud"):
+        CloudTree(points)

@@ -1,0 +1,282 @@
+"""Things with an area: where rays meet them, and their closed forms against many points of their skin."""
+
+import math
+import random
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pointit.geometry import vector
+from pointit.geometry.closest import Measure
+from pointit.geometry.cylinder import CylinderSolid
+from pointit.geometry.plane import PlaneSolid, plane_axes
+from pointit.geometry.solid_cast import SolidCaster
+from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
+from pointit.geometry.vector import Vec3
+
+Array = NDArray[np.float64]
+
+MEASURES: list[Measure] = ["angle", "metres"]
+FORMS = ["box", "sphere", "cylinder", "plane"]
+seeds = st.integers(0, 2**32 - 1)
+forms = st.sampled_from(FORMS)
+GRID = 80
+
+
+def some_point(rng: random.Random, size_m: float = 4.0) -> Vec3:
+    return (rng.uniform(-size_m, size_m), rng.uniform(-size_m, size_m), rng.uniform(-size_m, size_m))
+
+
+def some_direction(rng: random.Random) -> Vec3:
+    return vector.direction(rng.uniform(-math.pi, math.pi), rng.uniform(-1.5, 1.5))
+
+
+def turned(points: Array, yaw: float) -> Array:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.asarray(points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def box_skin(size: Vec3) -> Array:
+    u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.5, 0.5, GRID), np.linspace(-0.5, 0.5, GRID)))
+    faces = [
+        np.insert(np.column_stack([u, v]), axis, side, axis=1) for axis in range(3) for side in (-0.5, 0.5)
+    ]
+    return np.asarray(np.concatenate(faces) * np.array(size))
+
+
+def ball_skin(radius: float) -> Array:
+    a, e = (x.ravel() for x in np.meshgrid(np.linspace(-np.pi, np.pi, 160), np.linspace(-1.5708, 1.5708, 80)))
+    return np.asarray(radius * np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]))
+
+
+def cylinder_skin(radius: float, height: float) -> Array:
+    a, t = (x.ravel() for x in np.meshgrid(np.linspace(-np.pi, np.pi, 160), np.linspace(0.0, 1.0, 80)))
+    side = np.column_stack([radius * np.cos(a), radius * np.sin(a), height * t])
+    end = np.column_stack([radius * t * np.cos(a), radius * t * np.sin(a), np.zeros(len(a))])
+    return np.concatenate([side, end, end + np.array([0.0, 0.0, height])])
+
+
+def some_solid(rng: random.Random, form: str) -> tuple[Solid, Array]:
+    """Return a solid and many points of its skin."""
+    at = some_point(rng, 2.0)
+    size = (rng.uniform(0.1, 2), rng.uniform(0.1, 2), rng.uniform(0.1, 2))
+    if form == "box":
+        yaw = rng.uniform(-3, 3)
+        return BoxSolid(at, size, yaw), turned(box_skin(size), yaw) + np.array(at)
+    if form == "sphere":
+        return SphereSolid(at, size[0]), ball_skin(size[0]) + np.array(at)
+    if form == "cylinder":
+        return CylinderSolid(at, size[0], size[1]), cylinder_skin(size[0], size[1]) + np.array(at)
+    normal = some_direction(rng)
+    u, v = plane_axes(normal)
+    grid = box_skin((size[0], size[1], 0.0))[:, :2]
+    points = grid[:, :1] * np.array(u) + grid[:, 1:] * np.array(v) + np.array(at)
+    return PlaneSolid(at, normal, (size[0], size[1]), grazing_rad=0.0), points
+
+
+def misses(points: Array, origin: Vec3, direction: Vec3, measure: Measure) -> Array:
+    reach = points - np.array(origin)
+    d = np.array(direction)
+    along, across = reach @ d, np.linalg.norm(np.cross(d, reach), axis=1)
+    if measure == "angle":
+        angles: Array = np.arctan2(across, along)
+        return angles
+    distances: Array = np.where(along >= 0.0, across, np.linalg.norm(reach, axis=1))
+    return distances
+
+
+@settings(deadline=None, max_examples=300)
+@given(seeds, forms, st.sampled_from(MEASURES))
+def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str, measure: Measure) -> None:
+    rng = random.Random(seed)
+    solid, skin = some_solid(rng, form)
+    origin = some_point(rng)
+    near = vector.subtract(some_point(rng, 3.0), origin)
+    direction = vector.normalized(near) if rng.random() < 0.7 else some_direction(rng)
+    hit = SolidCaster([solid], measure=measure).cast(origin, direction)
+    assert hit is not None
+    least = misses(skin, origin, direction, measure).min()
+    miss = hit.miss_rad if measure == "angle" else hit.miss_m
+    assert miss <= least + 1e-7
+    # and it is a point of the skin
+    inwards = vector.scale(vector.subtract(solid.ball[0], hit.point_m), 1e-5)
+    if form == "plane":
+        assert np.linalg.norm(skin - np.array(hit.point_m), axis=1).min() < 0.03
+    else:
+        assert solid.holds(vector.add(hit.point_m, inwards))
+        assert not solid.holds(vector.subtract(hit.point_m, inwards))
+
+
+@settings(deadline=None, max_examples=200)
+@given(seeds, forms)
+def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: int, form: str) -> None:
+    rng = random.Random(seed)
+    solid, skin = some_solid(rng, form)
+    origin = some_point(rng)
+    x, y, z = skin[rng.randrange(len(skin))].tolist()
+    target = vector.add((x, y, z), vector.scale(vector.subtract(solid.ball[0], (x, y, z)), 1e-3))
+    reach = vector.subtract(target, origin)
+    ahead = solid.meet(origin, vector.normalized(reach))
+    assert ahead is not None
+    assert ahead <= vector.norm(reach) + 1e-6 or solid.holds(origin)
+
+
+@settings(deadline=None, max_examples=200)
+@given(seeds, forms)
+def test_what_is_met_is_on_the_skin_and_nothing_is_before(seed: int, form: str) -> None:
+    rng = random.Random(seed)
+    solid, _ = some_solid(rng, form)
+    origin = some_point(rng)
+    direction = vector.normalized(vector.subtract(some_point(rng, 2.5), origin))
+    ahead = solid.meet(origin, direction)
+    if ahead is None:
+        return
+    within = solid.holds(origin)
+    steps = [ahead * i / 50 for i in range(1, 50)]
+    inside = [solid.holds(vector.add(origin, vector.scale(direction, step))) for step in steps]
+    assert all(inside) if within else not any(inside)
+    if form != "plane":
+        before = solid.holds(vector.add(origin, vector.scale(direction, ahead - 1e-6)))
+        after = solid.holds(vector.add(origin, vector.scale(direction, ahead + 1e-6)))
+        assert before is within or ahead < 1e-5
+        assert not (before and after)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_lies_behind_is_not_met(form: str) -> None:
+    solid: dict[str, Solid] = {
+        "box": BoxSolid((-3.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+        "sphere": SphereSolid((-3.0, 0.0, 0.0), 1.0),
+        "cylinder": CylinderSolid((-3.0, 0.0, -1.0), 1.0, 2.0),
+        "plane": PlaneSolid((-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0)),
+    }
+    assert solid[form].meet((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is None
+    assert solid[form].meet((-9.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is not None
+    for measure in MEASURES:
+        assert SolidCaster([solid[form]], measure=measure).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5) is None
+
+
+# places
+
+
+def test_places_on_a_box() -> None:
+    box = BoxSolid((1.0, 2.0, 3.0), (2.0, 4.0, 6.0), math.pi / 2)
+    assert box.uv_at((1.0, 2.5, 6.0)) == pytest.approx((0.5, 0.0))  # on top: its x axis points along y
+    assert box.uv_at((1.5, 3.0, 4.0)) == pytest.approx((-0.5, 1.0))  # across its x axis: (y, z)
+    assert box.uv_at((3.0, 2.5, 4.0)) == pytest.approx((0.5, 1.0))  # across its y axis: (x, z)
+
+
+def test_places_on_balls_and_cylinders() -> None:
+    ball = SphereSolid((1.0, 0.0, 0.0), 2.0)
+    assert ball.uv_at((1.0, 2.0, 0.0)) == pytest.approx((math.pi, 0.0))
+    assert ball.uv_at((1.0, 0.0, 2.0))[1] == pytest.approx(math.pi)
+    tank = CylinderSolid((1.0, 0.0, 0.5), 2.0, 3.0)
+    assert tank.uv_at((1.0, 2.0, 1.5)) == pytest.approx((math.pi, 1.0))
+    assert tank.uv_at((2.0, 0.5, 3.5)) == pytest.approx((1.0, 0.5))
+
+
+@given(seeds)
+def test_the_axes_of_a_plane(seed: int) -> None:
+    normal = some_direction(random.Random(seed))
+    u, v = plane_axes(normal)
+    assert [vector.norm(u), vector.norm(v)] == pytest.approx([1.0, 1.0])
+    assert [vector.dot(u, v), vector.dot(u, normal), vector.dot(v, normal)] == pytest.approx(
+        [0.0] * 3, abs=1e-9
+    )
+    assert vector.dot(vector.cross(u, v), normal) == pytest.approx(1.0)
+    # nothing in the plane rises more than v
+    assert v[2] == pytest.approx(math.hypot(normal[0], normal[1]))
+
+
+def test_the_axes_of_level_and_upright_planes() -> None:
+    assert plane_axes((0.0, 0.0, 1.0)) == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    assert plane_axes((0.0, 0.0, -1.0)) == ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    assert plane_axes((1.0, 0.0, 0.0)) == ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+# planes
+
+
+@pytest.mark.parametrize("size", [None, (100.0, 100.0)])
+@pytest.mark.parametrize(("angle_deg", "met"), [(5.2, True), (4.8, False), (-4.8, False), (-5.2, True)])
+def test_grazing_planes_are_refused(size: tuple[float, float] | None, angle_deg: float, met: bool) -> None:  # noqa: FBT001
+    floor = PlaneSolid((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), size)
+    eyes = (0.0, 0.0, 1.64 if angle_deg > 0 else -1.64)  # from both sides
+    down = vector.direction(0.3, -math.radians(angle_deg))
+    assert (SolidCaster([floor]).cast(eyes, down, 0.2) is not None) is met
+
+
+def test_a_plane_without_end_is_met_or_not_there() -> None:
+    wall = PlaneSolid((0.0, 5.0, 0.0), (0.0, -1.0, 0.0))
+    hit = SolidCaster([wall]).cast((1.0, 0.0, 1.5), (0.0, 1.0, 0.0), 0.1)
+    assert hit is not None
+    assert hit.point_m == pytest.approx((1.0, 5.0, 1.5))
+    assert hit.uv_m == pytest.approx((1.0, 1.5))
+    assert SolidCaster([wall]).cast((1.0, 0.0, 1.5), (0.0, -1.0, 0.0), 3.0) is None
+
+
+# many
+
+
+@settings(deadline=None, max_examples=100)
+@given(seeds, st.sampled_from(MEASURES), st.integers(1, 15), st.floats(0.02, 1.0))
+def test_of_many_the_first_met_or_else_the_closest(
+    seed: int, measure: Measure, count: int, tolerance: float
+) -> None:
+    rng = random.Random(seed)
+    solids = [some_solid(rng, rng.choice(["box", "sphere", "plane"]))[0] for _ in range(count)]
+    origin = some_point(rng)
+    direction = vector.normalized(vector.subtract(some_point(rng, 2.5), origin))
+    alone = [SolidCaster([solid], measure=measure).cast(origin, direction, tolerance) for solid in solids]
+    hit = SolidCaster(solids, measure=measure).cast(origin, direction, tolerance)
+    known = [(h.miss_rad if measure == "angle" else h.miss_m, h.range_m) for h in alone if h is not None]
+    assert (hit is not None) == bool(known)
+    if hit is not None:
+        miss = hit.miss_rad if measure == "angle" else hit.miss_m
+        assert miss == pytest.approx(min(known)[0], abs=2e-9)
+        if miss == 0.0:
+            assert hit.range_m == min(known)[1]
+        assert solids[hit.target].uv_at(hit.point_m) == hit.uv_m
+
+
+@settings(deadline=None, max_examples=100)
+@given(seeds, st.integers(1, 15))
+def test_the_first_that_hides_is_the_first_that_is_met_from_outside(seed: int, count: int) -> None:
+    rng = random.Random(seed)
+    solids = [some_solid(rng, rng.choice(["box", "sphere", "cylinder"]))[0] for _ in range(count)]
+    origin = some_point(rng)
+    direction = vector.normalized(vector.subtract(some_point(rng, 2.5), origin))
+    met = [s.meet(origin, direction) for s in solids if not s.holds(origin)]
+    expected = min([ahead for ahead in met if ahead is not None], default=math.inf)
+    assert SolidCaster(solids).first(origin, direction) == pytest.approx(expected)
+
+
+def test_beyond_the_reach_a_nearer_one_that_is_missed_counts() -> None:
+    far, aside = SphereSolid((9.0, 0.0, 0.0), 1.0), SphereSolid((3.0, 0.8, 0.0), 0.5)
+    caster = SolidCaster([far, aside])
+    met, passed = (caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.3, reach) for reach in (math.inf, 5.0))
+    assert met is not None
+    assert passed is not None
+    assert (met.target, met.miss_rad) == (0, 0.0)
+    assert passed.target == 1
+    assert passed.miss_rad == pytest.approx(math.atan2(0.8, 3.0) - math.asin(0.5 / math.hypot(0.8, 3.0)))
+    assert caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.3, 1.0) is None
+
+
+def test_nothing_to_cast_at() -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        SolidCaster([])
+
+
+def test_the_miss_grows_steadily_as_a_ray_leaves_a_column() -> None:
+    column = SolidCaster([CylinderSolid((3.0, 0.0, 0.0), 0.3, 2.5)])
+    seen: list[float] = []
+    for i in range(60):
+        hit = column.cast((0.0, 0.0, 1.6), vector.direction(i / 100, 0.1), 1.0)
+        assert hit is not None
+        seen.append(hit.miss_rad)
+    assert all(0.0 <= b - a < 0.0101 for a, b in pairwise(seen))

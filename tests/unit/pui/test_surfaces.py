@@ -1,0 +1,291 @@
+"""Kinds side by side: priority, what hides what, clouds, lamps, what cursors say of things with an area."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import (
+    Belt,
+    Box,
+    Cloud,
+    Cylinder,
+    Environment,
+    Lamp,
+    Plane,
+    PointingRay,
+    Sphere,
+    Strip,
+    UserPose,
+)
+from pointit.services.pui.cursor import PersonCursor
+from pointit.services.pui.lamp_fan import LampFan
+from pointit.services.pui.shapes import ALL_KINDS
+from pointit.services.pui.surfaces import OPAQUE, Surfaces
+
+EYES: Vec3 = (0.0, 0.0, 1.64)
+FAR_WALL_M = 8.0
+CLOUD = np.column_stack([np.full(400, 6.0), np.linspace(-4, 4, 400), np.full(400, 2.5)])
+
+ROOM = Environment(
+    stamp_ns=0,
+    name="room",
+    lamps=(Lamp(id="lamp", position_m=(5.0, 2.0, 2.0)), Lamp(id="other", position_m=(-5.0, 0.0, 1.0))),
+    strips=(Strip(id="strip", line_m=((3.0, -1.0, 0.8), (3.0, 1.0, 0.8)), pixels=60),),
+    belts=(Belt(id="belt", line_m=((5.0, -3.0, 0.7), (5.0, 3.0, 0.7))),),
+    boxes=(Box(id="crate", center_m=(3.0, 0.0, 0.4), size_m=(0.8, 2.0, 0.8)),),
+    planes=(
+        Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),
+        Plane(id="wall", center_m=(FAR_WALL_M, 0.0, 2.0), normal=(-1.0, 0.0, 0.0), size_m=(10.0, 4.0)),
+    ),
+    cylinders=(Cylinder(id="column", center_m=(4.0, -4.0, 0.0), radius_m=0.3, height_m=3.0),),
+    spheres=(Sphere(id="ball", center_m=(2.0, 3.0, 1.0), radius_m=0.4),),
+    clouds=(Cloud(id="scan", points=400, low_m=(6.0, -4.0, 2.5), high_m=(6.0, 4.0, 2.5)),),
+)
+
+
+def surfaces(*kinds: Any, room: Environment = ROOM, **options: Any) -> Surfaces:
+    return Surfaces(room, kinds or ALL_KINDS, clouds={"scan": CLOUD}, **options)
+
+
+def towards(target: Vec3) -> Vec3:
+    return vector.normalized(vector.subtract(target, EYES))
+
+
+def met(on: Surfaces, target: Vec3) -> tuple[str, str] | None:
+    """Return the kind and id of what somebody who points at `target` has their cursor on."""
+    found = on.meet(EYES, towards(target))
+    return None if found is None else found[0]
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        ((5.0, 2.0, 2.0), ("lamp", "lamp")),
+        ((3.0, 0.5, 0.8), ("strip", "strip")),
+        ((5.0, 2.8, 0.7), ("belt", "belt")),
+        ((4.0, -4.0, 2.0), ("cylinder", "column")),
+        ((2.0, 3.0, 1.0), ("sphere", "ball")),
+        ((-2.0, 1.0, 0.0), ("plane", "floor")),
+        ((8.0, -4.5, 3.8), ("plane", "wall")),
+        ((6.0, -2.0, 2.5), ("points", "scan")),
+    ],
+)
+def test_every_kind_can_be_pointed_at(target: Vec3, expected: tuple[str, str]) -> None:
+    # narrow: nothing thin is near enough to what has an area
+    assert met(surfaces(tolerance_rad=math.radians(2)), target) == expected
+
+
+def test_a_box_is_pointed_at_through_its_side() -> None:
+    found = surfaces("box").meet(EYES, towards((2.6, 0.3, 0.2)))
+    assert found is not None
+    assert found[0] == ("box", "crate")
+    assert found[1].point_m == pytest.approx((2.6, 0.3, 0.2))
+    assert found[1].uv_m == pytest.approx((0.3, -0.2))
+
+
+# priority
+
+
+def test_thin_things_come_first_within_the_tolerance_unless_said_otherwise() -> None:
+    beside = (3.0, 0.5, 0.9)  # above the strip: the ray goes on to the floor
+    assert met(surfaces("strip", "plane", opaque=()), beside) == ("strip", "strip")
+    assert met(surfaces("strip", "plane", opaque=(), tolerance_rad=0.01), beside) == ("plane", "floor")
+    assert met(surfaces("strip", "plane", opaque=(), priority={"floor": 3}), beside) == ("plane", "floor")
+    assert met(surfaces("strip", "plane", opaque=(), priority={"plane": 3}), beside) == ("plane", "floor")
+    both = {"plane": 3, "floor": 0, "wall": 0}
+    assert met(surfaces("strip", "plane", opaque=(), priority=both), beside) == ("strip", "strip")
+
+
+def test_of_equal_priority_the_least_missed_counts_then_the_nearer() -> None:
+    flat = {"strip": 0, "belt": 0, "lamp": 0}
+    assert met(surfaces("strip", "plane", priority=flat, opaque=()), (3.0, 0.5, 0.9)) == ("plane", "floor")
+    # the wall and, behind it by the floor's end, the floor: both are met
+    assert met(surfaces("plane", "box", priority=flat), (2.6, 0.3, 0.2)) == ("box", "crate")
+
+
+@pytest.mark.parametrize("name", ["flor", "Box"])
+def test_a_priority_of_nothing_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f"priority: '{name}' is neither a kind nor the id"):
+        surfaces(priority={name: 1})
+
+
+# occlusion
+
+HIDDEN_M: Vec3 = (4.5, 0.0, 0.3)
+"""Behind the crate."""
+
+
+def hiding(at: Vec3 = HIDDEN_M, **more: Any) -> Environment:
+    return Environment(
+        stamp_ns=0,
+        name="hiding",
+        lamps=(Lamp(id="hidden", position_m=at), *more.pop("lamps", ())),
+        boxes=ROOM.boxes,
+        **more,
+    )
+
+
+def test_what_is_behind_a_crate_is_hidden_though_it_comes_first() -> None:
+    room = hiding()
+    assert met(surfaces("lamp", room=room, opaque=()), HIDDEN_M) == ("lamp", "hidden")
+    assert met(surfaces("lamp", room=room), HIDDEN_M) is None
+    assert met(surfaces("lamp", "box", room=room), HIDDEN_M) == ("box", "crate")
+
+
+def test_what_is_seen_over_a_crate_is_not_hidden() -> None:
+    above = (4.5, 0.0, 0.9)
+    assert met(surfaces("lamp", room=hiding(above)), above) == ("lamp", "hidden")
+    # nor when the ray itself meets the crate's upper edge, a little below
+    assert met(surfaces("lamp", room=hiding(above)), (3.0, 0.0, 0.78)) == ("lamp", "hidden")
+
+
+def test_what_is_mounted_on_a_crate_is_seen() -> None:
+    for place in ((3.0, 0.5, 0.8), (2.6, 0.5, 0.4), (2.62, 0.5, 0.4), (3.3, 0.0, 0.79)):
+        assert met(surfaces("lamp", room=hiding(place)), place) == ("lamp", "hidden")
+
+
+def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
+    front = Lamp(id="front", position_m=(2.0, 0.15, 1.0))
+    room = hiding(lamps=(front,))
+    assert met(surfaces("lamp", room=room, opaque=()), HIDDEN_M) == ("lamp", "hidden")
+    assert met(surfaces("lamp", room=room), HIDDEN_M) == ("lamp", "front")
+
+
+def test_a_strip_behind_a_crate_gives_way_to_its_part_in_front() -> None:
+    line = ((1.5, 0.3, 0.9), (4.5, 0.0, 0.3))
+    room = Environment(stamp_ns=0, name="r", strips=(Strip(id="s", line_m=line, pixels=9),), boxes=ROOM.boxes)
+    found = surfaces("strip", room=room).meet(EYES, towards((4.5, 0.0, 0.3)))
+    assert found is not None
+    assert 1.5 <= found[1].point_m[0] < 2.9
+    free = surfaces("strip", room=room, opaque=()).meet(EYES, towards((4.5, 0.0, 0.3)))
+    assert free is not None
+    assert free[1].point_m[0] == pytest.approx(4.5, abs=1e-4)
+
+
+def test_eyes_within_a_thing_see_out_of_it() -> None:
+    room = Environment(
+        stamp_ns=0,
+        name="r",
+        lamps=(Lamp(id="l", position_m=(5.0, 0.0, 1.0)),),
+        cylinders=(Cylinder(id="c", center_m=(0.1, 0.0, 0.0), radius_m=0.5, height_m=3.0),),
+    )
+    assert met(surfaces("lamp", room=room), (5.0, 0.0, 1.0)) == ("lamp", "l")
+    assert met(surfaces("cylinder", room=room), (5.0, 0.0, 1.0)) == ("cylinder", "c")
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(-3.1, 3.1),
+    st.floats(-1.2, 0.5),
+    st.sampled_from(["exact", "kd_tree"]),
+    st.sampled_from([None, 0.5]),
+)
+def test_nothing_that_is_met_is_behind_what_is_opaque(
+    azimuth: float, elevation: float, method: str, tolerance_m: float | None
+) -> None:
+    direction = vector.direction(azimuth, elevation)
+    on = surfaces(method=method, tolerance_m=tolerance_m)
+    found = on.meet(EYES, direction)
+    opaque = surfaces(*OPAQUE, tolerance_rad=1e-9).meet(EYES, direction)
+    if opaque is not None:
+        assert found is not None
+        # what is beyond the first opaque thing that the ray meets is seen beside it: a straight way is free
+        reach = vector.subtract(found[1].point_m, EYES)
+        if vector.dot(direction, reach) > opaque[1].range_m + 0.06:
+            way = surfaces(*OPAQUE, tolerance_rad=1e-9).meet(EYES, vector.normalized(reach))
+            assert way is None or way[1].range_m > found[1].range_m - 0.06
+
+
+# clouds
+
+
+@pytest.mark.parametrize("method", ["exact", "kd_tree"])
+def test_two_clouds_are_told_apart_beside_a_strip(method: Any) -> None:
+    room = Environment(
+        stamp_ns=0,
+        name="scanned",
+        strips=ROOM.strips,
+        clouds=(
+            Cloud(id="left", points=2, low_m=(4.0, 2.0, 1.0), high_m=(4.0, 2.1, 1.0)),
+            Cloud(id="right", points=1, low_m=(4.0, -2.0, 1.0), high_m=(4.0, -2.0, 1.0)),
+        ),
+    )
+    clouds = {"left": np.array([[4.0, 2.0, 1.0], [4.0, 2.1, 1.0]]), "right": np.array([[4.0, -2.0, 1.0]])}
+    on = Surfaces(room, ["points", "strip"], clouds=clouds, method=method, tolerance_m=0.3)
+    assert met(on, (4.0, 2.1, 1.0)) == ("points", "left")
+    assert met(on, (4.0, -2.1, 1.0)) == ("points", "right")
+    assert met(on, (3.0, 0.0, 0.8)) == ("strip", "strip")
+
+
+def test_a_cloud_that_was_not_read_is_named() -> None:
+    with pytest.raises(ValueError, match="the points of cloud 'scan' were not read"):
+        Surfaces(ROOM, ["points"])
+
+
+# cursors
+
+
+def cursor_at(target: Vec3, on: Surfaces, **options: Any) -> Any:
+    person = PersonCursor(on, **options)
+    yaw_rad = 0.8
+    person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=yaw_rad))
+    ray = PointingRay(stamp_ns=7, origin_m=EYES, direction=vector.turn(towards(target), -yaw_rad))
+    return person.cursor(ray)
+
+
+@pytest.mark.parametrize(
+    ("target", "solid", "name", "uv_m"),
+    [
+        ((2.6, 0.3, 0.2), "box", "crate", (0.3, -0.2)),
+        ((-2.0, 1.0, 0.0), "plane", "floor", (-2.0, 1.0)),
+        ((2.0, 2.6, 1.0), "sphere", "ball", (-0.4 * math.pi / 2, 0.0)),
+    ],
+)
+def test_a_cursor_on_an_area_says_where_on_it(
+    target: Vec3, solid: str, name: str, uv_m: tuple[float, float]
+) -> None:
+    cursor = cursor_at(target, surfaces("box", "plane", "sphere"))
+    assert (cursor.surface, cursor.solid, cursor.surface_id) == ("none", solid, name)
+    assert cursor.point_m == pytest.approx(target)
+    assert cursor.uv_m == pytest.approx(uv_m, abs=1e-6)
+    assert (cursor.miss_rad, cursor.miss_m) == (0.0, 0.0)
+    assert cursor.range_m == pytest.approx(math.dist(EYES, target))
+
+
+@pytest.mark.parametrize("target", [(3.0, 0.5, 0.8), (0.0, 3.0, 9.0)])
+def test_every_cursor_carries_its_ray(target: Vec3) -> None:
+    cursor = cursor_at(target, surfaces("strip", tolerance_rad=0.1))
+    assert cursor.origin_m == pytest.approx(EYES)
+    assert cursor.direction == pytest.approx(towards(target))
+    assert (cursor.solid, cursor.uv_m) == ("", None)
+
+
+def test_lamps_near_the_ray_are_told_with_their_angles_the_nearest_first() -> None:
+    fan = LampFan(ROOM.lamps, math.radians(90))
+    cursor = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=fan)
+    (lamp,) = cursor.lamps
+    assert lamp.id == "lamp"
+    assert lamp.miss_rad == pytest.approx(
+        vector.angle_between(towards((5.0, 1.0, 1.0)), towards((5.0, 2.0, 2.0)))
+    )
+    everything = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=LampFan(ROOM.lamps, math.pi))
+    assert [lamp.id for lamp in everything.lamps] == ["lamp", "other"]
+    assert cursor_at((5.0, 1.0, 1.0), surfaces("strip")).lamps == ()
+
+
+@pytest.mark.parametrize("x_m", [1e6, -1e6])
+def test_a_pose_at_the_end_of_the_world_makes_no_impossible_cursor(x_m: float) -> None:
+    person = PersonCursor(surfaces("plane"))
+    person.set_pose(UserPose(stamp_ns=0, position_m=(x_m, 0.0, 1e5), yaw_rad=0.0))
+    for azimuth in (0.0, math.pi):
+        direction = vector.direction(azimuth, -math.radians(6))
+        ray = PointingRay(stamp_ns=0, origin_m=(x_m / 1e5, 0.0, 1.6), direction=direction)
+        cursor = person.cursor(ray)
+        assert cursor is not None
+        assert cursor.point_m is None or abs(cursor.point_m[0]) <= 1e6

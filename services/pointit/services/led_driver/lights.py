@@ -32,6 +32,8 @@ class Lights:
         self._layout: Layout | None = None
         self._renderer: Renderer | None = None
         self._seq = 0
+        self._strips: dict[str, StripFrame] = {}
+        """As last drawn: most strips are as they were, and a message of them need not be made anew."""
         self._dimmed = np.arange(256, dtype=np.uint8)
         self.set_brightness(config.brightness)
 
@@ -50,6 +52,7 @@ class Lights:
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
         self._layout = layout
+        self._strips.clear()
         self._scene.set_layout(layout)
         self._lamps.forget_lamps()
 

@@ -29,6 +29,8 @@ ROLES = MARGIN + MARGIN_COLORS
 
 _ROUNDING = 1e-6
 """Pixels."""
+_ROUNDING_M = 1e-9
+"""How far beyond an object's end a pixel is still on it."""
 _MANY = 1e9
 """Pixels: more are not counted."""
 
@@ -96,44 +98,45 @@ class Renderer:
             whose, entries = layout.lit(segments.lines, start_m, end_m)
         if not len(entries):
             return
-        at_m, per_m = layout.at_m[entries], self._per_m[entries]
-        before, after = at_m - start_m[whose], end_m[whose] - at_m
+        at_m = layout.at_m[entries]
+        before_m, after_m = at_m - start_m[whose], end_m[whose] - at_m
         if tailed:
-            outside = np.minimum(before, after)
-            behind = (outside < 0.0) & (tail_m[whose] > 0.0)
+            outside_m = np.minimum(before_m, after_m)
+            behind = (outside_m < -_ROUNDING_M) & (tail_m[whose] > 0.0)
             tail = np.flatnonzero(behind)
             if len(tail):
-                fade = self._style.tail_level * (1.0 + outside[tail] / tail_m[whose[tail]])
-                colors = segments.palette[whose[tail], BODY] * fade[:, None]
+                fade = self._style.tail_level * (1.0 + outside_m[tail] / tail_m[whose[tail]])
+                colors = segments.palette[whose[tail], BODY] * np.maximum(fade, 0.0)[:, None]
                 self._buffer[layout.pixels[entries[tail]]] = colors
                 body = np.flatnonzero(~behind)
-                whose, entries, per_m = whose[body], entries[body], per_m[body]
-                before, after = before[body], after[body]
-        first = np.minimum(np.maximum(before * per_m + _ROUNDING, 0.0), _MANY).astype(np.intp)
-        last = np.minimum(np.maximum(after * per_m + _ROUNDING, 0.0), _MANY).astype(np.intp)
-        roles = self._roles(segments, whose, entries, first, last)
-        self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
-
-    def _roles(
-        self, segments: Segments, whose: Indices, entries: Indices, first: Indices, last: Indices
-    ) -> Indices:
-        """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
-        nearer = np.minimum(first, last)
+                whose, entries, before_m, after_m = whose[body], entries[body], before_m[body], after_m[body]
         roles = np.zeros(len(whose), dtype=np.intp)
         stated = np.flatnonzero((segments.margins > 0)[whose])
-        if not len(stated):
-            return roles
-        whose, nearer, first, last = whose[stated], nearer[stated], first[stated], last[stated]
+        if len(stated):
+            per_m = self._per_m[entries[stated]]
+            roles[stated] = self._roles(
+                segments,
+                whose[stated],
+                self._edge[entries[stated]],
+                _whole(before_m[stated] * per_m),
+                _whole(after_m[stated] * per_m),
+            )
+        self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
+
+    @staticmethod
+    def _roles(segments: Segments, whose: Indices, edge: Indices, first: Indices, last: Indices) -> Indices:
+        """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
+        nearer = np.minimum(first, last)
         count = first + last + 1
-        told = np.zeros(len(stated), dtype=np.intp)
-        told[nearer < np.rint(segments.progress[whose] * count / 2.0)] = FILL
-        margin = np.minimum(self._edge[entries[stated]], count // 3)
+        roles = np.zeros(len(whose), dtype=np.intp)
+        roles[nearer < np.rint(segments.progress[whose] * count / 2.0)] = FILL
+        margin = np.minimum(edge, count // 3)
         patterns = segments.patterns[whose]
         if patterns.any():
             forth = segments.speed_mps[whose] >= 0.0
             trailing = np.where(forth, first, last)
             _draw_patterns(
-                told,
+                roles,
                 patterns,
                 inward=nearer - margin,
                 along=first - margin,
@@ -145,8 +148,7 @@ class Renderer:
         # each end begins with another colour when there are more of them than pixels
         turn = (nearer + (last < first) * np.maximum(colors - margin, 0)) % np.maximum(colors, 1)
         ends = nearer < margin
-        told[ends] = MARGIN + turn[ends]
-        roles[stated] = told
+        roles[ends] = MARGIN + turn[ends]
         return roles
 
     def _draw_cursors(self, cursors: list[CursorMark]) -> None:
@@ -161,12 +163,18 @@ class Renderer:
             # the k-th cursor over a pixel shows when k is the pixel's number modulo how many there are
             order = np.lexsort((whose, pixels))
             pixels, whose = pixels[order], whose[order]
-            begins = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
-            counts = np.diff(begins, append=len(pixels))
-            rank = np.arange(len(pixels)) - np.repeat(begins, counts)
-            shown = rank == layout.wire[pixels] % np.repeat(counts, counts)
+            begins = np.ones(len(pixels), dtype=np.bool_)
+            np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
+            group = np.cumsum(begins) - 1
+            rank = np.arange(len(pixels)) - np.flatnonzero(begins)[group]
+            shown = rank == layout.wire[pixels] % np.bincount(group)[group]
             pixels, whose = pixels[shown], whose[shown]
         self._buffer[pixels] = colors[whose]
+
+
+def _whole(pixels: Array) -> Indices:
+    """Return how many whole pixels they are."""
+    return np.minimum(np.maximum(pixels + _ROUNDING, 0.0), _MANY).astype(np.intp)
 
 
 def _draw_patterns(

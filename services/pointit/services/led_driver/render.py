@@ -42,7 +42,10 @@ class Segments:
     lines: Indices
     at_m: Array
     half_m: Array
-    speed_mps: Array
+    forth: NDArray[np.bool_]
+    """It moves from the line's start to its end, or stands."""
+    tail_m: tuple[Array, Array] | None
+    """Lengths of the tails before the starts and after the ends; none when nothing moves."""
     palette: Bytes
     """n x `ROLES` x 3."""
     progress: Array
@@ -63,6 +66,17 @@ class CursorMark:
     at_m: float
     width_m: float
     color: Color
+
+
+def tails(
+    layout: Layout, lines: Indices, half_m: Array, speed_mps: Array, style: StyleConfig
+) -> tuple[Array, Array] | None:
+    """Return the tails of objects as `Segments` has them; what may slip between two pixels has none."""
+    length_m = np.minimum(np.abs(speed_mps) * style.tail_s, style.tail_max_m)
+    length_m[layout.narrow(lines, 2.0 * half_m)] = 0.0
+    if not length_m.any():
+        return None
+    return np.where(speed_mps > 0.0, length_m, 0.0), np.where(speed_mps < 0.0, length_m, 0.0)
 
 
 class Renderer:
@@ -88,21 +102,19 @@ class Renderer:
     def _draw_segments(self, segments: Segments) -> None:
         layout = self._layout
         start_m, end_m = segments.at_m - segments.half_m, segments.at_m + segments.half_m
-        tail_m = np.minimum(np.abs(segments.speed_mps) * self._style.tail_s, self._style.tail_max_m)
-        tail_m[layout.narrow(segments.lines, 2.0 * segments.half_m)] = 0.0
-        tailed = bool(tail_m.any())
-        if tailed:
-            forth = segments.speed_mps > 0.0
-            whose, entries = layout.lit(segments.lines, start_m - tail_m * forth, end_m + tail_m * ~forth)
-        else:
+        tails_m = segments.tail_m
+        if tails_m is None:
             whose, entries = layout.lit(segments.lines, start_m, end_m)
+        else:
+            whose, entries = layout.lit(segments.lines, start_m - tails_m[0], end_m + tails_m[1])
         if not len(entries):
             return
         at_m = layout.at_m[entries]
         before_m, after_m = at_m - start_m[whose], end_m[whose] - at_m
-        if tailed:
+        if tails_m is not None:
+            tail_m = tails_m[0] + tails_m[1]
             outside_m = np.minimum(before_m, after_m)
-            behind = (outside_m < -_ROUNDING_M) & (tail_m[whose] > 0.0)
+            behind = (outside_m < -_ROUNDING_M) & (tail_m > 0.0)[whose]
             tail = np.flatnonzero(behind)
             if len(tail):
                 fade = self._style.tail_level * (1.0 + outside_m[tail] / tail_m[whose[tail]])
@@ -133,8 +145,7 @@ class Renderer:
         margin = np.minimum(edge, count // 3)
         patterns = segments.patterns[whose]
         if patterns.any():
-            forth = segments.speed_mps[whose] >= 0.0
-            trailing = np.where(forth, first, last)
+            trailing = np.where(segments.forth[whose], first, last)
             _draw_patterns(
                 roles,
                 patterns,

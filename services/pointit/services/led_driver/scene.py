@@ -21,7 +21,7 @@ from pointit.schemas import (
 from pointit.services.led_driver.config import Color, LedDriverConfig
 from pointit.services.led_driver.layout import Array, Indices, Layout
 from pointit.services.led_driver.looks import NOBODY, Looks, Wardrobe
-from pointit.services.led_driver.render import CursorMark, Segments
+from pointit.services.led_driver.render import CursorMark, Segments, tails
 
 T = TypeVar("T")
 
@@ -37,6 +37,8 @@ class _Placed:
     at_m: Array
     half_m: Array
     speed_mps: Array
+    forth: NDArray[np.bool_]
+    tail_m: tuple[Array, Array] | None
     stamp_ns: NDArray[np.int64]
     kinds: Indices
     ids: dict[str, list[int]]
@@ -50,6 +52,7 @@ class Scene:
         self._pointer = config.pointer
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
+        self._style = config.style
         self._wardrobe = Wardrobe(config.style)
         self._layout = Layout(())
         self._cursors: dict[str, tuple[int, Cursor]] = {}
@@ -171,7 +174,8 @@ class Scene:
             lines=placed.lines,
             at_m=placed.at_m + placed.speed_mps * elapsed_s,
             half_m=placed.half_m,
-            speed_mps=placed.speed_mps,
+            forth=placed.forth,
+            tail_m=placed.tail_m,
             palette=looks.palette,
             progress=looks.progress,
             margins=looks.margins,
@@ -186,11 +190,16 @@ class Scene:
         ids: dict[str, list[int]] = {}
         for index, (_, item, _) in enumerate(rows):
             ids.setdefault(item.id, []).append(index)
+        lines = np.array([line for line, _, _ in rows], dtype=np.intp)
+        half_m = np.array([item.length_m for _, item, _ in rows]) / 2.0
+        speed_mps = np.array([item.surface_speed_mps for _, item, _ in rows])
         return _Placed(
-            lines=np.array([line for line, _, _ in rows], dtype=np.intp),
+            lines=lines,
             at_m=np.array([item.surface_position_m for _, item, _ in rows]),
-            half_m=np.array([item.length_m for _, item, _ in rows]) / 2.0,
-            speed_mps=np.array([item.surface_speed_mps for _, item, _ in rows]),
+            half_m=half_m,
+            speed_mps=speed_mps,
+            forth=speed_mps >= 0.0,
+            tail_m=tails(self._layout, lines, half_m, speed_mps, self._style),
             stamp_ns=np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64),
             kinds=np.array([self._wardrobe.kind(item.kind) for _, item, _ in rows], dtype=np.intp),
             ids=ids,

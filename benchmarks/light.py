@@ -1,0 +1,157 @@
+"""A frame of all strips: ours beside the paper's way, Python lists pixel by pixel, in turn in one run."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Environment,
+    Hover,
+    SelectedObject,
+    Selection,
+    TrackedObject,
+    TrackedObjects,
+    UserProfile,
+)
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.layout import Layout
+from pointit.services.led_driver.lights import Lights
+
+NOW_NS = 1_700_000_000 * NS_PER_S
+BLOCKS = 10
+BLOCK = 40
+"""Frames."""
+PACKAGES = 20
+LENGTH_M = 0.3
+SPEED_MPS = 0.5
+KINDS = ("red", "green", "blue", "yellow")
+USERS = ("anna", "ben", "cleo", "dora")
+COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167))
+WIDTH_M = 0.1
+
+
+class _PixelByPixel:
+    """What the paper describes (§III-E), written straight: for each pixel, is anything there."""
+
+    def __init__(self, room: Environment, objects: list[TrackedObject]) -> None:
+        layout = Layout(room.strips, room.belts)
+        style = LedDriverConfig().style
+        self._strips: list[list[list[tuple[int, float]]]] = [
+            [[] for _ in range(strip.pixels)] for strip in room.strips
+        ]
+        first = np.cumsum([0, *(strip.pixels for strip in room.strips)])
+        lines = np.arange(len(room.strips) + len(room.belts))
+        owner, entries = layout.lit(lines, np.full(len(lines), -1.0), np.full(len(lines), 1e6))
+        for line, entry in zip(owner.tolist(), entries.tolist(), strict=True):
+            pixel = int(layout.pixels[entry])
+            strip = int(np.searchsorted(first, pixel, side="right")) - 1
+            self._strips[strip][pixel - int(first[strip])].append((line, float(layout.at_m[entry])))
+        self._objects = [
+            (layout.line(item.surface, item.surface_id), item.surface_position_m, item.id, item.kind)
+            for item in objects
+        ]
+        self._colors = style.kind_colors
+        self._idle = style.idle_level
+        self._edge_m = style.edge_m
+
+    def draw(
+        self, elapsed_s: float, cursors: list[tuple[int, float]], hovered: set[str], selected: set[str]
+    ) -> list[list[tuple[int, int, int]]]:
+        return [[self._pixel(place, elapsed_s, cursors, hovered, selected) for place in strip]
+                for strip in self._strips]  # fmt: skip
+
+    def _pixel(
+        self,
+        places: list[tuple[int, float]],
+        elapsed_s: float,
+        cursors: list[tuple[int, float]],
+        hovered: set[str],
+        selected: set[str],
+    ) -> tuple[int, int, int]:
+        color = (0, 0, 0)
+        for line, at_m in places:
+            for other, start_m, object_id, kind in self._objects:
+                apart_m = abs(start_m + SPEED_MPS * elapsed_s - at_m)
+                if other != line or apart_m > LENGTH_M / 2:
+                    continue
+                red, green, blue = self._colors[kind]
+                level = 1.0 if object_id in selected else self._idle
+                color = (round(red * level), round(green * level), round(blue * level))
+                if apart_m > LENGTH_M / 2 - self._edge_m and (object_id in hovered or object_id in selected):
+                    color = (255, 255, 255)
+            for number, (other, cursor_m) in enumerate(cursors):
+                if other == line and abs(cursor_m - at_m) <= WIDTH_M / 2:
+                    color = COLORS[number]
+        return color
+
+
+def frame_rows(room: Environment) -> list[dict[str, Any]]:
+    """Return the median microseconds of a frame with 20 packages and 4 people, ours and the paper's way."""
+    lines = [("belt", belt.id) for belt in room.belts] or [("strip", strip.id) for strip in room.strips]
+    objects = [
+        TrackedObject(
+            id=f"p{n}",
+            kind=KINDS[n % len(KINDS)],
+            position_m=(0.0, 0.0, 0.0),
+            length_m=LENGTH_M,
+            surface="belt" if lines[0][0] == "belt" else "strip",
+            surface_id=lines[n % len(lines)][1],
+            surface_position_m=0.2 + 0.4 * (n // len(lines)),
+            surface_speed_mps=SPEED_MPS,
+        )
+        for n in range(PACKAGES)
+    ]
+    lights = Lights(LedDriverConfig())
+    lights.on_map(room)
+    lights.on_objects("conveyor", TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects)), NOW_NS)
+    selected = SelectedObject(id="p5", user=USERS[0], since_ns=NOW_NS)
+    lights.on_selection(Selection(stamp_ns=NOW_NS, objects=(selected,)))
+    layout = Layout(room.strips, room.belts)
+    on = [objects[number] for number in range(len(USERS))]
+    for user, color, item in zip(USERS, COLORS, on, strict=True):
+        lights.on_profile(user, UserProfile(stamp_ns=NOW_NS, cursor_color=color, cursor_width_m=WIDTH_M))
+        cursor = Cursor(
+            stamp_ns=NOW_NS,
+            surface=item.surface,
+            surface_id=item.surface_id,
+            position_m=item.surface_position_m,
+        )
+        lights.on_cursor(user, cursor, NOW_NS)
+    hover = Hover(stamp_ns=NOW_NS, object_id="p0", progress=0.4, action="select")
+    theirs = _PixelByPixel(room, objects)
+    marks = [(layout.line(item.surface, item.surface_id) or 0, item.surface_position_m) for item in on]
+
+    def ours(now_ns: int) -> None:
+        lights.on_hover(USERS[0], hover, NOW_NS)  # a hover comes with every cursor
+        lights.frame(now_ns)
+
+    def paper(now_ns: int) -> None:
+        theirs.draw((now_ns - NOW_NS) / NS_PER_S, marks, {"p0"}, {"p5"})
+
+    ours_us, paper_us = _medians_us(ours, paper)
+    row = {"core": "frame of all strips", "map": room.name, "pixels": layout.count}
+    return [
+        row | {"us": round(ours_us, 1)},
+        row
+        | {
+            "core": "frame of all strips, pixel by pixel",
+            "us": round(paper_us, 1),
+            "times_ours": round(paper_us / ours_us, 1),
+        },
+    ]
+
+
+def _medians_us(*draws: Callable[[int], None]) -> list[float]:
+    """Return the median of each, warm: drawn in blocks, by turns, so that a busy machine is shared alike."""
+    times_s: list[list[float]] = [[] for _ in draws]
+    for block in range(BLOCKS):
+        for draw, times in zip(draws, times_s, strict=True):
+            for number in range(block * BLOCK, (block + 1) * BLOCK):
+                began_s = time.perf_counter()
+                draw(NOW_NS + number * NS_PER_S // 1000)
+                times.append(time.perf_counter() - began_s)
+    return [sorted(times)[len(times) // 2] * 1e6 for times in times_s]

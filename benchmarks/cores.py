@@ -1,59 +1,97 @@
-"""The pure cores alone, warm: a cursor, a frame, a localization; on the conveyor's map where the data are."""
+"""The pure cores alone, warm: a cursor, a frame, a localization; ours beside the paper's way in one run."""
 
 import math
-import os
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.light import frame_rows
+from benchmarks.paper_cursor import TOLERANCE_M, PaperCursor, discretized, walls
 from pointit.evaluation.baselines import mean_angle_4dof, mean_angle_z0
 from pointit.geometry import vector
-from pointit.schemas import Environment
-from pointit.services.led_driver.render import CursorMark, ObjectMark, Renderer
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Cloud, Environment, PointingRay, UserPose
 from pointit.services.localizer.estimator import Pointings, Solution, solve
-from pointit.services.pui.map_file import load_map, read_map
+from pointit.services.pui.cursor import PersonCursor
+from pointit.services.pui.map_file import load_map
+from pointit.services.pui.shapes import Kind
 from pointit.services.pui.surfaces import Surfaces
 
-DATA = Path(os.environ.get("POINTIT_DATA", Path(__file__).parents[2] / "shared" / "data"))
-CONVEYOR = DATA / "pointit-ros2" / "belt.yaml"
 EYES_M = (0.0, 0.0, 1.64)
 TARGETS_M = ((2.0, -2.0, 0.5), (3.0, 2.0, 1.0), (-2.0, 1.0, 0.2))
 SAMPLES = 300
-WHITE = (255, 255, 255)
+POINTS = 1_000_000
+ROUNDS = 5
 
 
 def run() -> list[dict[str, Any]]:
     """Return the median microseconds of each core on each map there is."""
-    rooms = [load_map("lab", 0)]
-    if CONVEYOR.exists():
-        rooms.append(read_map(CONVEYOR, 0))
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = _clouds()
+    rooms = [load_map("lab", 0), load_map("conveyor", 0)]
     for room in rooms:
-        rows += [
-            {"core": f"cursor, {method}", "map": room.name, "us": round(_cursor(room, method), 1)}
-            for method in ("exact", "kd_tree")
-        ]
-        rows.append({"core": "frame of all strips", "map": room.name, "us": round(_frame(room), 1)})
+        rows += _cursors(room)
+        rows += frame_rows(room)
     return rows + _localizations()
 
 
-def _cursor(room: Environment, method: Any) -> float:
-    surfaces = Surfaces(room, ("strip", "belt", "lamp"), method=method)
-    directions = [vector.direction(azimuth / 50, -0.2) for azimuth in range(314)]
-    return _median_us([partial(surfaces.meet, EYES_M, direction) for direction in directions])
+def _cursors(room: Environment) -> list[dict[str, Any]]:
+    """Return the times of ours and of the paper's way on one map, in turn."""
+    kinds: tuple[Kind, ...] = ("strip", "belt", "lamp")
+    points = discretized(room)
+    exact = Surfaces(room, kinds)
+    person = PersonCursor(exact)
+    person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+    ways: dict[str, Callable[[Vec3, Vec3], object]] = {
+        "exact": exact.meet,
+        "message and all": lambda eyes, direction: person.cursor(
+            PointingRay.model_construct(stamp_ns=0, origin_m=eyes, direction=direction)
+        ),
+        "kd_tree": Surfaces(room, kinds, method="kd_tree").meet,
+        "the paper's": PaperCursor(points).meet,
+        "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
+    }
+    rays = [(EYES_M, vector.direction(azimuth / 50, -0.2)) for azimuth in range(-157, 157)]
+    return _in_turn(ways, rays, "cursor", room.name)
 
 
-def _frame(room: Environment) -> float:
-    renderer = Renderer(room.strips)
-    objects = [
-        ObjectMark(strip_id=strip.id, position_m=0.3, length_m=0.3, kind="red") for strip in room.strips
+def _clouds() -> list[dict[str, Any]]:
+    """Return the times of ours and of the paper's way on a room of a million points, in turn."""
+    points = walls(POINTS)
+    cloud = Cloud(id="walls", points=len(points), low_m=(0.0, 0.0, 0.0), high_m=(10.0, 8.0, 3.0))
+    room = Environment(stamp_ns=0, name="a million points", clouds=(cloud,))
+    clouds = {"walls": points}
+    ways: dict[str, Callable[[Vec3, Vec3], object]] = {
+        "exact": Surfaces(room, ("points",), clouds=clouds).meet,
+        "exact, metres": Surfaces(room, ("points",), clouds=clouds, tolerance_m=TOLERANCE_M).meet,
+        "kd_tree": Surfaces(room, ("points",), clouds=clouds, method="kd_tree").meet,
+        "the paper's": PaperCursor(points).meet,
+        "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
+    }
+    random = np.random.default_rng(1)
+    rays = [
+        ((4.0, 3.0, 1.64), vector.direction(random.uniform(-3.1, 3.1), random.uniform(-0.8, 0.4)))
+        for _ in range(150)
     ]
-    cursors = [CursorMark(strip_id=room.strips[0].id, position_m=0.4, width_m=0.1, color=WHITE)]
-    return _median_us([lambda: renderer.render(objects, cursors)] * 200)
+    return _in_turn(ways, rays, "cursor", room.name)
+
+
+def _in_turn(
+    ways: dict[str, Callable[[Vec3, Vec3], object]], rays: list[tuple[Vec3, Vec3]], core: str, room: str
+) -> list[dict[str, Any]]:
+    """Return for each way, the first being ours, the median of rounds of the median of all rays."""
+    times_us: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(ROUNDS):
+        for name, way in ways.items():
+            times_us[name].append(_median_us([partial(way, *ray) for ray in rays]))
+    medians = {name: sorted(times)[ROUNDS // 2] for name, times in times_us.items()}
+    ours_us = next(iter(medians.values()))
+    return [
+        {"core": f"{core}, {name}", "map": room, "us": round(us, 1), "times_ours": round(us / ours_us, 1)}
+        for name, us in medians.items()
+    ]
 
 
 def _localizations() -> list[dict[str, Any]]:

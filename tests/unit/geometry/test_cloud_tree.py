@@ -38,12 +38,13 @@ def misses(points: Array, origin: Vec3, direction: Vec3, measure: CloudMeasure) 
     """Return what every point is missed by; `samples` by distances to all points of the ray."""
     reach = points - np.array(origin)
     d = np.array(direction)
-    along, across = reach @ d, np.linalg.norm(np.cross(d, reach), axis=1)
+    along: Array = reach @ d
+    across: Array = np.linalg.norm(np.cross(d, reach), axis=1)
     if measure == "angle":
         angles: Array = np.arctan2(across, along)
         return angles
     if measure == "metres":
-        distances: Array = np.where(along >= 0.0, across, np.linalg.norm(reach, axis=1))
+        distances: Array = np.hypot(across, np.minimum(along, 0.0))
         return distances
     count = math.ceil(LENGTH_M / STEP_M)
     on_ray = np.linspace(0.0, LENGTH_M, count + 1)[:, None] * d

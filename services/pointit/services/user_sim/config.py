@@ -211,8 +211,8 @@ class UserSimConfig(Config):
     )
     deadline: dict[str, float] = Field(
         default={},
-        description="by belt: where along it, m, it is too late to select a package that comes; none: where "
-        "its way ends",
+        description="by belt: where along it, m, it is too late to select a package that comes; empty: where "
+        "it passes the first bay that the map has, else where its way ends",
     )
     strip_speed_mps: float = Field(
         default=0.5, gt=0, le=5, description="speed along the strips (behaviour strips), m/s"

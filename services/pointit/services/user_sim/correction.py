@@ -27,6 +27,9 @@ SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
 LOST_SEARCHES = 2
 """After so many in vain it is lost."""
 
+MOST_RAD = (math.radians(90.0), math.radians(40.0))
+"""Nobody points further beside what they look at: azimuth, elevation."""
+
 Pair = tuple[float, float]
 
 
@@ -106,7 +109,7 @@ class Correction:
         if target is None or did is None:
             return
         shown, meant = self._stance.sight_of(point_m), self._stance.sight_of(target)
-        self._beside = (vector.wrap(shown[0] - meant[0]) - did[0], shown[1] - meant[1] - did[1])
+        self._beside = (vector.wrap(shown[0] - meant[0] - did[0]), shown[1] - meant[1] - did[1])
         if at_ns < self._look_from_ns:
             return
         self._newest_ns = max(self._newest_ns, at_ns)
@@ -121,9 +124,11 @@ class Correction:
             self._next_ns = now_ns + self._period_ns
             unknown = [math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True)]
             self._seen.clear()
-            self.now_rad = (
-                self.now_rad[0] - self._share() * (self.now_rad[0] + unknown[0]),
-                self.now_rad[1] - self._share() * (self.now_rad[1] + unknown[1]),
+            self.now_rad = _held(
+                (
+                    self.now_rad[0] - self._share() * (self.now_rad[0] + unknown[0]),
+                    self.now_rad[1] - self._share() * (self.now_rad[1] + unknown[1]),
+                )
             )
             return True
         if abs(now_ns - self._newest_ns) > self._delay_ns + LOST_S * NS_PER_S:
@@ -148,3 +153,11 @@ class Correction:
         self.now_rad = (self._learned[0], self._learned[1] + step)
         self._next_ns = now_ns + self._period_ns
         self._newest_ns = now_ns
+
+
+def _held(turned: Pair) -> Pair:
+    azimuth, elevation = MOST_RAD
+    return (
+        min(max(vector.wrap(turned[0]), -azimuth), azimuth),
+        min(max(turned[1], -elevation), elevation),
+    )

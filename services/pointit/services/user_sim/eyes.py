@@ -36,7 +36,7 @@ SCALE_M = 0.7
 LEAST_LIKELY = 2.6
 """Of what is still taken for a cursor."""
 END_M = 0.06
-"""A narrow run so close to the end of a thing is taken for its margin."""
+"""So far beyond the end of a thing, and twice as far within, a narrow run is taken for its margin."""
 NARROW = 0.8
 """Of the cursor's width: what may be a margin."""
 MIXED_PATTERNS = ("striped", "tailed")
@@ -86,6 +86,7 @@ class _Run(NamedTuple):
     line: ShownLine
     first_m: float
     last_m: float
+    pixels: list[int]
     parts: int
 
     @property
@@ -150,7 +151,7 @@ class Eyes:
         """
         runs = self._runs(kind)
         best: tuple[float, _Run, Vec3] | None = None
-        things = list(things) if runs else []
+        ends, bodies = self._covered(things) if runs else (set[int](), set[int]())
         for run in runs:
             doubt = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
             if doubt > 0.0 and _is_cut(run):
@@ -158,7 +159,10 @@ class Eyes:
             point_m = run.line.line.point_at(run.middle_m)
             if expected_m is not None:
                 doubt += min(math.dist(point_m, expected_m) / SCALE_M, 2.0)
-            doubt += self._margin_doubt(run, things)
+            if not ends.isdisjoint(run.pixels) and run.width_m < NARROW * self._width_m:
+                doubt += 1.0
+            elif self._is_mixed and not bodies.isdisjoint(run.pixels):
+                doubt += 0.7
             if best is None or doubt < best[0]:
                 best = (doubt, run, point_m)
         if best is None or best[0] > LEAST_LIKELY:
@@ -167,18 +171,20 @@ class Eyes:
         _, run, point_m = best
         return SeenCursor(run.line.kind, run.line.id, run.middle_m, point_m, run.width_m)
 
-    def _margin_doubt(self, run: _Run, things: Sequence[Span]) -> float:
-        """Return how doubtful it is that `run` is a cursor, because things lie there."""
-        key, at_m = (run.line.kind, run.line.id), run.middle_m
-        is_narrow = run.width_m < NARROW * self._width_m
-        for where, start_m, end_m in things:
-            if where != key or not start_m - END_M < at_m < end_m + END_M:
+    def _covered(self, things: Iterable[Span]) -> tuple[set[int], set[int]]:
+        """Return the pixels about the ends of `things`, and all that show them."""
+        ends: set[int] = set()
+        bodies: set[int] = set()
+        for key, start_m, end_m in things:
+            line = self._pixels.lines.get(key)
+            if line is None:
                 continue
-            is_end = min(abs(at_m - start_m), abs(at_m - end_m)) < END_M
-            if (is_end or self._is_mixed) and is_narrow:
-                return 1.0
-            return 0.7 if self._is_mixed else 0.0
-        return 0.0
+            first, last = bisect_left(line.arcs_m, start_m - END_M), bisect_right(line.arcs_m, end_m + END_M)
+            inner = bisect_right(line.arcs_m, start_m + 2.0 * END_M)
+            outer = bisect_left(line.arcs_m, end_m - 2.0 * END_M)
+            ends.update(line.at[first : min(inner, last)], line.at[max(outer, first) : last])
+            bodies.update(line.at[first:last])
+        return ends, bodies
 
     def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> Looks | None:
         """Return how a thing of `kind` looks whose middle is at `position_m` of line `key`.
@@ -233,19 +239,17 @@ class Eyes:
         if not own:
             return []
         self._brightness += 0.3 * (max(own.values()) - self._brightness)
-        hits: dict[int, tuple[ShownLine, list[float]]] = {}
+        hits: dict[int, tuple[ShownLine, list[tuple[float, int]]]] = {}
         for pixel, code in enumerate(codes):
             if code in own:
                 for line, arc_m in self._pixels.places(pixel, kind):
-                    hits.setdefault(id(line), (line, []))[1].append(arc_m)
+                    hits.setdefault(id(line), (line, []))[1].append((arc_m, pixel))
         longest_m = TOO_WIDE * self._width_m
         runs: list[_Run] = []
-        for line, arcs_m in hits.values():
-            arcs_m.sort()
-            single = _grouped(line, arcs_m, 1.5)
-            merged = [run for run in _grouped(line, arcs_m, INTERLEAVED) if run not in single]
-            if merged:
-                merged = [run._replace(parts=2) for run in merged]
+        for line, lit in hits.values():
+            lit.sort()
+            single = _grouped(line, lit, 1.5)
+            merged = [run._replace(parts=2) for run in _grouped(line, lit, INTERLEAVED) if run not in single]
             most_m = longest_m + 2.0 * line.pitch_m
             runs += [run for run in (*single, *merged) if run.width_m <= most_m]
         return runs
@@ -260,8 +264,9 @@ class Eyes:
             rgb = shown.get(name, b"")
             parts.append(rgb if len(rgb) == 3 * count else bytes(3 * count))
         pixels = np.frombuffer(b"".join(parts), dtype=np.uint8).reshape(-1, 3).astype(np.int32)
-        self._codes = (pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]).tolist()
-        return self._codes
+        codes: list[int] = (pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]).tolist()
+        self._codes = codes
+        return codes
 
     def _share(self, code: int) -> float:
         """Return how bright a cursor of one's own colour looks like this, 0 for none."""
@@ -282,16 +287,18 @@ class Eyes:
         return float(shares[best]) if off[best] <= HUE_TOLERANCE and shares[best] >= DARKEST else 0.0
 
 
-def _grouped(line: ShownLine, arcs_m: Sequence[float], gap: float) -> list[_Run]:
-    """Return runs of `arcs_m` with at most `gap` pixels from one to the next."""
+def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> list[_Run]:
+    """Return runs of `lit` (arc length and pixel) with at most `gap` pixels from one to the next."""
     runs: list[_Run] = []
-    first_m = last_m = arcs_m[0]
-    for arc_m in arcs_m[1:]:
+    pixels: list[int] = []
+    first_m = last_m = lit[0][0]
+    for arc_m, pixel in lit:
         if arc_m - last_m > gap * line.pitch_m:
-            runs.append(_Run(line, first_m, last_m, 1))
-            first_m = arc_m
+            runs.append(_Run(line, first_m, last_m, pixels, 1))
+            first_m, pixels = arc_m, []
         last_m = arc_m
-    return [*runs, _Run(line, first_m, last_m, 1)]
+        pixels.append(pixel)
+    return [*runs, _Run(line, first_m, last_m, pixels, 1)]
 
 
 def _is_cut(run: _Run) -> bool:

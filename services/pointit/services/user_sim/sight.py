@@ -73,6 +73,8 @@ class Sight:
         self.lamps_m: dict[str, Vec3] = {}
         self.lines: dict[Key, Polyline] = {}
         self._links: dict[str, list[BeltLink]] = {}
+        self._bays: set[str] = set()
+        """Belts that end at one."""
         self._fed: set[str] = set()
         """Belts that others lead to."""
         self._colors: dict[str, LampColor] = {}
@@ -154,7 +156,7 @@ class Sight:
             line = self.lines.get(key)
             if line is None:
                 break
-            deadline_m = self._deadlines_m.get(key[1]) if key[0] == "belt" else None
+            deadline_m = self._deadline_m(key[1]) if key[0] == "belt" else None
             if deadline_m is not None:
                 return total_m + deadline_m - at_m  # less than nothing when it has passed
             total_m += line.length_m - at_m
@@ -163,6 +165,19 @@ class Sight:
                 break
             key, at_m = ("belt", onward.target), onward.target_position_m
         return total_m
+
+    def _deadline_m(self, belt: str) -> float | None:
+        """Return from where along a belt on it is too late: as was said, else where it passes a bay."""
+        if self._deadlines_m:
+            return self._deadlines_m.get(belt)
+        leaves_m = [
+            link.source_position_m
+            for link in self._links.get(belt, ())
+            if link.source_position_m is not None
+            and link.target in self._bays
+            and link is not self._onward(belt)
+        ]
+        return min(leaves_m, default=None)
 
     def _onward(self, belt: str) -> BeltLink | None:
         """Return the link at a belt's end."""
@@ -197,6 +212,7 @@ class Sight:
         self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps}
         self.lines = {("strip", strip.id): line for strip, line in drawable(room.strips)}
         self.lines |= {("belt", belt.id): line for belt, line in drawable(room.belts)}
+        self._bays = {bay.belt for bay in room.bays}
         self._fed = {link.target for link in room.links}
         self._links = {}
         for link in room.links:

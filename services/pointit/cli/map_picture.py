@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
+import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -56,31 +56,43 @@ def draw_map(
     Raises:
         OSError: the file cannot be written.
     """
-    settings: Any = matplotlib  # its stubs list every parameter there is
+    settings: Any = mpl  # its stubs list every parameter there is
     with settings.rc_context(_STYLE):
-        low, high = _extent(room, clouds, person_m)
-        wide, tall = high - low
-        scale = min(WIDEST_IN / wide, TALLEST_IN / tall)
-        figure: Any = Figure(figsize=(wide * scale, tall * scale), facecolor="white")
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axes.set_aspect("equal")
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
-        _grid(axes, max(wide, tall))
-        legend: list[Any] = []
-        legend += _draw_clouds(axes, clouds)
-        legend += draw_solids(axes, room)
-        legend += draw_belts(axes, room, max(wide, tall))
-        legend += draw_strips(axes, room)
-        legend += draw_links(axes, room)
-        legend += draw_bays(axes, room)
-        legend += _draw_lamps(axes, room, max(wide, tall) * 0.05)
-        if person_m is not None:
-            legend += _draw_person(axes, person_m)
-        axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=8)
-        axes.legend(handles=legend, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+        figure: Any = map_figure(room, clouds, title, person_m)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # the same map, the same file
         figure.savefig(path, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
+
+
+def map_figure(
+    room: Environment,
+    clouds: Mapping[str, NDArray[np.float64]],
+    title: str,
+    person_m: tuple[float, float] | None = None,
+) -> Any:
+    """Return matplotlib's figure that `draw_map` writes, in the style that is set."""
+    low, high = _extent(room, clouds, person_m)
+    wide, tall = high - low
+    side = float(max(wide, tall))
+    scale = min(WIDEST_IN / wide, TALLEST_IN / tall)
+    figure: Any = Figure(figsize=(wide * scale, tall * scale), facecolor="white")
+    axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    _grid(axes, side)
+    legend = [
+        *_draw_clouds(axes, clouds),
+        *draw_solids(axes, room),
+        *draw_belts(axes, room, side),
+        *draw_strips(axes, room),
+        *draw_links(axes, room),
+        *draw_bays(axes, room),
+        *_draw_lamps(axes, room, side * 0.05),
+        *(() if person_m is None else _draw_person(axes, person_m)),
+    ]
+    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=8)
+    axes.legend(handles=legend, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    return figure
 
 
 def _extent(

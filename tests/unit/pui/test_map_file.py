@@ -8,10 +8,12 @@ import pytest
 import yaml
 
 from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
 from pointit.runtime import ConfigError
 from pointit.schemas import decode, encode
 from pointit.schemas.environment import Environment
 from pointit.services.pui.map_file import load_map, read_map, shipped_maps
+from pointit.services.pui.map_lanes import nearest_on
 from tests.support.data import data_file
 
 WHOLE = """
@@ -33,6 +35,18 @@ belts:
     width: 0.3
 links:
   - {from: main, to: side}
+"""
+
+SOLIDS = """
+boxes:
+  desk: {center: [1, 2, 0.4], size: [1.6, 0.8, 0.8], yaw_deg: 90}
+planes:
+  wall: {center: [4, 0, 1], normal: [-2, 0, 0], size: [6, 3]}
+  floor: {center: [0, 0, 0], normal: [0, 0, 1]}
+cylinders:
+  column: {center: [0, 0, 0], radius: 0.3, height: 3}
+spheres:
+  globe: {center: [0, 1, 1], radius: 0.25}
 """
 
 
@@ -57,6 +71,102 @@ def test_every_part_of_a_map_is_read(tmp_path: Path) -> None:
     assert decode(Environment, encode(read)) == read
 
 
+def test_solids_are_read(tmp_path: Path) -> None:
+    read = read_map(write(tmp_path, SOLIDS), 0)
+    (box,), (wall, floor) = read.boxes, read.planes
+    assert (box.id, box.center_m, box.size_m) == ("desk", (1.0, 2.0, 0.4), (1.6, 0.8, 0.8))
+    assert math.isclose(box.yaw_rad, math.pi / 2)
+    assert (wall.id, wall.normal, wall.size_m) == ("wall", (-1.0, 0.0, 0.0), (6.0, 3.0))
+    assert (floor.id, floor.normal, floor.size_m) == ("floor", (0.0, 0.0, 1.0), None)
+    assert [(each.id, each.radius_m, each.height_m) for each in read.cylinders] == [("column", 0.3, 3.0)]
+    assert [(each.id, each.center_m, each.radius_m) for each in read.spheres] == [
+        ("globe", (0.0, 1.0, 1.0), 0.25)
+    ]
+    assert decode(Environment, encode(read)) == read
+
+
+def test_links_lead_from_anywhere_to_anywhere(tmp_path: Path) -> None:
+    text = WHOLE.replace(
+        "{from: main, to: side}", "{from: main, from_position: 0.5, to: side, to_position: 1}"
+    )
+    (link,) = read_map(write(tmp_path, text + "bays: {1: side}"), 0).links
+    assert (link.source_position_m, link.target_position_m) == (0.5, 1.0)
+    (link,) = read_map(write(tmp_path, WHOLE), 0).links
+    assert (link.source_position_m, link.target_position_m) == (None, 0.0)
+
+
+def test_positions_that_were_rounded_beyond_an_end_are_at_it(tmp_path: Path) -> None:
+    text = WHOLE.replace(
+        "{from: main, to: side}", "{from: main, from_position: 2.009, to: side, to_position: -0.009}"
+    )
+    (link,) = read_map(write(tmp_path, text), 0).links
+    assert (link.source_position_m, link.target_position_m) == (2.0, 0.0)
+
+
+def test_bays_are_named_as_people_count(tmp_path: Path) -> None:
+    read = read_map(write(tmp_path, WHOLE + "bays: {1: side, left: main}"), 0)
+    assert [(bay.id, bay.belt) for bay in read.bays] == [("1", "side"), ("left", "main")]
+
+
+def test_the_shipped_conveyor_is_the_papers() -> None:
+    """Its lines keep within a millimetre of the published ones, whose vertices are a centimetre apart."""
+    ours = load_map("conveyor", 0)
+    theirs = read_map(data_file("pointit-ros2/tutorial_scenario_4.yaml"), 0)
+    assert ours.lamps == theirs.lamps
+    assert [(belt.id, belt.width_m) for belt in ours.belts] == [
+        (belt.id, belt.width_m) for belt in theirs.belts
+    ]
+    assert [(strip.id, strip.pixels, strip.direction) for strip in ours.strips] == [
+        (strip.id, strip.pixels, strip.direction) for strip in theirs.strips
+    ]
+    lines, originals = (
+        [*(belt.line_m for belt in room.belts), *(strip.line_m for strip in room.strips)]
+        for room in (ours, theirs)
+    )
+    for mine, original in zip(lines, originals, strict=True):
+        line, their_line = Polyline(mine), Polyline(original)
+        assert (mine[0], mine[-1]) == (original[0], original[-1])
+        assert nearest_on(line, their_line.vertices_m)[0].max() < 0.00101
+        assert nearest_on(their_line, line.vertices_m)[0].max() < 1e-9, "vertices are theirs"
+        assert math.isclose(line.length_m, their_line.length_m, abs_tol=0.003)
+    assert sum(len(belt.line_m) for belt in ours.belts) < 100
+
+
+def test_the_conveyors_links_are_where_the_belts_meet() -> None:
+    conveyor = load_map("conveyor", 0)
+    lines = {belt.id: Polyline(belt.line_m) for belt in conveyor.belts}
+    ends: dict[tuple[str, str], tuple[Vec3, Vec3]] = {}
+    for link in conveyor.links:
+        source, target = lines[link.source], lines[link.target]
+        at = source.length_m if link.source_position_m is None else link.source_position_m
+        ends[link.source, link.target] = (source.point_at(at), target.point_at(link.target_position_m))
+    assert math.isclose(ends["part_g", "part_b"][0][1], -1.409, abs_tol=1e-3)
+    assert math.isclose(ends["part_g", "part_c"][0][1], -0.300, abs_tol=1e-3)
+    assert math.isclose(ends["part_h", "part_a"][0][1], -1.655, abs_tol=1e-3)
+    assert math.isclose(ends["part_g", "part_h"][1][0], 2.861, abs_tol=1e-3)
+    assert math.isclose(ends["part_h", "part_g"][1][0], 0.810, abs_tol=1e-3)
+    assert ends["part_g", "part_i"][0] == pytest.approx((2.861, 0.618, 1.067))
+    assert ends["part_g", "part_i"][1] == (2.861, 1.136, 1.067)
+    assert len(ends) == 8
+    assert {bay.id: bay.belt for bay in conveyor.bays} == {
+        "1": "part_b",
+        "2": "part_c",
+        "3": "part_i",
+        "4": "part_a",
+    }
+
+
+def test_the_belts_of_vr() -> None:
+    belts = load_map("vr_belts", 0).belts
+    assert {belt.id: Polyline(belt.line_m).length_m for belt in belts} == {
+        "a": 34.5,
+        "b": 34.5,
+        "c": 20,
+        "d": 20,
+    }
+    assert {belt.width_m for belt in belts} == {1.0}
+
+
 def test_the_shipped_lab_is_the_papers() -> None:
     assert "lab" in shipped_maps()
     lab = load_map("lab", 0)
@@ -77,6 +187,15 @@ def test_the_toolkits_conveyor(name: str) -> None:
         assert math.isclose(length, raw["belts"][belt.id]["length"], abs_tol=0.004)
 
 
+@pytest.mark.parametrize("ends", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("name", ["belt", "lab", "tutorial_scenario_1_2_3", "tutorial_scenario_4"])
+def test_the_toolkits_maps_are_read_with_any_line_ends(tmp_path: Path, name: str, ends: bytes) -> None:
+    original = data_file(f"pointit-ros2/{name}.yaml")
+    path = tmp_path / original.name
+    path.write_bytes(b"\n".join(original.read_bytes().splitlines()).replace(b"\n", ends))
+    assert read_map(path, 0) == read_map(original, 0)
+
+
 def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path, WHOLE)
     monkeypatch.chdir(tmp_path)
@@ -88,7 +207,9 @@ def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch
 
 
 def test_an_unknown_name_lists_the_shipped_maps() -> None:
-    with pytest.raises(ConfigError, match=r"map 'laboratory' is not shipped: use one of conveyor, lab") as caught:
+    with pytest.raises(
+        ConfigError, match=r"map 'laboratory' is not shipped: use one of conveyor, lab"
+    ) as caught:
         load_map("laboratory", 0)
     assert "./laboratory.yaml" in str(caught.value)
 
@@ -145,6 +266,46 @@ BROKEN = [
     (WHOLE.replace("to: side", "to: sidee"), "links.0.to: there is no belt 'sidee'|main, side"),
     (WHOLE.replace("from: main", "from: 3"), "links.0.from: there is no belt '3'"),
     (WHOLE.replace("from: main, ", ""), "links.0.from: is missing"),
+    (WHOLE.replace("to: side}", "to: [side]}"), "links.0.to: write the name of a belt, not ['side']"),
+    (WHOLE.replace("to: side}", "to: yes}"), "links.0.to: write the name of a belt, not True"),
+    (WHOLE.replace("to: side}", "to: side, via: x}"), "links.0.via: is not known|from, to, from_position"),
+    (
+        WHOLE.replace("to: side}", "to: side, from_position: far}"),
+        "links.0.from_position: write a number of metres along the belt, not 'far'",
+    ),
+    (
+        WHOLE.replace("to: side}", "to: side, from_position: 2.02}"),
+        "links.0.from_position: 2.02 m is off belt main; write 0 to 2",
+    ),
+    (
+        WHOLE.replace("to: side}", "to: side, to_position: -0.02}"),
+        "links.0.to_position: -0.02 m is off belt side; write 0 to 2",
+    ),
+    (WHOLE + "bays: {1: sidee}", "bays.1: there is no belt 'sidee'; use one of main, side"),
+    (WHOLE + "bays: {1: [side]}", "bays.1: write the name of a belt, not ['side']"),
+    (WHOLE + "bays: [side]", "bays: write a mapping of bays to belts such as {1: belt}, not ['side']"),
+    (WHOLE + "bays: {a b: side}", "bays: |'a b'|letters"),
+    ("leds: {a: {position: [1, 2, 3]}}\nbays: {1: b}", "bays.1: |the map has neither belts nor strips"),
+    ("bays: {1: b}", "the map is empty"),
+    ("boxes: {b: {center: [0, 0, 0]}}", "boxes.b.size: is missing; add it beside center"),
+    ("boxes: {b: {center: [0, 0, 0], size: [1, 1]}}", "boxes.b.size: write 3 sizes in metres, all above 0"),
+    ("boxes: {b: {center: [0, 0, 0], size: [1, 1, 0]}}", "boxes.b.size: |not [1, 1, 0]"),
+    ("boxes: {b: {center: [0, 0, 0], size: 2}}", "boxes.b.size: |not 2"),
+    (
+        "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1], yaw_deg: x}}",
+        "boxes.b.yaw_deg: write a number of degrees",
+    ),
+    ("boxes: {b: {center: [0, 0, 0], size: [1, 1, 1], yaw: 1}}", "boxes.b.yaw: is not known|yaw_deg"),
+    ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 0]}}", "planes.p.normal: |has no direction"),
+    ("planes: {p: {center: [0, 0, 0], normal: [0, 0]}}", "planes.p.normal: a point is three numbers"),
+    ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1, -1]}}", "planes.p.size: write 2 sizes"),
+    ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [.inf, 1]}}", "planes.p.size: write 2 sizes"),
+    ("cylinders: {c: {center: [0, 0, 0], radius: 1}}", "cylinders.c.height: is missing"),
+    ("cylinders: {c: {center: [0, 0, 0], radius: -1, height: 1}}", "cylinders.c.radius: |above 0, not -1"),
+    ("spheres: {s: {radius: 1}}", "spheres.s.center: is missing"),
+    ("spheres: {s: 1}", "spheres.s: write a mapping with center, radius, not 1"),
+    ("clouds: {c: {file: 3}}", "clouds.c.file: write the path of a .ply or .xyz file"),
+    ("clouds: {c: {file: c.ply, scale: 0}}", "clouds.c.scale: |above 0, not 0"),
     (WHOLE.replace("- {from: main, to: side}", "main: side"), "links: write a list"),
     (WHOLE.replace("{from: main, to: side}", "main"), "links.0: write a mapping with from, to"),
 ]

@@ -1,6 +1,7 @@
 """Reads point clouds: PLY (text or binary) and plain text with a point a line (XYZ, TXT, CSV, PTS, ASC)."""
 
 import itertools
+import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from pointit.runtime.complaint import listed, shown
 from pointit.runtime.errors import ConfigError
-from pointit.services.pui.ply_file import binary_vertices, read_ply_header
+from pointit.services.pui.ply_file import AXES, binary_vertices, read_ply_header
 
 Points = NDArray[np.float64]
 
@@ -78,28 +79,35 @@ def _read_ply(path: Path) -> Points:
 
 def _read_text(path: Path) -> Points:
     with path.open(encoding="utf-8-sig") as file:
-        skip, delimiter = _text_layout(path, file)
+        skip, delimiter, columns = _text_layout(path, file)
         file.seek(0)
-        points = _table(path, file, columns=(0, 1, 2), skip=skip, most=MAX_POINTS + 1, delimiter=delimiter)
+        points = _table(path, file, columns=columns, skip=skip, most=MAX_POINTS + 1, delimiter=delimiter)
     _refuse_many(path, len(points), "more")
     return points
 
 
-def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None]:
-    """Return how many lines stand before the first point, and what separates columns (none: blanks)."""
-    first = ""
+def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None, list[int]]:
+    """Return how many lines stand before the first point, what separates columns (none: blanks), and x, y, z.
+
+    They are the first three columns, unless a line before says which they are.
+    """
+    first, columns = "", [0, 1, 2]
     for number, line in enumerate(itertools.islice(file, _MAX_HEADER_LINES)):
+        names = re.findall(r"\w+", line.lower())
+        if {"x", "y", "z"} <= set(names):
+            columns = [names.index(axis) for axis in AXES]
         text = line.split("#")[0].strip()
         delimiter = next((each for each in ",;" if each in text), None)
         try:
-            numbers = [float(word) for word in text.split(delimiter)[:3]]
-        except ValueError:
-            numbers = []  # names of columns, remarks
-        if len(numbers) == 3:
-            return number, delimiter
+            words = text.split(delimiter)
+            numbers = [float(words[column]) for column in columns]
+        except (ValueError, IndexError):
+            numbers = []  # names of columns, remarks, how many there are
+        if numbers:
+            return number, delimiter, columns
         first = first or line.strip()
     if not first:
-        return 0, None
+        return 0, None, columns
     raise ConfigError(
         f"{path}: no line begins with x, y and z, the first is {shown(first)}; write three numbers a line"
     )

@@ -63,13 +63,13 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         (len(file.belts), "belt", ""),
         (len(file.links), "link", ""),
         (len(file.bays), "bay", ""),
-        (len(file.strips), "strip", f" with {sum(strip.pixels for strip in file.strips.values())} pixels"),
+        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
         (len(file.leds), "lamp", ""),
         (len(file.boxes), "box", ""),
         (len(file.planes), "plane", ""),
         (len(file.cylinders), "cylinder", ""),
         (len(file.spheres), "sphere", ""),
-        (len(clouds), "cloud", f" with {sum(len(points) for points in clouds.values())} points"),
+        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
     )
     plural = {"box": "boxes"}
     return ", ".join(
@@ -77,6 +77,10 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         for count, word, more in counts
         if count
     )
+
+
+def _with(count: int, what: str) -> str:
+    return f" with {count} {what}{'s' if count > 1 else ''}"
 
 
 def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[Finding]:

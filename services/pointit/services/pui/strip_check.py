@@ -61,9 +61,10 @@ def _check_beside(name: str, line: Polyline, belts: Mapping[str, Lane]) -> Itera
         return
     nearest = min(beyond, key=lambda belt: float(beyond[belt].mean()))
     how_much = "lies" if share == 1.0 else f"{share:.0%} of it lies"
+    far = float(beyond[nearest].max())
     yield warning(
         f"strips.{name}",
-        f"{how_much} beside no belt, its pixels are up to {beyond[nearest].max():.2f} m from the edge of {nearest}; "
+        f"{how_much} beside no belt, its pixels are up to {far:.2f} m from the edge of {nearest}; "
         f"correct its line (a strip shows what is on belts up to {BESIDE_M:g} m beside it)",
     )
 

@@ -1,0 +1,241 @@
+"""`pointit map`: what is printed, the exit code, the picture."""
+
+import importlib.util
+import json
+import re
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from matplotlib.text import Text
+
+from pointit.cli.main import command
+from pointit.cli.map_belts_picture import beside
+from pointit.cli.map_picture import map_figure
+from pointit.geometry.polyline import Polyline
+from pointit.runtime import ConfigError
+from pointit.schemas import Environment
+from pointit.services.pui.map_file import load_map_and_clouds, shipped_maps
+
+ROOM = """\
+# A room with everything.
+leds: {door: {position: [-1.5, 3.2, 1.8]}, window: {position: [2, -1, 0.9]}}
+strips: {edge: {line: [[0, 0.6, 1], [3, 0.6, 1]], pixels: 90, direction: -1}}
+belts: {main: {centerline: [[0, 0, 1], [3, 0, 1]], width: 1.0}}
+bays: {7: main}
+boxes: {desk: {center: [-2, -1, 0.4], size: [1.6, 0.8, 0.8], yaw_deg: 30}}
+planes:
+  wall: {center: [4.5, 1, 1.5], normal: [-1, 0, 0], size: [4, 3]}
+  ground: {center: [0, 0, 0], normal: [0, 0, 1]}
+  curtain: {center: [0, 4, 0], normal: [0, 1, 0]}
+  table: {center: [2, 2.5, 0.7], normal: [0, 0, 1], size: [1.6, 0.8]}
+cylinders: {column: {center: [-0.5, 2, 0], radius: 0.3, height: 3}}
+spheres: {globe: {center: [0.8, -1.6, 1.2], radius: 0.4}}
+clouds: {shelf: {file: shelf.xyz}}
+"""
+
+
+def invoke(*arguments: str) -> Result:
+    return CliRunner().invoke(command, ["map", *arguments])
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    (tmp_path / "shelf.xyz").write_text("1 2 0\n1 2.5 1\n")
+    path = tmp_path / "room.yaml"
+    path.write_text(ROOM, encoding="utf-8")
+    return path
+
+
+def test_a_map_in_order_is_one_line_that_says_what_it_has(room: Path) -> None:
+    result = invoke("check", str(room))
+    assert result.exit_code == 0
+    assert result.output == (
+        f"{room}: no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps, 1 box, 4 planes, 1 cylinder, "
+        "1 sphere, 1 cloud with 2 points\n"
+    )
+
+
+def test_warnings_are_no_failure_unless_asked_for() -> None:
+    result = invoke("check", "conveyor")
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert [line.partition(":")[0] for line in lines] == [
+        "warning strips.17",
+        "warning strips.19",
+        "conveyor",
+    ]
+    assert lines[-1].startswith("conveyor: 2 warnings; 8 belts, ")
+    assert invoke("check", "conveyor", "--strict").exit_code == 1
+    assert invoke("check", "lab", "--strict").exit_code == 0
+
+
+def test_an_error_is_a_failure(room: Path) -> None:
+    room.write_text(ROOM.replace("1.8]", "-1.8]") + "links: [{from: main, to: mian}]", encoding="utf-8")
+    result = invoke("check", str(room))
+    assert result.exit_code == 1
+    assert result.output.splitlines()[:2] == [
+        "error links.0.to: there is no belt 'mian'; use one of main",
+        "error leds.door: is 1.8 m below the floor; correct its z",
+    ]
+    assert result.output.splitlines()[-1].startswith(f"{room}: 2 errors; 1 belt, ")
+
+
+def test_a_map_that_cannot_be_read_is_one_error(room: Path) -> None:
+    room.write_text("leds: {a: {position: [1, 2]}}", encoding="utf-8")
+    result = invoke("check", str(room))
+    assert result.exit_code == 1
+    assert result.output.splitlines() == [
+        f"error {room}: leds.a.position: a point is three numbers [x, y, z] in metres, not [1, 2]",
+        f"{room}: 1 error",
+    ]
+    assert invoke("check", str(room.parent / "none.yaml")).exit_code == 1
+
+
+def test_a_map_too_large_to_travel_is_an_error(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Environment, "max_bytes", 200)
+    result = invoke("check", str(room))
+    assert result.exit_code == 1
+    assert "bytes as it travels and at most 200 are taken" in result.output
+
+
+def test_findings_as_json() -> None:
+    told = json.loads(invoke("check", "conveyor", "--json").output)
+    assert told["map"] == "conveyor"
+    assert told["has"].endswith("3 lamps")
+    assert [(each["severity"], each["where"]) for each in told["findings"]] == [
+        ("warning", "strips.17"),
+        ("warning", "strips.19"),
+    ]
+    assert "49.3 a metre" in told["findings"][0]["text"]
+
+
+def test_where_a_person_stands_counts(room: Path) -> None:
+    room.write_text("leds: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}", encoding="utf-8")
+    assert invoke("check", str(room)).exit_code == 0
+    assert invoke("check", str(room), "--person=0,0").exit_code == 1
+
+
+@pytest.mark.parametrize("text", ["1", "1,2,3", "a,b", "nan,1", ""])
+def test_a_place_is_two_numbers(text: str) -> None:
+    result = invoke("check", "lab", f"--person={text}")
+    assert result.exit_code == 2
+    assert f"{text!r} is no place; write x and y in metres, such as 1.5,-2" in result.output
+
+
+def test_an_unknown_name_lists_the_shipped_maps() -> None:
+    result = invoke("check", "labb")
+    assert isinstance(result.exception, ConfigError)
+    assert "use one of conveyor, lab" in str(result.exception)
+
+
+def test_the_shipped_maps_are_listed_with_what_they_have() -> None:
+    rows = json.loads(invoke("list", "--json").output)["maps"]
+    assert [row["name"] for row in rows] == list(shipped_maps())
+    assert all(row["about"] and "#" not in row["about"] for row in rows)
+    (conveyor,) = (row for row in rows if row["name"] == "conveyor")
+    assert conveyor["about"] == "The conveyor of the paper's demonstrator"
+    lines = invoke("list").output.splitlines()
+    (line,) = (line for line in lines if line.split()[:1] == ["conveyor"])
+    assert conveyor["has"] in line
+
+
+def written(name_or_path: str, person: tuple[float, float] | None = None) -> set[str]:
+    """All texts of a picture, by lines."""
+    figure = map_figure(*load_map_and_clouds(name_or_path, 0), "a title", person)
+    texts: list[Text] = figure.findobj(Text)
+    return {line for each in texts for line in each.get_text().splitlines()}
+
+
+def test_a_picture_shows_everything_by_name(room: Path) -> None:
+    expected = {
+        *("a title", "door", "1.80 m high", "edge", "main", "bay 7", "desk", "wall", "table", "column"),
+        *("globe", "shelf", "curtain (without end)", "ground: level, without end", "x (m)", "y (m)"),
+        *("its pixel 0", "belt, arrows: where it moves", "bay, where things leave", "point cloud"),
+        "person at -1, 0.5",
+    }
+    assert expected <= written(str(room), (-1.0, 0.5))
+
+
+def test_what_a_map_lacks_is_not_in_the_legend() -> None:
+    texts = written("lab")
+    assert "strip" in texts
+    assert not {"link", "point cloud", "bay, where things leave"} & texts
+    assert "link" in written("conveyor")
+
+
+def test_the_outline_of_a_belt_is_its_width_beside_it() -> None:
+    corner = Polyline([(0, 0, 1), (2, 0, 1), (2, 3, 1)])
+    np.testing.assert_allclose(beside(corner, 0.5), [[0, 0.5], [1.5, 0.5], [1.5, 3]], atol=1e-12)
+    np.testing.assert_allclose(beside(corner, -0.5), [[0, -0.5], [2.5, -0.5], [2.5, 3]], atol=1e-12)
+
+
+def test_a_vertical_plane_is_a_line_and_a_level_one_an_area(room: Path) -> None:
+    figure = map_figure(*load_map_and_clouds(str(room), 0), "")
+    outlines: list[Polygon] = figure.findobj(Polygon)
+    sizes = [np.ptp(np.asarray(each.get_xy(), dtype=np.float64), axis=0) for each in outlines]
+    extents = {(round(float(wide), 6), round(float(tall), 6)) for wide, tall in sizes}
+    assert (0.0, 4.0) in extents, "the wall, 4 m along y"
+    assert (1.6, 0.8) in extents, "the table"
+
+
+def test_a_million_points_are_thinned() -> None:
+    room, _ = load_map_and_clouds("lab", 0)
+    figure = map_figure(room, {"scan": np.random.default_rng(1).uniform(0, 3, (100_000, 3))}, "")
+    longest = max(len(np.atleast_1d(each.get_xdata())) for each in figure.findobj(Line2D))
+    assert 10_000 < longest <= 20_000
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("PDF", b"%PDF"), ("svg", b"<?xml")])
+def test_the_suffix_is_the_format(tmp_path: Path, suffix: str, magic: bytes) -> None:
+    picture = tmp_path / f"conveyor.{suffix}"
+    assert invoke("plot", "conveyor", "-o", str(picture)).exit_code == 0
+    assert picture.read_bytes().startswith(magic)
+
+
+def test_the_same_map_is_the_same_file(tmp_path: Path) -> None:
+    for name in ("one.svg", "two.svg"):
+        assert invoke("plot", "lab", "-o", str(tmp_path / name)).exit_code == 0
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
+
+
+def test_other_formats_are_refused(tmp_path: Path) -> None:
+    result = invoke("plot", "lab", "-o", str(tmp_path / "lab.bmp"))
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception).endswith("lab.bmp: is no picture; give a file that ends in .svg, .png, .pdf")
+
+
+def test_a_folder_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
+    result = invoke("plot", "lab", "-o", str(tmp_path / "none" / "lab.svg"))
+    assert isinstance(result.exception, ConfigError)
+    assert re.search(r"none/lab\.svg: cannot be written \(No such file or directory\)", str(result.exception))
+
+
+def test_without_matplotlib_it_is_said_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+
+    def without(name: str, package: str | None = None) -> ModuleSpec | None:
+        return None if name == "matplotlib" else find(name, package)
+
+    monkeypatch.setattr(importlib.util, "find_spec", without)
+    result = invoke("plot", "lab", "-o", str(tmp_path / "lab.svg"))
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception).endswith("pip install pointit[plot]")
+    assert not (tmp_path / "lab.svg").exists()
+
+
+def test_nothing_but_plot_loads_matplotlib() -> None:
+    import subprocess  # noqa: PLC0415 - only here
+    import sys  # noqa: PLC0415 - as above
+
+    program = (
+        "import sys, click.testing\nfrom pointit.cli.main import command\n"
+        "for words in ('map', 'map list', 'map check lab', 'map plot --help'):\n"
+        "    assert click.testing.CliRunner().invoke(command, words.split()).exit_code == 0\n"
+        "sys.exit('matplotlib' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False, timeout=50).returncode == 0

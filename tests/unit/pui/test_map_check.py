@@ -1,0 +1,371 @@
+"""What `pointit map check` finds: every finding on a map that has just that, and nothing on a good one."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pointit.runtime.complaint import field_names
+from pointit.services.pui.finding import Finding
+from pointit.services.pui.map_check import check_map, contents
+from pointit.services.pui.map_file import map_path, read_clouds, read_map_file, shipped_maps
+from pointit.services.pui.map_model import ENTRIES, MapFile
+from tests.support.data import data_file
+
+LAMPS = "leds: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}\n"
+
+
+def found(folder: Path, text: str, person: tuple[float, float] | None = None) -> list[Finding]:
+    path = folder / "site.yaml"
+    path.write_text(text, encoding="utf-8")
+    file = read_map_file(path)
+    return check_map(file, read_clouds(path, file), person_m=person)
+
+
+def belt(*points: tuple[float, float], width: float = 0.5) -> str:
+    return f"{{centerline: {[[x, y, 1.0] for x, y in points]}, width: {width}}}"
+
+
+def strip(*points: tuple[float, float], pixels: int = 30, more: str = "") -> str:
+    return f"{{line: {[[x, y, 1.0] for x, y in points]}, pixels: {pixels}, direction: 1{more}}}"
+
+
+A, B, C = belt((0, 0), (2, 0)), belt((2.1, 0), (4, 0)), belt((1, 0.3), (1, 2))
+ROUND = belt((0, 0), (2, 0), (2, 2), (0, 2), (0, 0.3))
+TWO = f"s: {strip((0, 0), (1, 0))}, t: {strip((0, 1), (2, 1), pixels=60)}"
+
+FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
+    "links too far apart": (
+        f"belts: {{a: {A}, b: {belt((3, 0), (5, 0))}}}\nlinks: [{{from: a, to: b}}]",
+        [("error", "links.0", "a at 2 m and b at 0 m are 1.00 m apart, more than a belt's width of 0.5 m")],
+    ),
+    "links from the wrong place": (
+        f"belts: {{a: {A}, c: {C}}}\nlinks: [{{from: a, from_position: 0.2, to: c}}]",
+        [("error", "links.0", "a at 0.2 m and c at 0 m are 0.85 m apart")],
+    ),
+    "places off the belt": (
+        f"belts: {{a: {A}, c: {C}}}\nlinks: [{{from: a, from_position: 9, to: c, to_position: -2}}]",
+        [
+            ("error", "links.0", "c at 0 m are"),
+            ("error", "links.0.from_position", "9 m is off belt a; write 0 to 2"),
+            ("error", "links.0.to_position", "-2 m is off belt c; write 0 to 1.7"),
+        ],
+    ),
+    "names that lead nowhere": (
+        f"belts: {{a: {A}}}\nlinks: [{{from: a, to: z}}]\nbays: {{1: y}}",
+        [
+            ("error", "links.0.to", "there is no belt 'z'; use one of a"),
+            ("error", "bays.1", "there is no belt 'y'; use one of a"),
+        ],
+    ),
+    "entered at its end": (
+        f"belts: {{a: {A}, b: {belt((4, 0), (2.1, 0))}}}\nlinks: [{{from: a, to: b, to_position: 1.9}}]",
+        [("warning", "links.0", "b is entered where it ends, at 1.9 m; turn its line round")],
+    ),
+    "the same link twice": (
+        f"belts: {{a: {A}, b: {B}}}\nlinks: [{{from: a, to: b}}, {{from: a, to: b}}]",
+        [("warning", "links.1", "is the same as links.0; remove one")],
+    ),
+    "belts that meet without a link": (
+        f"belts: {{a: {A}, b: {B}, c: {C}}}",
+        [
+            ("warning", "belts.a", "ends beside b and no link joins them|- {from: a, to: b}"),
+            ("warning", "belts.c", "begins beside a and no link|- {from: a, from_position: 1.000, to: c}"),
+        ],
+    ),
+    "a belt that ends beside the middle of another": (
+        f"belts: {{a: {A}, d: {belt((0.5, 2), (0.5, 0.4))}}}",
+        [("warning", "belts.d", "ends beside a and no link|- {from: d, to: a, to_position: 0.500}")],
+    ),
+    "belts side by side are neighbours": (
+        f"belts: {{a: {A}, b: {belt((0, 0.5), (2, 0.5))}}}",
+        [],
+    ),
+    "a belt that nothing leads to or from": (
+        f"belts: {{a: {A}, b: {B}, far: {belt((0, 5), (2, 5))}}}\nlinks: [{{from: a, to: b}}]",
+        [("warning", "belts.far", "nothing leads to it or from it; add it to links, or give it a bay")],
+    ),
+    "a dead end": (
+        (
+            f"belts: {{a: {A}, b: {B}, c: {C}}}\nbays: {{1: c}}\n"
+            "links: [{from: a, to: b}, {from: a, from_position: 1, to: c}]"
+        ),
+        [("warning", "belts.b", "ends without a bay and without a link")],
+    ),
+    "a bay on a belt that leads on": (
+        f"belts: {{a: {A}, b: {B}}}\nbays: {{1: a, 2: b}}\nlinks: [{{from: a, to: b}}]",
+        [("error", "bays.1", "a does not end here, it leads on to b; remove the link")],
+    ),
+    "two bays at one end": (
+        f"belts: {{a: {A}}}\nbays: {{1: a, 2: a}}",
+        [("error", "bays.2", "a ends at bay 1 already")],
+    ),
+    "a bay on a belt with a diverter before its end is fine": (
+        f"belts: {{a: {A}, c: {C}}}\nbays: {{1: a, 2: c}}\nlinks: [{{from: a, from_position: 1, to: c}}]",
+        [],
+    ),
+    "a circle without a way out": (
+        (
+            f"belts: {{a: {A}, b: {belt((2, 0), (2, 2), (0, 2), (0, 0))}, c: {belt((0, 5), (2, 5))}}}\n"
+            "bays: {1: c}\nlinks: [{from: a, to: b}, {from: b, to: a}]"
+        ),
+        [
+            (
+                "error",
+                "links",
+                "things on b, a go round for ever; link one of these to a belt that has a bay",
+            ),
+        ],
+    ),
+    "a circle whose way out lies before where things come in": (
+        (
+            f"belts:\n  a: {ROUND}\n  c: {belt((0.2, -0.3), (0.2, -2))}\n"
+            "bays: {1: c}\nlinks: [{from: a, to: a, to_position: 0.5}, {from: a, from_position: 0.2, to: c}]"
+        ),
+        [("error", "links.0", "0.58 m apart"), ("error", "links", "things on a go round for ever")],
+    ),
+    "a carousel": (
+        f"belts: {{a: {ROUND}}}\nlinks: [{{from: a, to: a}}]",
+        [
+            ("warning", "belts", "none has a start that is free, so nothing can be fed"),
+            ("warning", "links", "things on a go round for ever; link one of these to a belt that ends"),
+        ],
+    ),
+    "a circle that passes a belt with a bay": (
+        (
+            f"belts:\n  e: {belt((-2, 0), (-0.1, 0))}\n  a: {ROUND}\n"
+            f"  c: {belt((1, -0.3), (1, -2))}\nbays: {{1: c}}\n"
+            "links: [{from: e, to: a}, {from: a, to: a}, {from: a, from_position: 1, to: c}]"
+        ),
+        [],
+    ),
+    "a link across a belt": (
+        (
+            f"belts: {{a: {A}, x: {belt((2.5, -2), (2.5, 2), width=1.0)}, b: {belt((3, 0), (5, 0))}}}\n"
+            "links: [{from: a, to: b}, {from: a, to: x, to_position: 2.0}]"
+        ),
+        [],
+    ),
+    "strips as lanes": (
+        f"strips: {{s: {strip((0, 0), (1, 0))}, t: {strip((3, 0), (4, 0))}}}\nlinks: [{{from: s, to: t}}]",
+        [("error", "links.0", "s at 1 m and t at 0 m are 2.00 m apart")],
+    ),
+    "a strip off its belt": (
+        f"belts: {{a: {A}}}\nstrips: {{near: {strip((0, 0.5), (1, 0.5))}, far: {strip((0, 0.6), (1, 0.6))}}}",
+        [("warning", "strips.far", "lies beside no belt, its pixels are up to 0.35 m from the edge of a")],
+    ),
+    "a strip above its belt": (
+        f"belts: {{a: {A}}}\nstrips: {{s: {{line: [[0, 0, 2], [1, 0, 2]], pixels: 30, direction: 1}}}}",
+        [("warning", "strips.s", "lies beside no belt, its pixels are up to 0.75 m")],
+    ),
+    "a strip beyond its belt": (
+        f"belts: {{a: {A}}}\nstrips: {{s: {strip((0, 0.3), (4, 0.3), pixels=120)}}}",
+        [("warning", "strips.s", "38% of it lies beside no belt|1.77 m from the edge of a")],
+    ),
+    "too many pixels": (
+        f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=37)}}}",
+        [
+            (
+                "warning",
+                "strips.u",
+                "37 pixels on 1.00 m are 37.0 a metre|median is 30.0; correct pixels (to about 30)",
+            )
+        ],
+    ),
+    "almost too many pixels": (
+        f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=36)}}}",
+        [],
+    ),
+    "another length": (
+        f"strips: {{s: {strip((0, 0), (1, 0), more=', length: 1.5')}}}",
+        [
+            (
+                "warning",
+                "strips.s",
+                "length is given as 1.5 m and the line is 1.000 m long; correct one of them",
+            )
+        ],
+    ),
+    "another length of a belt": (
+        "belts: {b: {centerline: [[0, 0, 1], [10, 0, 1]], width: 1, length: 10.2}}",
+        [("warning", "belts.b", "length is given as 10.2 m and the line is 10.000 m long")],
+    ),
+    "a rounded length": (f"strips: {{s: {strip((0, 0), (1, 0), more=', length: 1.009')}}}", []),
+    "a vertex twice": (
+        f"strips: {{s: {strip((0, 0), (1, 0), (1, 0), (2, 0))}}}",
+        [("warning", "strips.s", "vertex 2 is where vertex 1 is, [1.0, 0.0, 1.0]; remove it")],
+    ),
+    "vertices out of order": (
+        f"strips: {{s: {strip((0, 0), (0, 0), (3, 0), (1, 0.1), (4, 0))}}}",
+        [
+            ("warning", "strips.s", "vertex 1 is where vertex 0 is"),
+            ("warning", "strips.s", "turns by 177° at vertex 2, [3.0, 0.0, 1.0]; put vertices in order"),
+            ("warning", "strips.s", "turns by 179° at vertex 3, [1.0, 0.1, 1.0]"),
+        ],
+    ),
+    "lamps that hardly anyone can point at": (
+        "leds: {a: {position: [0, 0, -0.2]}, b: {position: [2, 0, 5.5]}, c: {position: [4, 0, 5]}}",
+        [
+            ("error", "leds.a", "is 0.2 m below the floor"),
+            ("warning", "leds.b", "is 5.5 m high, where few can point well; hang it below 5 m"),
+        ],
+    ),
+    "lamps at one place": (
+        "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1.005]}}",
+        [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")],
+    ),
+    "lamps in a column": (
+        "leds: {a: {position: [2, 0, 1]}, b: {position: [2.1, 0.1, 2]}}",
+        [("error", "leds", "all lie one above the other, which tells no place; move one")],
+    ),
+    "one lamp": (
+        "leds: {a: {position: [2, 0, 1]}}",
+        [("warning", "leds", "there is one lamp and localizing by pointing takes two")],
+    ),
+    "no lamps": (
+        "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1]}}",
+        [("warning", "leds", "there are no lamps and localizing")],
+    ),
+    "solids without an area": (
+        (
+            "boxes: {b: {center: [0, 0, 0], size: [1, 0.0005, 1]}}\n"
+            "planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1e-6, 1]},\n"
+            "  whole: {center: [0, 0, 0], normal: [1, 0, 0]}}\n"
+            "cylinders: {c: {center: [0, 0, 0], radius: 1, height: 1e-4}}\n"
+            "spheres: {s: {center: [0, 0, 0], radius: 1e-4}}"
+        ),
+        [
+            ("error", "boxes.b", "is 0.0005 m small, it has no area to point at"),
+            ("error", "planes.p", "is 1e-06 m small"),
+            ("error", "cylinders.c", "is 0.0001 m small"),
+            ("error", "spheres.s", "is 0.0001 m small"),
+        ],
+    ),
+    "things where others are": (
+        (
+            f"strips: {{s: {strip((0, 0), (1, 0))}, t: {strip((0, 0), (1, 0))}}}\n"
+            "spheres: {a: {center: [0, 0, 0], radius: 1}, b: {center: [0, 0, 0], radius: 1},\n"
+            "  c: {center: [0, 0, 0], radius: 2}}"
+        ),
+        [
+            ("warning", "strips.t", "is exactly where s is"),
+            ("warning", "spheres.b", "is exactly where a is"),
+        ],
+    ),
+    "millimetres": (
+        f"strips: {{s: {strip((0, 0), (5000, 0))}}}",
+        [("warning", "map", "is 5000 m wide; write positions in metres, if these are millimetres")],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FINDINGS)
+def test_just_this_is_found(tmp_path: Path, case: str) -> None:
+    text, expected = FINDINGS[case]
+    lamps = "" if case == "no lamps" or "leds" in text else LAMPS
+    findings = found(tmp_path, lamps + text)
+    told = "\n".join(f"{each.severity} {each.where}: {each.text}" for each in findings)
+    assert sorted((each.severity, each.where) for each in findings) == sorted(
+        each[:2] for each in expected
+    ), told
+    for severity, where, parts in expected:
+        texts = [each.text for each in findings if (each.severity, each.where) == (severity, where)]
+        assert any(all(part in text for part in parts.split("|")) for text in texts), told
+    for finding in findings:
+        assert ";" in finding.text, "what to do is said"
+        assert "\n" not in finding.text
+
+
+def test_errors_come_first(tmp_path: Path) -> None:
+    findings = found(tmp_path, "leds: {a: {position: [0, 0, 6]}, b: {position: [0, 0, -1]}}")
+    severities = [each.severity for each in findings]
+    assert severities == sorted(severities)
+    assert set(severities) == {"error", "warning"}
+
+
+@pytest.mark.parametrize(("person", "told"), [((0.0, 0.0), 1), ((0.0, 3.0), 0), (None, 0)])
+def test_whether_lamps_are_at_one_bearing_depends_on_where_one_stands(
+    tmp_path: Path, person: tuple[float, float] | None, told: int
+) -> None:
+    text = "leds: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}"
+    findings = found(tmp_path, text, person)
+    assert [each.text.partition(",")[0] for each in findings] == ["all lie in one direction from [0.0"] * told
+
+
+def test_a_cloud_at_one_place_is_found(tmp_path: Path) -> None:
+    (tmp_path / "dot.xyz").write_text("1 2 3\n1 2 3\n")
+    (finding,) = found(tmp_path, LAMPS + "clouds: {dot: {file: dot.xyz}}")
+    assert (finding.severity, finding.where) == ("error", "clouds.dot")
+    assert finding.text.startswith("all its 2 points are at one place")
+
+
+ODD_STRIPS = [("warning", "strips.17"), ("warning", "strips.19")]
+"""These two have half as many pixels again, in the toolkit's map too."""
+
+
+@pytest.mark.parametrize("name", shipped_maps())
+def test_shipped_maps_are_in_order(name: str) -> None:
+    with map_path(name) as path:
+        file = read_map_file(path)
+    findings = [(each.severity, each.where) for each in check_map(file, {})]
+    assert findings == (ODD_STRIPS if name == "conveyor" else [])
+
+
+@pytest.mark.parametrize("name", ["lab", "tutorial_scenario_1_2_3"])
+def test_the_toolkits_laboratory_is_in_order(name: str) -> None:
+    assert check_map(read_map_file(data_file(f"pointit-ros2/{name}.yaml")), {}) == []
+
+
+@pytest.mark.parametrize("name", ["belt", "tutorial_scenario_4"])
+def test_what_is_proposed_for_the_toolkits_conveyor_makes_it_the_shipped_one(
+    name: str, tmp_path: Path
+) -> None:
+    path = data_file(f"pointit-ros2/{name}.yaml")
+    findings = check_map(read_map_file(path), {})
+    assert [(each.severity, each.where) for each in findings][-2:] == ODD_STRIPS
+    proposed = [each.text.partition("add to links: ")[2] for each in findings[:-2]]
+    pairs = {(link["from"], link["to"]) for (link,) in (yaml.safe_load(text) for text in proposed)}
+    with map_path("conveyor") as shipped:
+        known = {(link.source, link.target) for link in read_map_file(shipped).links}
+    # straight on across part_h is theirs to know; beside part_i lies part_h
+    assert pairs == known - {("part_g", "part_i")} | {("part_h", "part_i")}
+    completed = tmp_path / "completed.yaml"
+    text = path.read_bytes().decode() + "\nlinks:\n" + "\n".join(f"  {text}" for text in proposed) + "\n"
+    completed.write_bytes(text.encode())
+    assert [(each.severity, each.where) for each in check_map(read_map_file(completed), {})] == ODD_STRIPS
+
+
+def test_what_a_map_has(tmp_path: Path) -> None:
+    with map_path("conveyor") as path:
+        assert (
+            contents(read_map_file(path), {})
+            == "8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps"
+        )
+    path = tmp_path / "site.yaml"
+    path.write_text("leds: {a: {position: [0, 0, 1]}}\nboxes: {b: {center: [0, 0, 0], size: [1, 1, 1]}}")
+    assert contents(read_map_file(path), {}) == "1 lamp, 1 box"
+
+
+GUIDE = (Path(__file__).parents[3] / "docs" / "maps.md").read_text(encoding="utf-8")
+
+
+def test_the_guides_example_is_in_order(tmp_path: Path) -> None:
+    (tmp_path / "shelf.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n1 2 3\n"
+    )
+    example = GUIDE.partition("```yaml\n")[2].partition("```")[0]
+    assert found(tmp_path, example) == []
+    data = yaml.safe_load(example)
+    assert set(data) == set(MapFile.model_fields)
+
+
+@pytest.mark.parametrize("section", [*ENTRIES, "bays"])
+def test_the_guide_has_every_key(section: str) -> None:
+    rows: dict[str, str] = {}
+    last = ""
+    for cells in (line.split("|") for line in GUIDE.splitlines() if line.startswith("| ")):
+        last = cells[1].strip() or last
+        rows[last] = rows.get(last, "") + cells[2]
+    for key in field_names(ENTRIES[section]) if section in ENTRIES else ["name: belt"]:
+        assert key in rows[f"`{section}`"]

@@ -1,0 +1,226 @@
+"""Point clouds: every format that is read, and every way to get one wrong."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pointit.runtime import ConfigError
+from pointit.services.pui import cloud_file
+from pointit.services.pui.cloud_file import read_cloud
+from pointit.services.pui.map_file import load_map_and_clouds
+
+POINTS = np.array([[0.5, -1.25, 2.0], [3.0, 4.5, -0.125], [100.0, 0.0, 1.75]])
+
+
+def ply(kind: str, vertex: str, rows: int = 3, before: str = "") -> bytes:
+    head = f"ply\nformat {kind} 1.0\ncomment made by hand\n"
+    return f"{head}{before}element vertex {rows}\n{vertex}end_header\n".encode()
+
+
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+EXTRA = "".join(
+    f"property {kind}\n" for kind in ("uchar red", "double x", "float32 confidence", "float64 z", "double y")
+)
+TEXT = "\n".join(" ".join(str(number) for number in point) for point in POINTS) + "\n"
+
+
+def with_extra(order: str) -> bytes:
+    kinds = np.dtype(
+        [("r", "u1"), ("x", order + "f8"), ("c", order + "f4"), ("z", order + "f8"), ("y", order + "f8")]
+    )
+    rows = np.zeros(3, dtype=kinds)
+    rows["r"], rows["c"] = 255, 0.5
+    rows["x"], rows["y"], rows["z"] = POINTS.T
+    return rows.tobytes()
+
+
+FORMATS = {
+    "text.ply": ply("ascii", XYZ) + TEXT.encode(),
+    "text_extra.ply": ply("ascii", EXTRA)
+    + "\n".join(f"255 {x} 0.5 {z} {y}" for x, y, z in POINTS).encode()
+    + b"\n",
+    "text_crlf.ply": (ply("ascii", XYZ) + TEXT.encode()).replace(b"\n", b"\r\n"),
+    "text_faces.ply": ply("ascii", XYZ).replace(
+        b"end_header", b"element face 1\nproperty list uchar int vertex_index\nend_header"
+    )
+    + TEXT.encode()
+    + b"3 0 1 2\n",
+    "text_camera.ply": ply("ascii", XYZ, before="element camera 2\nproperty float f\n")
+    + b"1.0\n2.0\n"
+    + TEXT.encode(),
+    "little.ply": ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes(),
+    "big.ply": ply("binary_big_endian", XYZ) + POINTS.astype(">f4").tobytes(),
+    "little_extra.ply": ply("binary_little_endian", EXTRA) + with_extra("<"),
+    "big_extra.ply": ply("binary_big_endian", EXTRA) + with_extra(">"),
+    "little_camera.ply": ply("binary_little_endian", XYZ, before="element camera 2\nproperty short f\n")
+    + b"\0\0\0\0"
+    + POINTS.astype("<f4").tobytes(),
+    "little_after.ply": ply("binary_little_endian", XYZ).replace(
+        b"end_header", b"element face 1\nproperty list uchar int vertex_index\nend_header"
+    )
+    + POINTS.astype("<f4").tobytes()
+    + b"\3aaaabbbbcccc",
+    "plain.xyz": TEXT.encode(),
+    "remarks.XYZ": ("# scanned\n\n" + TEXT.replace("\n", "  # a point\n")).encode(),
+    "columns.txt": TEXT.replace("\n", " 255 0 0\n").encode(),
+    "cloudcompare.asc": ("//X Y Z R\n3\n" + TEXT.replace("\n", " 255\n")).encode(),
+    "counted.pts": ("3\n" + TEXT).encode(),
+    "table.csv": ("x,y,z,label\n" + TEXT.replace(" ", ",").replace("\n", ",wall\n")).encode(),
+    "numbered.csv": ("id;X;Y;Z\n" + "\n".join(f"7;{x};{y};{z}" for x, y, z in POINTS)).encode(),
+    "excel.csv": b"\xef\xbb\xbf" + ("x,y,z\n" + TEXT.replace(" ", ",")).replace("\n", "\r\n").encode(),
+    "one_line_end_missing.xyz": TEXT.rstrip().encode(),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_points(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(FORMATS[name])
+    points = read_cloud(path)
+    assert points.dtype == np.float64
+    np.testing.assert_array_equal(points, POINTS)
+
+
+BROKEN = {
+    "cloud.obj": (b"v 1 2 3", "is no point cloud; give a file that ends in .ply, .xyz"),
+    "text.ply": (b"1 2 3\n", "does not begin with `ply`"),
+    "endless.ply": (b"ply\nformat ascii 1.0\n", "its header does not end"),
+    "version.ply": (b"ply\nformat ascii 2.0\n", "line 2 of its header is not understood, 'format ascii 2.0'"),
+    "order.ply": (b"ply\nformat binary_middle_endian 1.0\n", "line 2 of its header"),
+    "early.ply": (b"ply\nformat ascii 1.0\nproperty float x\n", "line 3 of its header"),
+    "kind.ply": (ply("ascii", XYZ.replace("float y", "half y")), "line 6 of its header|half y"),
+    "negative.ply": (ply("ascii", XYZ, rows=-1), "line 4 of its header|vertex -1"),
+    "no_vertex.ply": (ply("ascii", XYZ).replace(b"vertex", b"corner"), "has no element vertex"),
+    "no_z.ply": (ply("ascii", XYZ.replace("float z", "float w")), "have x, y, w, not z once"),
+    "two_x.ply": (ply("ascii", XYZ.replace("float z", "float x")), "not x, z once"),
+    "bare.ply": (ply("ascii", ""), "its vertices have nothing, not x, y, z once"),
+    "list.ply": (
+        ply("binary_little_endian", "property list uchar int near\n" + XYZ),
+        "element vertex has the list near",
+    ),
+    "list_before.ply": (
+        ply("binary_big_endian", XYZ, before="element face 1\nproperty list uchar int corners\n"),
+        "element face has the list corners",
+    ),
+    "short.ply": (
+        ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes()[:-1],
+        "is cut off, its header says 3 points and 2 are there",
+    ),
+    "short_text.ply": (ply("ascii", XYZ, rows=4) + TEXT.encode(), "header says 4 points and 3 are there"),
+    "no_body.ply": (ply("ascii", XYZ), "header says 3 points and 0 are there"),
+    "words.ply": (ply("ascii", XYZ) + b"1 2 3\n1 two 3\n1 2 3\n", "a row is not x, y, z|two"),
+    "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
+    "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points and at most 5000000"),
+    "nan.xyz": (
+        b"1 2 3\n1 nan 3\n4 5 inf\n",
+        "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]",
+    ),
+    "empty.xyz": (b"", "has no points"),
+    "remarks.xyz": (b"# nothing\n\n", "no line begins with x, y and z, the first is '# nothing'"),
+    "prose.txt": (b"Dear reader,\nthis is a letter.\n", "no line begins with x, y and z|'Dear reader,'"),
+    "two.xyz": (b"1 2\n3 4\n", "no line begins with x, y and z|'1 2'"),
+    "ragged.xyz": (b"1 2 3\n4 5\n", "a row is not x, y, z"),
+    "binary.xyz": (bytes(range(128, 256)), "is not text"),
+    "binary_later.xyz": (b"1 2 3\n" * 5000 + b"\xff\xfe", "is not text"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_cloud_is_one_sentence(tmp_path: Path, name: str) -> None:
+    content, parts = BROKEN[name]
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        read_cloud(path)
+    said = str(caught.value)
+    assert said.startswith(f"{path}: ")
+    assert "\n" not in said
+    assert ";" in said, "what to do is said"
+    for part in parts.split("|"):
+        assert part in said, said
+
+
+def test_too_many_points_in_a_text_are_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cloud_file, "MAX_POINTS", 2)
+    path = tmp_path / "cloud.xyz"
+    path.write_text(TEXT)
+    with pytest.raises(ConfigError, match="has more points and at most 2 are taken; thin it"):
+        read_cloud(path)
+
+
+def test_a_cloud_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cloud\.ply: cannot be read"):
+        read_cloud(tmp_path / "cloud.ply")
+
+
+@given(st.binary(max_size=300), st.sampled_from([".ply", ".xyz"]))
+def test_no_bytes_are_a_fault(tmp_path_factory: pytest.TempPathFactory, content: bytes, suffix: str) -> None:
+    path = tmp_path_factory.getbasetemp() / f"any{suffix}"
+    for head in (
+        b"",
+        b"ply\nformat binary_little_endian 1.0\n",
+        ply("ascii", XYZ),
+        ply("binary_big_endian", XYZ),
+    ):
+        path.write_bytes(head + content)
+        try:
+            points = read_cloud(path)
+        except ConfigError:
+            continue
+        assert points.shape[1] == 3
+        assert np.isfinite(points).all()
+
+
+def test_a_million_points_are_read_in_seconds(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).uniform(-10, 10, (1_000_000, 3)).astype("<f4")
+    path = tmp_path / "large.ply"
+    path.write_bytes(ply("binary_little_endian", XYZ, rows=len(points)) + points.tobytes())
+    start = time.perf_counter()
+    read = read_cloud(path)
+    assert time.perf_counter() - start < 3.0
+    np.testing.assert_array_equal(read, points.astype(np.float64))
+
+
+def placed(folder: Path, keys: str) -> NDArray[np.float64]:
+    (folder / "scans").mkdir(exist_ok=True)
+    (folder / "scans" / "shelf.xyz").write_text(TEXT)
+    path = folder / "site.yaml"
+    path.write_text(f"clouds: {{shelf: {{file: scans/shelf.xyz{keys}}}}}")
+    room, clouds = load_map_and_clouds(str(path), 0)
+    (cloud,) = room.clouds
+    assert (cloud.id, cloud.points) == ("shelf", 3)
+    np.testing.assert_array_equal(cloud.low_m, clouds["shelf"].min(axis=0))
+    np.testing.assert_array_equal(cloud.high_m, clouds["shelf"].max(axis=0))
+    return clouds["shelf"]
+
+
+def test_a_cloud_lies_beside_its_map_wherever_one_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir("/")
+    np.testing.assert_array_equal(placed(tmp_path, ""), POINTS)
+
+
+def test_a_cloud_is_scaled_turned_and_moved(tmp_path: Path) -> None:
+    points = placed(tmp_path, ", scale: 0.5, yaw_deg: 90, position: [1, 2, 3]")
+    expected = np.column_stack([1 - POINTS[:, 1] / 2, 2 + POINTS[:, 0] / 2, 3 + POINTS[:, 2] / 2])
+    np.testing.assert_allclose(points, expected, atol=1e-12)
+
+
+def test_a_cloud_out_of_the_world_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ConfigError, match=r"clouds.shelf.file: .* a coordinate is 1e\+08 and at most 1e\+06 m"
+    ):
+        placed(tmp_path, ", scale: 1000000")
+
+
+def test_a_missing_cloud_is_said_with_the_map_and_the_key(tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_text("clouds: {shelf: {file: shelf.ply}}")
+    with pytest.raises(ConfigError, match=r"site\.yaml: clouds\.shelf\.file: .*shelf\.ply: cannot be read"):
+        load_map_and_clouds(str(path), 0)

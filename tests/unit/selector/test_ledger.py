@@ -1,91 +1,162 @@
 """Ownership of what is selected."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.services.selector.ledger import Ledger
+from pointit.services.selector.outputs import Owned
+
+HERE = frozenset("abc")
 
 
-def selected(ledger: Ledger) -> dict[str, tuple[str, int]]:
-    return {o.id: (o.user, o.since_ns) for o in ledger.selection(0).objects}
+def ledger(*gone: str, undo_steps: int = 20) -> Ledger:
+    return Ledger(lambda user, _now_ns: user in gone, undo_steps=undo_steps)
+
+
+def selected(kept: Ledger) -> dict[str, tuple[str, int]]:
+    return {one.id: (one.user, one.since_ns) for one in kept.objects()}
 
 
 def test_a_toggle_selects_and_the_next_deselects() -> None:
-    ledger = Ledger()
-    first = ledger.toggle("a", "red", "anna", 5)
-    assert (first.event, first.object_id, first.kind, first.user, first.stamp_ns) == (
+    kept = ledger()
+    first = kept.toggle("a", "red", "anna", 5, confidence=0.9)
+    assert (first.event, first.object_id, first.kind, first.user, first.owner, first.stamp_ns) == (
         "selected",
         "a",
         "red",
         "anna",
+        "anna",
         5,
     )
-    assert selected(ledger) == {"a": ("anna", 5)}
-    assert ledger.toggle("a", "red", "anna", 9).event == "deselected"
-    assert selected(ledger) == {}
+    assert (first.confidence, first.cause, first.since_ns) == (0.9, "dwell", 5)
+    assert selected(kept) == {"a": ("anna", 5)}
+    second = kept.toggle("a", "red", "anna", 9)
+    assert (second.event, second.owner, second.since_ns) == ("deselected", "anna", 5)
+    assert selected(kept) == {}
 
 
 def test_only_the_owner_deselects() -> None:
-    ledger = Ledger()
-    ledger.toggle("a", "red", "anna", 5)
-    event = ledger.toggle("a", "red", "ben", 6)
-    assert event.event == "refused"
-    assert event.user == "ben"
-    assert "anna" in event.reason
-    assert selected(ledger) == {"a": ("anna", 5)}
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 5)
+    assert kept.keeper("a", "ben", 6) == "anna"
+    assert kept.keeper("a", "anna", 6) == ""
+    refused = kept.toggle("a", "red", "ben", 6)
+    assert (refused.event, refused.user, refused.owner) == ("refused", "ben", "anna")
+    assert "anna" in refused.reason
+    assert selected(kept) == {"a": ("anna", 5)}
 
 
 def test_what_is_of_somebody_who_is_gone_anybody_deselects() -> None:
-    ledger = Ledger()
-    ledger.toggle("a", "red", "anna", 5)
-    ledger.set_gone("anna", gone=True)
-    ledger.set_gone("anna", gone=False)
-    assert ledger.toggle("a", "red", "ben", 6).event == "refused"
-    ledger.set_gone("anna", gone=True)
-    event = ledger.toggle("a", "red", "ben", 7)
-    assert (event.event, event.user) == ("deselected", "ben")
-    assert selected(ledger) == {}
+    kept = ledger("anna")
+    kept.toggle("a", "red", "anna", 5)
+    record = kept.toggle("a", "red", "ben", 7)
+    assert (record.event, record.user, record.owner) == ("deselected", "ben", "anna")
+    assert selected(kept) == {}
+    assert kept.undo("ben", 8, HERE)[0].owner == "anna"
+    assert selected(kept) == {"a": ("anna", 5)}
 
 
 def test_clear_takes_only_the_persons_own() -> None:
-    ledger = Ledger()
+    kept = ledger()
     for object_id, user in (("a", "anna"), ("b", "ben"), ("c", "anna")):
-        ledger.toggle(object_id, "red", user, 1)
-    assert [(e.event, e.object_id, e.kind) for e in ledger.clear("anna", 2)] == [
-        ("deselected", "a", "red"),
-        ("deselected", "c", "red"),
+        kept.toggle(object_id, "red", user, 1)
+    assert [(e.event, e.object_id, e.kind, e.cause) for e in kept.clear("anna", 2)] == [
+        ("deselected", "a", "red", "clear"),
+        ("deselected", "c", "red", "clear"),
     ]
-    assert set(selected(ledger)) == {"b"}
-    assert ledger.clear("anna", 3) == []
+    assert set(selected(kept)) == {"b"}
+    assert kept.clear("anna", 3) == []
 
 
 def test_what_left_is_no_longer_selected() -> None:
-    ledger = Ledger()
-    ledger.toggle("a", "red", "anna", 1)
-    ledger.toggle("b", "red", "anna", 1)
-    assert not ledger.keep({"a", "b", "c"})
-    assert ledger.keep({"b"})
-    assert set(selected(ledger)) == {"b"}
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 1)
+    kept.toggle("b", "red", "anna", 1)
+    assert [(e.event, e.object_id, e.owner, e.stamp_ns) for e in kept.drop(["a"], 7)] == [
+        ("left", "a", "anna", 7)
+    ]
+    assert set(selected(kept)) == {"b"}
 
 
-objects = st.sampled_from("abc")
-users = st.sampled_from(["anna", "ben"])
+def test_what_somebody_else_has_by_now_is_not_taken_back() -> None:
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 1)
+    kept.toggle("a", "red", "anna", 2)
+    kept.toggle("a", "red", "ben", 3)
+    [record] = kept.undo("anna", 4, HERE)
+    assert (record.event, record.cause) == ("refused", "undo")
+    assert record.reason == "red is ben's by now; what was done with it cannot be taken back"
+    assert selected(kept) == {"a": ("ben", 3)}
 
 
-@given(st.lists(st.tuples(objects, users), max_size=40))
-def test_events_tell_the_same_story_as_the_selection(toggles: list[tuple[str, str]]) -> None:
-    ledger = Ledger()
+def test_only_so_many_steps_are_remembered() -> None:
+    kept = ledger(undo_steps=2)
+    for object_id in "abc":
+        kept.toggle(object_id, "red", "anna", 1)
+    assert kept.undo("anna", 2, HERE)
+    assert kept.undo("anna", 2, HERE)
+    assert kept.undo("anna", 2, HERE) == []
+    assert set(selected(kept)) == {"a"}
+
+
+def test_what_was_selected_before_a_restart_is_taken_up() -> None:
+    kept = ledger()
+    kept.restore({"a": Owned("anna", "red", 3, 0.8)})
+    assert selected(kept) == {"a": ("anna", 3)}
+    assert kept.toggle("a", "red", "ben", 9).event == "refused"
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["anna", "ben"])), max_size=40))
+def test_undoing_everything_leads_back_to_nothing(toggles: list[tuple[str, str]]) -> None:
+    kept = ledger(undo_steps=100)
+    doers: list[str] = []
+    before: list[dict[str, tuple[str, int]]] = []
+    for stamp_ns, (object_id, user) in enumerate(toggles, start=1):
+        state = selected(kept)
+        if kept.toggle(object_id, "red", user, stamp_ns).event != "refused":
+            doers.append(user)
+            before.append(state)
+    while doers:  # in the order in which it was done, the latest first
+        assert all(record.event != "refused" for record in kept.undo(doers.pop(), 99, HERE))
+        assert selected(kept) == before.pop()
+
+
+doings = st.tuples(
+    st.sampled_from(["toggle", "toggle", "toggle", "undo", "undo", "clear", "release", "take over", "leave"]),
+    st.sampled_from("abc"),
+    st.sampled_from(["anna", "ben", "carl"]),
+)
+
+
+@given(st.lists(doings, max_size=40))
+@settings(max_examples=300)
+def test_records_of_any_doings_tell_of_one_owner(doings: list[tuple[str, str, str]]) -> None:
+    kept = ledger("carl")
     story: dict[str, str] = {}
-    seqs: list[int] = []
-    for object_id, user in toggles:
-        event = ledger.toggle(object_id, "red", user, 1)
-        seqs.append(event.seq)
-        if event.event == "selected":
-            assert object_id not in story
-            story[object_id] = user
-        elif event.event == "deselected":
-            assert story.pop(object_id) == user
-        else:
-            assert story[object_id] != user
-        assert {o: owner for o, (owner, _) in selected(ledger).items()} == story
-    assert seqs == list(range(1, len(toggles) + 1))
+    here = set("abc")
+    for doing, object_id, user in doings:
+        match doing:
+            case "toggle":
+                here.add(object_id)
+                records = [kept.toggle(object_id, "red", user, 1)]
+            case "undo":
+                records = kept.undo(user, 1, here)
+            case "clear":
+                records = kept.clear(user, 1)
+            case "leave":
+                here.discard(object_id)
+                records = kept.drop([object_id] if object_id in story else [], 1)
+            case _:
+                records = kept.release(object_id, user, 1, take_over=doing == "take over")
+        for record in records:
+            if record.event == "selected":
+                assert record.object_id not in story
+                assert record.object_id in here
+                story[record.object_id] = record.owner
+            elif record.event == "refused":
+                assert story.get(record.object_id, "") == record.owner
+            else:
+                assert story.pop(record.object_id) == record.owner
+                if record.cause in ("dwell", "clear"):
+                    assert record.user == record.owner or record.owner == "carl"
+        assert {o: owner for o, (owner, _) in selected(kept).items()} == story

@@ -1,6 +1,7 @@
 """How fast a ray turns: a robust estimate over a fraction of a second."""
 
 import math
+from collections.abc import Sequence
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -53,9 +54,13 @@ class Steadiness:
         if count < FEWEST:
             return None
         half = count // 2  # of an odd number the middle one is in neither
-        middle = half // 2
-        span_s = (self._stamps_ns[count - half + middle] - self._stamps_ns[middle]) / NS_PER_S
-        azimuths, elevations = self._azimuths, self._elevations
-        turned = sorted(azimuths[-half:])[middle] - sorted(azimuths[:half])[middle]
-        raised = sorted(elevations[-half:])[middle] - sorted(elevations[:half])[middle]
-        return turned * math.cos(elevations[-1]) / span_s, raised / span_s
+        span_s = _median(self._stamps_ns[-half:]) - _median(self._stamps_ns[:half])
+        turned = _median(sorted(self._azimuths[-half:])) - _median(sorted(self._azimuths[:half]))
+        raised = _median(sorted(self._elevations[-half:])) - _median(sorted(self._elevations[:half]))
+        per_s = NS_PER_S / span_s
+        return turned * math.cos(self._elevations[-1]) * per_s, raised * per_s
+
+
+def _median(ordered: Sequence[float]) -> float:
+    middle = len(ordered) // 2
+    return ordered[middle] if len(ordered) % 2 else (ordered[middle - 1] + ordered[middle]) / 2.0

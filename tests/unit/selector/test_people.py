@@ -1,0 +1,283 @@
+"""Several people at once: reservations, owners, presence, undo, release; one owner whatever happens."""
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.unit.selector.room import Room, package
+
+
+def test_the_first_who_points_steadily_reserves_the_object() -> None:
+    room = Room(package("a", 5.0), package("b", 8.0))
+    room.stay(0.3, 50.0, anna=5.0)
+    room.stay(0.1, 50.0, anna=5.0, ben=5.0)
+    assert [(one.id, one.user) for one in room.selections[-1].reserved] == [("a", "anna")]
+    assert room.hovers["ben"][-1].taken_by == "anna"
+    assert room.hovers["ben"][-1].action == "refuse"
+    assert room.hovers["anna"][-1].taken_by == ""
+    room.stay(1.0, 50.0, anna=5.0, ben=5.0)
+    assert room.told == [("selected", "a", "anna"), ("refused", "a", "ben")]
+    assert room.selections[-1].reserved == ()
+    room.stay(3.0, 50.0, anna=5.0, ben=5.0)
+    assert len(room.events) == 2  # told once
+
+
+def test_who_waits_for_a_reserved_object_is_told_why() -> None:
+    room = Room(
+        package("a", 5.0), confirm="none", method="gauge", gauge={"full_s": 2.0, "sparse_full_s": 2.0}
+    )
+    room.stay(0.3, 50.0, anna=5.0)
+    room.selecting.set_present("ben", True, room.now_ns)
+    room.stay(1.0, 50.0, anna=5.0, ben=5.0)
+    assert room.events == []
+    for _ in range(3):  # anna comes and goes, and it stays hers
+        room.stay(0.3, 50.0, anna=8.0, ben=5.0)
+        room.stay(0.3, 50.0, anna=5.0, ben=5.0)
+    assert room.told == [("refused", "a", "ben")]
+    assert room.events[0].reason == "red is being selected by anna; wait or choose another one"
+    assert [cue.text for cue in room.cues["ben"]] == [room.events[0].reason]
+
+
+def test_a_reservation_ends_a_moment_after_the_object_was_left() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(0.4, 50.0, anna=5.0)
+    room.stay(0.45, 50.0, anna=8.0)
+    assert room.selections[-1].reserved
+    room.stay(0.1, 50.0, anna=8.0)
+    assert room.selections[-1].reserved == ()
+    room.stay(0.4, 50.0, ben=5.0)
+    assert [one.user for one in room.selections[-1].reserved] == ["ben"]
+
+
+def test_a_reservation_ends_too_when_nobody_points_any_more() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(0.4, 50.0, anna=5.0)
+    room.wait(1.0)
+    assert room.selections[-1].reserved == ()
+
+
+def gone_after(room: Room, away_s: float) -> None:
+    """Anna selects, is announced, leaves, and `away_s` pass."""
+    room.selecting.set_present("anna", True, room.now_ns)
+    room.stay(1.0, 50.0, anna=5.0)
+    room.wait(60.0)  # present without pointing is present
+    room.selecting.set_present("anna", False, room.now_ns)
+    room.wait(away_s)
+
+
+def test_only_the_owner_deselects_until_they_are_gone() -> None:
+    room = Room(package("a", 5.0), ownerless_after_s=10.0)
+    gone_after(room, 8.0)
+    room.stay(1.0, 50.0, ben=5.0)
+    assert room.told == [("selected", "a", "anna"), ("refused", "a", "ben")]
+    assert room.events[-1].reason == "red is selected by anna; only anna can deselect it"
+    room.stay(2.0, 50.0, ben=8.0)
+    assert room.hovers["ben"][-1].object_id == ""
+    room.stay(1.0, 50.0, ben=5.0)
+    assert room.told[2:] == [("deselected", "a", "ben")]
+
+
+def test_who_came_back_in_time_keeps_what_is_theirs() -> None:
+    room = Room(package("a", 5.0), ownerless_after_s=10.0)
+    gone_after(room, 5.0)
+    room.selecting.set_present("anna", True, room.now_ns)
+    room.wait(20.0)
+    room.stay(1.0, 50.0, ben=5.0)
+    assert room.told[-1] == ("refused", "a", "ben")
+
+
+def test_who_was_never_announced_is_there_while_they_point() -> None:
+    room = Room(package("a", 5.0), package("b", 8.0), ownerless_after_s=10.0)
+    room.stay(1.0, 50.0, anna=5.0)
+    room.stay(15.0, 10.0, anna=9.9)
+    room.stay(1.0, 50.0, ben=5.0)
+    assert room.told[-1] == ("refused", "a", "ben")
+
+
+def test_undo_takes_back_step_by_step() -> None:
+    room = Room(package("a", 5.0), package("b", 7.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.stay(1.0, 50.0, anna=7.0)
+    since_ns = room.selections[-1].objects[0].since_ns
+    room.take(room.selecting.clear("anna", room.now_ns))
+    assert room.owners == {}
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.owners == {"a": "anna", "b": "anna"}
+    assert {one.id: one.since_ns for one in room.selections[-1].objects}["a"] == since_ns
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.owners == {"a": "anna"}
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.owners == {}
+    count = len(room.events)
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert len(room.events) == count
+    assert room.cues["anna"][-1].text == "there is nothing to take back"
+    assert [event.cause for event in room.events[-4:]] == ["undo"] * 4
+
+
+def test_undo_of_what_has_left_says_so_and_the_step_before_is_next() -> None:
+    room = Room(package("a", 5.0), package("b", 7.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.stay(1.0, 50.0, anna=7.0)
+    room.objects = room.objects[:1]
+    room.wait(2.0)
+    assert room.owners == {"a": "anna"}
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.told[-1] == ("refused", "b", "anna")
+    assert room.events[-1].reason == "red has left; what was done with it cannot be taken back"
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.owners == {}
+
+
+def test_who_rests_on_an_object_does_not_change_it_back_after_an_undo() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.take(room.selecting.undo("anna", room.now_ns))
+    room.stay(3.0, 50.0, anna=5.0)
+    assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
+
+
+def test_a_release_deselects_whoevers_it_is_and_tells_them() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.take(room.selecting.release("boss", "a", False, room.now_ns))
+    assert room.owners == {}
+    assert room.told[-1] == ("deselected", "a", "boss")
+    assert room.events[-1].cause == "release"
+    assert room.cues["anna"][-1].text == "red was released by boss"
+    room.take(room.selecting.undo("boss", room.now_ns))
+    assert room.owners == {"a": "anna"}
+    assert room.told[-1] == ("selected", "a", "anna")
+
+
+def test_a_take_over_changes_the_owner() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.take(room.selecting.release("ben", "a", True, room.now_ns))
+    assert room.owners == {"a": "ben"}
+    assert room.told[1:] == [("deselected", "a", "ben"), ("selected", "a", "ben")]
+    room.stay(2.0, 50.0, anna=8.0, ben=8.0)
+    room.stay(1.0, 50.0, anna=5.0)
+    assert room.told[-1] == ("refused", "a", "anna")
+    room.take(room.selecting.undo("ben", room.now_ns))
+    assert room.owners == {"a": "anna"}
+
+
+@pytest.mark.parametrize(
+    ("object_id", "take_over", "why"),
+    [("b", False, "is not selected"), ("nowhere", True, "is not selected"), ("a", True, "is yours already")],
+)
+def test_what_cannot_be_released_is_refused(object_id: str, why: str, *, take_over: bool) -> None:
+    room = Room(package("a", 5.0), package("b", 7.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.take(room.selecting.release("anna", object_id, take_over, room.now_ns))
+    assert len(room.events) == 1
+    assert why in room.cues["anna"][-1].text
+
+
+def test_a_flicker_of_the_tracker_costs_no_selection_and_leaving_does() -> None:
+    room = Room(package("a", 5.0), left_after_s=0.5)
+    room.stay(1.0, 50.0, anna=5.0)
+    objects = room.objects
+    for _ in range(5):
+        room.objects = ()
+        room.stay(0.3, 50.0, anna=5.0)
+        room.objects = objects
+        room.stay(0.3, 50.0, anna=5.0)
+    assert room.told == [("selected", "a", "anna")]
+    assert room.owners == {"a": "anna"}
+    room.objects = ()
+    room.stay(0.6, 50.0, anna=5.0)
+    assert room.owners == {}
+    assert len(room.events) == 1  # its tracker tells that it left
+    assert [(record.event, record.object_id, record.owner) for record in room.records] == [
+        ("selected", "a", "anna"),
+        ("left", "a", "anna"),
+    ]
+
+
+users = st.sampled_from(["anna", "ben", "carl"])
+objects = st.sampled_from(["a", "b", "c"])
+PLACES = {"a": 2.0, "b": 5.0, "c": 8.0}
+
+
+def steps() -> st.SearchStrategy[Callable[[Room], None]]:
+    def stay(people: dict[str, str], duration_s: float) -> Callable[[Room], None]:
+        return lambda room: room.stay(duration_s, 20.0, **{user: PLACES[o] for user, o in people.items()})
+
+    def present(user: str, is_there: bool) -> Callable[[Room], None]:  # noqa: FBT001 - as announced
+        return lambda room: room.take(room.selecting.set_present(user, is_there, room.now_ns)) and None
+
+    def leave(object_id: str) -> Callable[[Room], None]:
+        def go(room: Room) -> None:
+            room.objects = [one for one in room.objects if one.id != object_id]
+
+        return go
+
+    def back(object_id: str) -> Callable[[Room], None]:
+        def come(room: Room) -> None:
+            if object_id not in {one.id for one in room.objects}:
+                room.objects = [*room.objects, package(object_id, PLACES[object_id])]
+
+        return come
+
+    stays = st.builds(stay, st.dictionaries(users, objects, max_size=3), st.sampled_from([0.2, 0.7, 1.0]))
+    return st.one_of(
+        stays,
+        stays,
+        stays,
+        st.builds(present, users, st.booleans()),
+        st.builds(leave, objects),
+        st.builds(back, objects),
+        st.builds(lambda s: lambda room: room.wait(s), st.sampled_from([0.5, 2.0])),
+        st.builds(lambda u: lambda room: room.take(room.selecting.undo(u, room.now_ns)) and None, users),
+        st.builds(lambda u: lambda room: room.take(room.selecting.clear(u, room.now_ns)) and None, users),
+        st.builds(
+            lambda u, o, t: lambda room: room.take(room.selecting.release(u, o, t, room.now_ns)) and None,
+            users,
+            objects,
+            st.booleans(),
+        ),
+    )
+
+
+@given(
+    st.sampled_from(["gauge", "hold"]),
+    st.sampled_from([1.0, 3600.0]),
+    st.lists(steps(), min_size=5, max_size=25),
+)
+@settings(max_examples=50, deadline=None)
+def test_whatever_people_do_an_object_has_one_owner_and_events_tell_the_story(
+    method: str, ownerless_after_s: float, doings: list[Callable[[Room], None]]
+) -> None:
+    room = Room(
+        *(package(object_id, x_m) for object_id, x_m in PLACES.items()),
+        method=method,
+        ownerless_after_s=ownerless_after_s,
+    )
+    for doing in doings:
+        doing(room)
+        room.take(room.selecting.pass_time(room.now_ns))
+        ids = [one.id for one in room.selecting.selection(room.now_ns).objects]
+        assert len(ids) == len(set(ids))
+    room.wait(2.0)
+    assert set(room.owners) <= {one.id for one in room.objects}
+    for selection in room.selections:
+        assert len({one.id for one in selection.objects}) == len(selection.objects)
+        assert len({one.id for one in selection.reserved}) == len(selection.reserved)
+    story: dict[str, str] = {}
+    for record in room.records:
+        if record.event == "selected":
+            assert record.object_id not in story
+            story[record.object_id] = record.owner
+        elif record.event in ("deselected", "left"):
+            assert story.pop(record.object_id) == record.owner
+            if ownerless_after_s == 3600.0 and record.cause in ("dwell", "clear"):
+                assert record.user == record.owner
+        elif record.owner:  # refused, as it is somebody's
+            assert story[record.object_id] == record.owner != record.user or record.cause == "undo"
+    assert room.owners == story
+    told = [record.seq for record in room.records if record.seq is not None]
+    assert told == [event.seq for event in room.events] == list(range(1, len(told) + 1))

@@ -1,0 +1,264 @@
+"""Selecting by pointing: the three methods, confirmation, what is shown, times that are odd."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.schemas import ButtonEvent
+from tests.unit.selector.room import Room, at, package, pointing
+
+METHODS = ("gauge", "hold", "fraction")
+
+
+def reach(to_m: float, arrival_s: float, wobble_m: float, phase: float) -> "Place":
+    return Place(to_m, arrival_s, wobble_m, phase)
+
+
+class Place:
+    """Where somebody points: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
+
+    def __init__(self, to_m: float, arrival_s: float, wobble_m: float, phase: float) -> None:
+        self._to_m, self._arrival_s, self._wobble_m, self._phase = to_m, arrival_s, wobble_m, phase
+
+    def __call__(self, time_s: float) -> float:
+        share = min(max((time_s - self._arrival_s + 0.8) / 0.8, 0.0), 1.0)
+        smooth = share**3 * (10 - 15 * share + 6 * share * share)
+        return 2.0 + (self._to_m - 2.0) * smooth + self._wobble_m * math.sin(2.5 * time_s + self._phase)
+
+
+@given(st.floats(0.9, 2.0), st.floats(0.0, 0.03), st.floats(0, 6.2), st.floats(5.9, 6.1))
+@settings(max_examples=25, deadline=None)
+def test_the_rate_of_cursors_does_not_matter(
+    arrival_s: float, wobble_m: float, phase: float, to_m: float
+) -> None:
+    """The same way sampled at 25 and 200 Hz fires within one sample of the same time."""
+    fired: list[int] = []
+    for rate_hz in (25.0, 200.0):
+        room = Room(package("a", 6.0), package("b", 6.8))
+        room.stay(4.0, rate_hz, anna=Place(to_m, arrival_s, wobble_m, phase))
+        assert room.told == [("selected", "a", "anna")]
+        fired.append(room.events[0].stamp_ns)
+    assert abs(fired[0] - fired[1]) <= 45_000_000  # one of each
+
+
+@pytest.mark.parametrize(("method", "after_s"), [("gauge", 0.5), ("hold", 0.8), ("fraction", 0.8)])
+@pytest.mark.parametrize("rate_hz", [25.0, 100.0])
+def test_staying_selects_once_and_coming_back_deselects(method: str, after_s: float, rate_hz: float) -> None:
+    room = Room(package("a", 5.0), method=method)
+    room.stay(5.0, rate_hz, anna=5.0)
+    assert room.told == [("selected", "a", "anna")]
+    assert (room.events[0].stamp_ns - at(0)) / 1e9 == pytest.approx(after_s, abs=0.14)
+    assert room.owners == {"a": "anna"}
+    room.stay(1.0, rate_hz, anna=8.0)
+    room.stay(3.0, rate_hz, anna=5.0)
+    assert room.told[1:] == [("deselected", "a", "anna")]
+    assert room.owners == {}
+    assert [(event.cause, event.kind) for event in room.events] == [("dwell", "red")] * 2
+
+
+def test_at_the_originals_settings_fraction_fires_with_the_full_window() -> None:
+    """10 Hz, 0.5 s, 4 of 5: the first window is full after 0.5 s, whichever of its timesteps is missed."""
+    for missed in range(5):
+        room = Room(package("a", 5.0), method="fraction", window_s=0.5, timestep_s=0.1, fraction=0.8)
+        for step in range(8):
+            room.time_s = 0.1 * step + 0.05
+            room.list_objects()
+            room.take(room.selecting.on_cursor("anna", pointing(room.time_s, 8.0 if step == missed else 5.0)))
+        assert [event.stamp_ns for event in room.events] == [at(0.55)]
+
+
+def test_where_others_are_near_the_gauge_takes_longer() -> None:
+    room = Room(package("a", 5.0), package("b", 5.5))
+    room.stay(2.0, 100.0, anna=5.0)
+    assert (room.events[0].stamp_ns - at(0)) / 1e9 == pytest.approx(0.8, abs=0.03)
+
+
+def test_sweeping_over_objects_selects_nothing() -> None:
+    room = Room(*(package(str(x), float(x)) for x in range(1, 10)))
+    room.stay(8.0, 100.0, anna=lambda time_s: 1.0 + time_s)  # 1 m/s, up to 18 degrees/s
+    touched = {hover.object_id for hover in room.hovers["anna"]}
+    assert len(touched) == 10  # nine objects, and none
+    assert room.events == []
+
+
+@pytest.mark.parametrize("speed_mps", [0.3, 1.0, 2.0])
+def test_a_moving_object_is_selected_by_who_follows_it_and_by_nobody_else(speed_mps: float) -> None:
+    room = Room(package("a", 3.0, speed_mps=speed_mps))
+    room.stay(1.5, 100.0, anna=lambda time_s: 3.0 + speed_mps * time_s, ben=4.0)
+    assert room.told == [("selected", "a", "anna")]
+
+
+def test_an_object_is_looked_for_where_it_was_shown() -> None:
+    for lag_s, selects in ((0.3, True), (0.0, False)):
+        room = Room(package("a", 2.0, speed_mps=2.0), display_lag_s=lag_s)
+        room.stay(2.0, 100.0, anna=lambda time_s: 2.0 + 2.0 * (time_s - 0.3))
+        assert bool(room.events) == selects
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
+    room = Room(package("a", 5.0), method=method, show_after_s=0.15)
+    room.stay(0.45, 100.0, anna=5.0)
+    hovers = room.hovers["anna"]
+    assert {hover.object_id for hover in hovers} == {"a"}
+    early = [hover.progress for hover in hovers if hover.stamp_ns < at(0.14)]
+    assert set(early) == {0.0}
+    progress = [hover.progress for hover in hovers]
+    assert progress == sorted(progress)
+    assert progress[-1] > 0.3
+    assert {hover.action for hover in hovers} == {"select"}
+
+
+def test_leaving_cancels() -> None:
+    room = Room(package("a", 5.0), package("b", 5.6))
+    room.stay(0.7, 100.0, anna=5.0)
+    room.stay(1.5, 100.0, anna=9.0)
+    room.stay(0.7, 100.0, anna=5.0)
+    assert room.events == []
+
+
+def test_a_hover_says_all_there_is_to_say() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 100.0, anna=5.16)
+    room.stay(1.0, 100.0, ben=5.16)
+    mine, other = room.hovers["anna"][-1], room.hovers["ben"][-1]
+    assert (mine.object_id, mine.is_selected, mine.action, mine.taken_by) == ("a", True, "", "")
+    assert mine.snapped_position_m == pytest.approx(5.15)
+    assert mine.snapped_m == pytest.approx((5.15, 0.0, 0.9))
+    assert mine.miss_rad is not None
+    assert 0.0 < mine.miss_rad < 0.02
+    assert (other.taken_by, other.is_selected) == ("anna", True)
+    assert room.hovers["ben"][20].action == "refuse"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_in_select_only_mode_nothing_is_deselected_by_staying(method: str) -> None:
+    room = Room(package("a", 5.0), method=method, mode="select_only")
+    room.stay(2.0, 50.0, anna=5.0)
+    room.stay(2.0, 50.0, anna=8.0)
+    room.stay(2.0, 50.0, anna=5.0)
+    assert room.told == [("selected", "a", "anna")]
+    assert room.hovers["anna"][-1].action == ""
+    assert room.hovers["anna"][-1].progress == 0.0
+    assert [
+        event.event for event in (room.take(room.selecting.clear("anna", room.now_ns)), room.events)[1]
+    ] == [
+        "selected",
+        "deselected",
+    ]
+
+
+def press(room: Room, user: str, time_s: float, gesture: str = "press") -> None:
+    button = ButtonEvent.model_validate({"stamp_ns": at(time_s), "gesture": gesture})
+    room.take(room.selecting.on_button(user, button))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(method: str) -> None:
+    room = Room(package("a", 5.0), package("b", 6.0), method=method, confirm="press", look_back_s=0.2)
+    room.stay(2.0, 100.0, anna=5.0)
+    assert room.events == []
+    assert room.hovers["anna"][-1].progress == 1.0  # ready
+    room.stay(0.15, 100.0, anna=6.0)  # the click moved the arm
+    press(room, "anna", room.time_s)
+    assert room.told == [("selected", "a", "anna")]
+    assert room.events[0].cause == "button"
+    press(room, "anna", room.time_s)  # the same press again
+    assert len(room.events) == 1
+    room.stay(1.0, 100.0, anna=6.0)
+    press(room, "anna", room.time_s, "double")
+    assert len(room.events) == 1
+    press(room, "anna", room.time_s)
+    assert room.told[1:] == [("selected", "b", "anna")]
+
+
+def test_a_press_of_who_points_at_nothing_or_no_longer_selects_nothing() -> None:
+    room = Room(package("a", 5.0), confirm="press")
+    press(room, "anna", 0.0)
+    room.stay(1.0, 100.0, anna=8.0)
+    press(room, "anna", room.time_s)
+    room.stay(1.0, 100.0, anna=5.0)
+    press(room, "anna", room.time_s + 1.0)
+    assert room.events == []
+
+
+def test_without_confirmation_a_press_does_nothing() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(0.3, 100.0, anna=5.0)
+    press(room, "anna", room.time_s)
+    assert room.events == []
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_late_and_doubled_cursors_are_left_out(method: str) -> None:
+    plain = Room(package("a", 5.0), method=method)
+    plain.stay(1.2, 50.0, anna=5.0)
+    odd = Room(package("a", 5.0), method=method)
+    for step in range(1, 61):
+        odd.time_s = step / 50
+        odd.list_objects()
+        for late_s, x_m in ((0.0, 5.0), (0.0, 9.0), (0.1, 9.0), (1.9, 9.0)):
+            odd.take(odd.selecting.on_cursor("anna", pointing(odd.time_s - late_s, x_m)))
+    assert odd.events == plain.events
+    assert len(odd.events) == 1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_clock_that_is_set_back_begins_anew(method: str) -> None:
+    room = Room(package("a", 5.0), method=method)
+    room.stay(0.45, 50.0, anna=5.0)
+    room.time_s = -100.0
+    room.stay(0.4, 50.0, anna=5.0)
+    assert room.events == []
+    room.stay(1.0, 50.0, anna=5.0)
+    assert room.told == [("selected", "a", "anna")]
+
+
+def test_a_stamp_from_the_future_holds_nobody_up() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(0.2, 50.0, anna=5.0)
+    room.take(room.selecting.on_cursor("anna", pointing(3600.0, 5.0)))
+    room.stay(1.5, 50.0, anna=5.0)
+    assert room.told == [("selected", "a", "anna")]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_cursor_without_a_ray_counts_by_metres(method: str) -> None:
+    room = Room(package("a", 5.0), method=method)
+    for step in range(1, 61):
+        room.time_s = step / 50
+        room.list_objects()
+        bare = pointing(room.time_s, 5.1).model_copy(update={"origin_m": None, "direction": None})
+        room.take(room.selecting.on_cursor("anna", bare))
+    assert room.told == [("selected", "a", "anna")]
+    assert room.events[0].confidence is None
+    assert room.hovers["anna"][-1].miss_rad is None
+
+
+def test_the_confidence_is_high_in_the_open_and_lower_in_a_crowd() -> None:
+    confidences: list[float] = []
+    for others in ((), (package("b", 5.25, length_m=0.2),)):
+        room = Room(package("a", 5.0, length_m=0.2), *others)
+        room.stay(1.5, 100.0, anna=5.05)
+        confidence = room.events[0].confidence
+        assert confidence is not None
+        confidences.append(confidence)
+        assert room.selections[-1].objects[0].confidence == confidence
+    assert confidences[0] == 1.0
+    assert 0.5 < confidences[1] < 0.999
+
+
+def test_cues_are_for_ear_and_skin_and_eye() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.stay(1.0, 50.0, anna=8.0, ben=5.0)
+    room.stay(1.0, 50.0, anna=5.0)
+    cues = [*room.cues["anna"], *room.cues["ben"]]
+    assert [(cue.cue, cue.chime, len(cue.haptic_ms)) for cue in cues] == [
+        ("selected", "up", 1),
+        ("deselected", "down", 3),
+        ("refused", "buzz", 1),
+    ]
+    assert all(cue.color is not None and cue.text for cue in cues)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Belt, Strip
 from pointit.services.led_driver.layout import BESIDE_M, Layout
-from tests.unit.led_driver.stage import Stage, item
+from tests.unit.led_driver.stage import BLACK, RED, WHITE, Stage, item
 
 WIDTH_M = 0.5
 PER_M = 30
@@ -90,6 +90,16 @@ def test_in_a_curve_the_inner_and_the_outer_strip_show_the_same_stretch(at_m: fl
         sure = np.flatnonzero(np.abs(at - at_m) < length_m / 2 - 0.01)
         possible = np.flatnonzero(np.abs(at - at_m) < length_m / 2 + 0.01)
         assert set(sure) <= set(stage.lit(strip.id)) <= set(possible)
+
+
+def test_margins_are_as_long_on_the_inner_strip_of_a_curve_as_elsewhere() -> None:
+    belt = Belt(id="belt", line_m=arc(1.0), width_m=WIDTH_M)
+    inner = Strip(id="s", line_m=arc(0.7), pixels=round(0.7 * math.pi / 2 * PER_M))
+    stage = Stage(inner, belts=(belt,), edge_m=0.1).put(item(0.8, 0.6, surface="belt", surface_id="belt"))
+    shown = [color for color in stage.select("anna").shown("s") if color != BLACK]
+    # a pixel of it is 0.048 m of the belt: two of them are a margin, three would be too much
+    assert shown == [WHITE] * 2 + [RED] * (len(shown) - 4) + [WHITE] * 2
+    assert len(shown) in (12, 13)
 
 
 def test_gaps_between_strips_stay_gaps_and_strips_elsewhere_stay_dark() -> None:

@@ -157,6 +157,27 @@ def test_a_moving_object_has_a_fading_tail_behind_it() -> None:
     assert Stage(tail_s=0.2).put(item(1.0, 0.4)).lit() == [8, 9, 10, 11]
 
 
+@given(st.floats(0.3, 1.7), st.floats(0.2, 0.6), st.floats(0.1, 3.0), st.sampled_from([1.0, -1.0]))
+def test_a_tail_is_behind_only_and_takes_nothing_of_the_object(
+    at_m: float, length_m: float, speed_mps: float, sign: float
+) -> None:
+    shown = Stage(tail_s=0.2).put(item(at_m, length_m, surface_speed_mps=sign * speed_mps)).shown()
+    for number, color in enumerate(shown):
+        ahead_m = sign * (0.05 + 0.1 * number - at_m)
+        if abs(ahead_m) < length_m / 2 - 1e-9:
+            assert color == DIM
+        elif ahead_m > length_m / 2 + 1e-9 or ahead_m < -length_m / 2 - 0.2 * speed_mps - 1e-9:
+            assert color == BLACK
+        elif abs(ahead_m) > length_m / 2 + 1e-9:
+            assert color[0] <= DIM[0] / 2
+
+
+def test_the_last_pixel_of_a_moving_object_is_its_own_even_if_it_just_reaches_it() -> None:
+    for number in range(3, 16):  # its front is at a pixel's centre, as well as floats have it
+        shown = Stage(tail_s=0.2).put(item(0.1 * number - 0.05, 0.2, surface_speed_mps=1.0)).shown()
+        assert {shown[number - 1], shown[number]} <= {DIM, BLACK}
+
+
 def test_tails_lie_beneath_other_objects() -> None:
     stage = Stage(tail_s=0.2).put(item(0.5, 0.4, id="q"), item(1.0, 0.4, surface_speed_mps=2.0))
     assert stage.shown()[3:7] == [DIM] * 4

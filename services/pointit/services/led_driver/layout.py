@@ -40,12 +40,14 @@ _AT_ONCE = 500_000
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Pixels of one strip along one line, sorted by arc length."""
+    """Pixels of one strip along one line without a gap, sorted by arc length."""
 
     pixels: Indices
     at_m: Array
-    pitch_m: Array
-    """Of the pixels about each, along the line."""
+    pitch_m: float
+    """From pixel to pixel along the line, on average."""
+    coarsest_m: float
+    """At most."""
     from_m: Array
     to_m: Array
     """What is nearer to this pixel than to its neighbours."""
@@ -58,8 +60,11 @@ class Layout:
         count: pixels of all strips.
         slices: where each strip's bytes lie in a frame, by id.
         wire: for every pixel its number on its own strip's wire.
-        at_m, pitch_m, pixels: for every entry (a pixel on a line) the arc length, the distance between
-            pixels there, the pixel. Entries are sorted by line and arc length.
+        at_m, pixels, run, number: for every entry (a pixel on a line) the arc length, the pixel, the run
+            that it is in and its number there; a run is pixels of one strip along one line without a gap.
+            Entries are sorted by line and arc length.
+        pitch_m, first_m, last_m, pixels_of: for every run the distance from pixel to pixel along the line,
+            the arc lengths of its first and last pixel, and how many they are.
     """
 
     def __init__(self, strips: Sequence[Strip], belts: Sequence[Belt] = ()) -> None:
@@ -99,15 +104,19 @@ class Layout:
         at_m = _joined([run.at_m for run in runs])
         order = np.lexsort((at_m, line))
         self.at_m: Array = at_m[order]
-        self.pitch_m: Array = _joined([run.pitch_m for run in runs])[order]
         self.pixels: Indices = _joined([run.pixels for run in runs]).astype(np.intp)[order]
+        self.run: Indices = np.repeat(np.arange(len(runs)), sizes)[order]
+        self.number: Indices = _joined([np.arange(size) for size in sizes]).astype(np.intp)[order]
+        self.pitch_m: Array = np.array([run.pitch_m for run in runs])
+        self.first_m: Array = np.array([run.at_m[0] for run in runs])
+        self.last_m: Array = np.array([run.at_m[-1] for run in runs])
+        self.pixels_of: Indices = np.array(sizes, dtype=np.intp)
         self._from_m: Array = _joined([run.from_m for run in runs])[order]
         self._to_m: Array = _joined([run.to_m for run in runs])[order]
-        self._run: Indices = np.repeat(np.arange(len(runs)), sizes)[order]
         self._keys: Array = self._origins_m[line[order]] + self.at_m if len(line) else at_m
         self._bounds: Indices = np.searchsorted(line[order], np.arange(len(lines) + 1))
         self._coarsest_m: Array = np.array(
-            [max((float(run.pitch_m.max()) for run in line), default=0.0) for line in lines]
+            [max((run.coarsest_m for run in line), default=0.0) for line in lines]
         )
 
     def line(self, surface: str, line_id: str) -> int | None:
@@ -152,7 +161,7 @@ class Layout:
         middle_m = (start_m + end_m) / 2.0
         about = (self._from_m[where] <= middle_m) & (middle_m < self._to_m[where])
         if inside.any():
-            about &= ~np.isin(self._run[where], self._run[where][inside])
+            about &= ~np.isin(self.run[where], self.run[where][inside])
         return np.flatnonzero(inside | about) + where.start
 
 
@@ -168,7 +177,8 @@ def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
     run = _Run(
         pixels if strip.direction == 1 else pixels[::-1],
         at_m,
-        np.full(strip.pixels, pitch_m),
+        pitch_m,
+        pitch_m,
         bounds_m[:-1],
         bounds_m[1:],
     )
@@ -182,25 +192,23 @@ def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]
         near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
         at_m, apart_m, beyond = _nearest(line, places_m[near])
         beside = (apart_m <= reach_m) & ~beyond
-        if beside.any():
-            yield _run_along(run.pixels[near[beside]], at_m[beside], float(run.pitch_m[0]))
+        order = np.argsort(at_m[beside], kind="stable")
+        pixels, along_m = run.pixels[near[beside][order]], at_m[beside][order]
+        gaps = np.flatnonzero(np.diff(along_m) > 2.0 * run.pitch_m) + 1
+        for part, part_m in zip(np.split(pixels, gaps), np.split(along_m, gaps), strict=True):
+            if len(part):
+                yield _run_along(part, part_m, run.pitch_m)
 
 
-def _run_along(pixels: Indices, at_m: Array, pitch_m: float) -> _Run:
-    """Return the run of `pixels` at `at_m`; `pitch_m` apart along their own strip."""
-    order = np.argsort(at_m, kind="stable")
-    pixels, at_m = pixels[order], at_m[order]
-    local_m = np.full(len(at_m), pitch_m)
-    if len(at_m) > 1:
-        # at sharp corners many pixels share one arc length, at gaps neighbours are far apart
-        local_m = np.clip(np.gradient(at_m), pitch_m / 4.0, pitch_m * 2.0)
-    gaps_m = np.diff(at_m)
-    middle_m, close = at_m[:-1] + gaps_m / 2.0, gaps_m <= 2.0 * pitch_m
-    from_m = at_m - local_m * (0.5 + _ROUNDING)
-    to_m = at_m + local_m * (0.5 + _ROUNDING)
-    from_m[1:][close] = middle_m[close]
-    to_m[:-1][close] = middle_m[close]
-    return _Run(pixels, at_m, local_m, from_m, to_m)
+def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
+    """Return the run of `pixels` at the sorted `at_m`; they are `own_m` apart along their own strip."""
+    steps_m = np.diff(at_m)
+    # at sharp corners and where a strip goes across, many pixels share one arc length
+    pitch_m = max(float(steps_m.mean()), own_m / 4.0) if len(steps_m) else own_m
+    half_m = pitch_m * (0.5 + _ROUNDING)
+    middle_m = at_m[:-1] + steps_m / 2.0
+    from_m, to_m = np.r_[at_m[0] - half_m, middle_m], np.r_[middle_m, at_m[-1] + half_m]
+    return _Run(pixels, at_m, pitch_m, max(float(steps_m.max(initial=0.0)), pitch_m), from_m, to_m)
 
 
 def _nearest(line: Polyline, places_m: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -87,8 +87,8 @@ class Renderer:
         self._style = style if style is not None else StyleConfig()
         self._layout = layout
         self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
-        self._edge: Indices = np.clip(np.rint(self._style.edge_m / layout.pitch_m), 1, 4096).astype(np.intp)
-        self._per_m: Array = 1.0 / layout.pitch_m
+        edge = np.clip(np.rint(self._style.edge_m / layout.pitch_m), 1, 4096).astype(np.intp)
+        self._edge: Indices = edge[layout.run]
 
     def render(self, segments: Segments, cursors: list[CursorMark]) -> Bytes:
         """Return all pixels (n x 3, red green blue) in the layout's order; the next call changes them."""
@@ -125,15 +125,31 @@ class Renderer:
         roles = np.zeros(len(whose), dtype=np.intp)
         stated = np.flatnonzero((segments.margins > 0)[whose])
         if len(stated):
-            per_m = self._per_m[entries[stated]]
-            roles[stated] = self._roles(
-                segments,
-                whose[stated],
-                self._edge[entries[stated]],
-                _whole(before_m[stated] * per_m),
-                _whole(after_m[stated] * per_m),
-            )
+            those, these = whose[stated], entries[stated]
+            first, last = self._counted(segments, those, these, start_m, end_m)
+            roles[stated] = self._roles(segments, those, self._edge[these], first, last)
         self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
+
+    def _counted(
+        self, segments: Segments, whose: Indices, entries: Indices, start_m: Array, end_m: Array
+    ) -> tuple[Indices, Indices]:
+        """Return of each pixel how many of its segment lie before it on the same strip, and after it.
+
+        Where the strip ends within the segment, those count that it would have if it went on.
+        """
+        layout = self._layout
+        run, number = layout.run[entries], layout.number[entries]
+        stated = np.cumsum(segments.margins > 0) - 1
+        slot = stated[whose] * len(layout.pitch_m) + run
+        low = np.full((int(stated[-1]) + 1) * len(layout.pitch_m), layout.count, dtype=np.intp)
+        high = np.zeros_like(low)
+        np.minimum.at(low, slot, number)
+        np.maximum.at(high, slot, number)
+        low, high = low[slot], high[slot]
+        pitch_m = layout.pitch_m[run]
+        before = _whole((layout.first_m[run] - start_m[whose]) / pitch_m) * (low == 0)
+        after = _whole((end_m[whose] - layout.last_m[run]) / pitch_m) * (high == layout.pixels_of[run] - 1)
+        return number - low + before, high - number + after
 
     @staticmethod
     def _roles(segments: Segments, whose: Indices, edge: Indices, first: Indices, last: Indices) -> Indices:

@@ -158,5 +158,5 @@ def test_records_of_any_doings_tell_of_one_owner(doings: list[tuple[str, str, st
             else:
                 assert story.pop(record.object_id) == record.owner
                 if record.cause in ("dwell", "clear"):
-                    assert record.user == record.owner or record.owner == "carl"
+                    assert record.owner in (record.user, "carl")
         assert {o: owner for o, (owner, _) in selected(kept).items()} == story

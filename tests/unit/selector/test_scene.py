@@ -112,7 +112,7 @@ def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s
     view = look(looked, Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction))
     seen = view.snapped("a", Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction), SNAP)
     assert seen is not None
-    # the nearest point of the object to a ray through its centre is that centre; 1.25 mm: a short arc is straight
+    # nearest to a ray through its centre is that centre; a short way on an arc is taken to be straight
     assert vector.norm(vector.subtract(seen[0], expected)) < 0.00125
 
 

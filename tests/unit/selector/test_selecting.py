@@ -29,7 +29,7 @@ class Place:
 
 
 @given(st.floats(0.9, 2.0), st.floats(0.0, 0.03), st.floats(0, 6.2), st.floats(5.9, 6.1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_the_rate_of_cursors_does_not_matter(
     arrival_s: float, wobble_m: float, phase: float, to_m: float
 ) -> None:

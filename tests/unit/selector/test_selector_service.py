@@ -1,22 +1,31 @@
 """The selector on a bus: from cursors to hovers, selections, events and cues."""
 
-import asyncio
-
 import pytest
 
-from pointit.runtime import ConfigError, Context
+from pointit.runtime import ConfigError, Context, RefusedError
 from pointit.runtime.config import Layers
 from pointit.runtime.health import ServiceBus
-from pointit.schemas import ClearSelection, Cursor, TrackedObject, TrackedObjects
+from pointit.schemas import (
+    ButtonEvent,
+    ClearSelection,
+    Cursor,
+    ReleaseObject,
+    TrackedObject,
+    TrackedObjects,
+    UndoSelection,
+)
 from pointit.schemas.topics import (
+    BUTTON,
     CLEAR_SELECTION,
     CURSOR,
     FEEDBACK,
     HEALTH,
     HOVER,
     OBJECTS,
+    RELEASE_OBJECT,
     SELECTION,
     SELECTION_EVENTS,
+    UNDO_SELECTION,
     USER_ALIVE,
 )
 from pointit.services.registry import process
@@ -83,8 +92,10 @@ async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> No
         assert rising[0] == 0.0
         assert rising[-1] > 0.8
 
-        bench.put(OBJECTS, objects(clock, "a"), "conveyor")
-        await bench.settle()
+        for _ in range(2):
+            bench.put(OBJECTS, objects(clock, "a"), "conveyor")
+            await bench.settle()
+            clock.advance(0.6)  # a tracker may flicker
         assert selections[-1].objects == ()
         assert len(events) == 1  # the conveyor tells that it left
 
@@ -133,7 +144,7 @@ async def test_an_object_that_left_within_the_window_is_not_selected() -> None:
             bench.put(CURSOR, at, "anna")
             await bench.settle(3)
         assert events == []
-        assert len(selections) == 1
+        assert all(selection.objects == () for selection in selections)
 
 
 async def test_clearing_nothing_is_no_error() -> None:
@@ -171,7 +182,11 @@ async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_i
         clock.advance(2.0)
         await until(lambda: any("from conveyor;" in text for text in health[-1].warnings), what="the warning")
         assert selections[-1].objects
-        clock.advance(4.0)
+        clock.advance(28.0)
+        assert selections[-1].objects  # it may come back
+        clock.advance(1.0)
+        await until(lambda: not health[-1].warnings, what="the tracker to be forgotten")
+        clock.advance(1.0)
         await until(lambda: not selections[-1].objects, what="its objects to leave the selection")
         await until(lambda: not health[-1].warnings, what="the warning to go")
 
@@ -180,7 +195,7 @@ async def test_what_somebody_who_left_has_selected_is_anybodys_after_a_while() -
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         events = bench.collect(SELECTION_EVENTS)
-        bench.start(Selector, SelectorConfig(ownerless_after_s=0.3))
+        bench.start(Selector, SelectorConfig(ownerless_after_s=10.0))
         await bench.settle()
         token = bench.bus.announce(USER_ALIVE, "anna")
         await bench.settle()
@@ -190,7 +205,7 @@ async def test_what_somebody_who_left_has_selected_is_anybodys_after_a_while() -
         await stay(bench, clock, "ben", 1.0, "a")
         assert [(e.event, e.user) for e in events] == [("selected", "anna"), ("refused", "ben")]
         assert events[-1].reason == "red is selected by anna; only anna can deselect it"
-        await asyncio.sleep(0.35)
+        clock.advance(10.0)
         await stay(bench, clock, "ben", 9.0, "a")  # looks elsewhere, so that it may be toggled again
         await stay(bench, clock, "ben", 1.0, "a")
         assert (events[-1].event, events[-1].user) == ("deselected", "ben")
@@ -200,13 +215,13 @@ async def test_who_is_back_in_time_keeps_what_is_theirs() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         events = bench.collect(SELECTION_EVENTS)
-        bench.start(Selector, SelectorConfig(ownerless_after_s=0.05))
+        bench.start(Selector, SelectorConfig(ownerless_after_s=1.0))
         await bench.settle()
         bench.bus.announce(USER_ALIVE, "anna").close()
         again = bench.bus.announce(USER_ALIVE, "anna")
         await bench.settle()
         await stay(bench, clock, "anna", 1.0, "a")
-        await asyncio.sleep(0.1)
+        clock.advance(30.0)
         await stay(bench, clock, "ben", 1.0, "a")
         assert events[-1].event == "refused"
         again.close()
@@ -214,7 +229,7 @@ async def test_who_is_back_in_time_keeps_what_is_theirs() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("method", "gauge"), ("fraction", 1.5), ("window_s", 0.05)],
+    [("method", "stare"), ("fraction", 1.5), ("window_s", 0.05)],
 )
 def test_a_wrong_parameter_is_named(field: str, value: object) -> None:
     layers = Layers()
@@ -248,3 +263,40 @@ def test_an_unknown_parameter_is_named() -> None:
     layers.add({"margin": 0.1}, "file.yaml")
     with pytest.raises(ConfigError, match=r"no parameter margin.*margin_m"):
         layers.build(SelectorConfig)
+
+
+async def test_undo_and_release_answer_what_they_did_or_why_not() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        selections = bench.collect(SELECTION)
+        bench.start(Selector)
+        await bench.settle()
+        with pytest.raises(RefusedError, match="there is nothing to take back"):
+            await bench.bus.call(UNDO_SELECTION, UndoSelection(), "anna")
+        with pytest.raises(RefusedError, match="object a is not selected"):
+            await bench.bus.call(RELEASE_OBJECT, ReleaseObject(object_id="a"), "boss")
+        await stay(bench, clock, "anna", 1.0, "a")
+        taken = await bench.bus.call(RELEASE_OBJECT, ReleaseObject(object_id="a", take_over=True), "ben")
+        assert taken.message == "red a deselected, red a selected"
+        await bench.settle()
+        assert [(one.id, one.user) for one in selections[-1].objects] == [("a", "ben")]
+        with pytest.raises(RefusedError, match="red is ben's by now"):
+            await bench.bus.call(UNDO_SELECTION, UndoSelection(), "anna")
+        undone = await bench.bus.call(UNDO_SELECTION, UndoSelection(), "ben")
+        assert undone.message == "red a deselected, red a selected"
+        await bench.settle()
+        assert [(one.id, one.user) for one in selections[-1].objects] == [("a", "anna")]
+
+
+async def test_a_press_confirms_where_that_is_wanted() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        events, hovers = bench.collect(SELECTION_EVENTS), bench.collect(HOVER, "anna")
+        bench.start(Selector, SelectorConfig(confirm="press"))
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert events == []
+        assert hovers[-1].progress == 1.0
+        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), "anna")
+        await bench.settle()
+        assert [(event.event, event.cause) for event in events] == [("selected", "button")]

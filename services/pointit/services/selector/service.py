@@ -96,7 +96,7 @@ class Selector(Service[SelectorConfig]):
         for record in kept.untold:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
-                self._events.put(event)
+                self._put([Output("", event)])
         self._mind_journal(now_ns)
 
     def _mind_journal(self, now_ns: int) -> None:

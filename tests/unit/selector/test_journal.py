@@ -1,0 +1,280 @@
+"""The journal: kept through kill -9, one writer, readers beside it, whatever is wrong with the disk."""
+
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pointit.services.selector.journal import NS_PER_DAY, RETRY_EVERY_NS, Journal
+from pointit.services.selector.journal_table import audit
+from pointit.services.selector.outputs import Owned, Record
+
+S = 1_000_000_000
+NOW = 1_700_000_000 * S
+
+
+def selected(object_id: str, seq: int, *, stamp_ns: int = NOW, user: str = "anna") -> Record:
+    return Record(
+        stamp_ns=stamp_ns,
+        event="selected",
+        object_id=object_id,
+        kind="red",
+        user=user,
+        owner=user,
+        since_ns=stamp_ns,
+        cause="dwell",
+        method="gauge",
+        confidence=0.75,
+        seq=seq,
+    )
+
+
+def ended(object_id: str, seq: int | None, *, stamp_ns: int = NOW) -> Record:
+    return Record(
+        stamp_ns=stamp_ns,
+        event="left" if seq is None else "deselected",
+        object_id=object_id,
+        kind="red",
+        user="anna",
+        owner="anna",
+        seq=seq,
+    )
+
+
+def refused(object_id: str, seq: int) -> Record:
+    return Record(
+        stamp_ns=NOW, event="refused", object_id=object_id, user="ben", owner="anna", reason="hers", seq=seq
+    )
+
+
+def keep(folder: Path, *records: Record, told: int = 0, now_ns: int = NOW) -> None:
+    """Write records as one run does that ends well."""
+    journal = Journal(folder)
+    journal.begin(now_ns)
+    for record in records:
+        journal.add(record)
+    journal.commit(now_ns)
+    journal.tell(told)
+    journal.mind(now_ns, is_selected=True)
+    journal.close()
+
+
+def test_what_is_open_is_taken_up_and_counting_goes_on(tmp_path: Path) -> None:
+    records = (
+        selected("a", 1),
+        selected("b", 2),
+        ended("b", 3),
+        selected("c", 4),
+        refused("a", 5),
+        ended("c", None),
+    )
+    keep(tmp_path, *records, told=5)
+    journal = Journal(tmp_path)
+    kept = journal.begin(NOW + S)
+    assert kept.entries == {"a": Owned("anna", "red", NOW, 0.75)}
+    assert kept.events == 5
+    assert kept.untold == []
+    assert journal.problem == ""
+    assert list(audit(journal.path)) == list(records)
+    journal.close()
+
+
+def test_what_was_not_told_for_sure_is_to_be_told_again_once(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1), selected("b", 2), ended("x", None), ended("b", 3), told=1)
+    journal = Journal(tmp_path)
+    kept = journal.begin(NOW + S)
+    assert [(record.event, record.object_id, record.seq) for record in kept.untold] == [
+        ("selected", "b", 2),
+        ("deselected", "b", 3),
+    ]
+    journal.tell(3)
+    journal.mind(NOW + S, is_selected=True)
+    journal.close()
+    again = Journal(tmp_path)
+    assert again.begin(NOW + 2 * S).untold == []
+    again.close()
+
+
+def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1), told=0)
+    journal = Journal(tmp_path, restore_within_s=600.0)
+    kept = journal.begin(NOW + 601 * S)
+    assert (kept.entries, kept.events, list(kept.untold)) == ({}, 1, [])
+    journal.close()
+    assert [record.event for record in audit(journal.path)] == ["selected", "left"]
+    again = Journal(tmp_path)
+    assert list(again.begin(NOW + 602 * S).untold) == []
+    again.close()
+
+
+CHILD = """
+import sys, time
+from pathlib import Path
+from pointit.services.selector.journal import Journal
+from pointit.services.selector.outputs import Record
+journal = Journal(Path(sys.argv[1]))
+journal.begin(%d)
+for seq in range(1, 6):
+    record = Record(stamp_ns=%d, event="selected", object_id=str(seq), user="anna", owner="anna", seq=seq)
+    journal.add(record)
+    journal.commit(%d)
+    if seq == 3:
+        journal.tell(3)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_killed_writer_loses_nothing_that_it_committed(tmp_path: Path) -> None:
+    code = CHILD % (NOW, NOW, NOW)
+    child = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        second = Journal(tmp_path)
+        assert second.begin(NOW).entries == {}
+        assert "another selector writes" in second.problem
+        second.add(selected("other", 1))
+        second.commit(NOW)
+        second.mind(NOW, is_selected=True)
+        second.close()
+        assert len(list(audit(second.path))) == 5  # read while it is being written
+    finally:
+        child.kill()
+        child.communicate(timeout=10)
+    journal = Journal(tmp_path)
+    kept = journal.begin(NOW + S)
+    assert journal.problem == ""
+    assert list(kept.entries) == ["1", "2", "3", "4", "5"]
+    assert kept.events == 5
+    assert [record.seq for record in kept.untold] == [4, 5]  # with the fifth it was written that 3 was told
+    journal.close()
+
+
+@pytest.mark.parametrize("content", [b"this is no database" * 100, b"SQLite format 3\x00" + b"\xff" * 5000])
+def test_a_damaged_file_is_moved_aside(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "journal.sqlite").write_bytes(content)
+    journal = Journal(tmp_path)
+    assert journal.begin(NOW).entries == {}
+    assert "was damaged and is kept as journal.corrupt-" in journal.problem
+    journal.add(selected("a", 1))
+    journal.commit(NOW)
+    assert "was damaged" in journal.problem  # still to be seen
+    journal.close()
+    [aside] = tmp_path.glob("journal.corrupt-*")
+    assert aside.read_bytes() == content
+    assert [record.object_id for record in audit(journal.path)] == ["a"]
+
+
+def test_pages_damaged_in_the_middle_are_noticed(tmp_path: Path) -> None:
+    keep(tmp_path, *(selected(f"object {index}", index) for index in range(1, 400)))
+    path = tmp_path / "journal.sqlite"
+    content = bytearray(path.read_bytes())
+    content[8192:20480] = b"\x5a" * 12288
+    path.write_bytes(content)
+    journal = Journal(tmp_path)
+    assert journal.begin(NOW).entries == {}
+    assert "was damaged" in journal.problem
+    journal.close()
+
+
+def test_a_folder_that_cannot_be_made_leaves_it_in_memory(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    journal = Journal(tmp_path / "file" / "selector")
+    assert journal.begin(NOW).entries == {}
+    assert "cannot be written" in journal.problem
+    assert "make room" in journal.problem
+    journal.add(selected("a", 1))
+    journal.commit(NOW)
+    journal.mind(NOW, is_selected=True)
+    journal.close()
+
+
+def test_a_journal_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1))
+    db = sqlite3.connect(tmp_path / "journal.sqlite")
+    db.execute("PRAGMA user_version = 99")
+    db.close()
+    journal = Journal(tmp_path)
+    assert journal.begin(NOW).entries == {}
+    assert "newer version" in journal.problem
+    journal.add(selected("b", 2))
+    journal.commit(NOW)
+    journal.close()
+    assert [record.object_id for record in audit(journal.path)] == ["a"]
+
+
+def test_on_a_full_disk_it_goes_on_and_catches_up(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.begin(NOW)
+    db = journal._db
+    assert db is not None
+    pages = db.execute("PRAGMA page_count").fetchone()[0]
+    db.execute(f"PRAGMA max_page_count = {pages}")  # SQLite says "database or disk is full" then
+    for seq in range(1, 201):
+        journal.add(selected(f"object {seq}", seq))
+        journal.commit(NOW)
+    assert "full" in journal.problem
+    db.execute("PRAGMA max_page_count = 100000")
+    journal.commit(NOW + S)
+    assert journal.problem  # not tried again too soon
+    journal.mind(NOW + RETRY_EVERY_NS + 1, is_selected=True)
+    assert journal.problem == ""
+    journal.close()
+    assert [record.seq for record in audit(journal.path)] == list(range(1, 201))
+
+
+def test_a_reader_that_stays_does_not_hold_the_writer_up(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1))
+    journal = Journal(tmp_path)
+    journal.begin(NOW)
+    reader = sqlite3.connect(f"file:{journal.path}?mode=ro", uri=True)
+    reader.execute("BEGIN")
+    reader.execute("SELECT * FROM events").fetchone()
+    journal.add(selected("b", 2))
+    journal.commit(NOW)
+    assert journal.problem == ""
+    reader.close()
+    journal.close()
+
+
+def test_old_events_go_and_what_is_open_stays(tmp_path: Path) -> None:
+    old = NOW - 31 * NS_PER_DAY
+    keep(
+        tmp_path,
+        selected("open", 1, stamp_ns=old),
+        selected("over", 2, stamp_ns=old),
+        ended("over", 3, stamp_ns=old),
+        selected("new", 4),
+        now_ns=NOW,
+    )
+    journal = Journal(tmp_path, keep_days=30.0)
+    journal.begin(NOW)
+    journal.mind(NOW + S, is_selected=True)
+    assert [record.object_id for record in audit(journal.path)] == ["open", "new"]
+    journal.close()
+
+
+def test_the_audit_is_filtered(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1), selected("b", 2, user="ben", stamp_ns=NOW + S), refused("a", 3))
+    path = tmp_path / "journal.sqlite"
+    assert [record.seq for record in audit(path, user="ben")] == [2, 3]
+    assert [record.seq for record in audit(path, user="anna")] == [1, 3]  # hers it was that ben was refused
+    assert [record.seq for record in audit(path, object_id="a")] == [1, 3]
+    assert [record.seq for record in audit(path, since_ns=NOW + 1)] == [2]
+
+
+def test_a_commit_does_not_hold_the_loop_up(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.begin(NOW)
+    durations_s: list[float] = []
+    for seq in range(1, 301):
+        journal.add(selected(f"object {seq}", seq))
+        began_s = time.perf_counter()
+        journal.commit(NOW)
+        durations_s.append(time.perf_counter() - began_s)
+    journal.close()
+    assert sorted(durations_s)[150] < 0.002  # it takes about 30 µs; others use this machine too

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import Feedback, ImuSample, Interaction
-from pointit.services.supervisor.life_cycle import Cancel, Output, Start, StartAnchor
+from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 
 S = 1_000_000_000
 

@@ -8,14 +8,17 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import ButtonEvent, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.life_cycle import LifeCycle, Output, Start, StartAnchor
+from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 from tests.unit.supervisor.played import S, sample, shown, told
 
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
 Purpose = Literal["pose", "anchor"]
+Doing = str
+"""What somebody does who only hears the cues: `rest`, `go on`, `point at led_0`."""
 
 
 def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
@@ -110,15 +113,29 @@ def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:
     assert told(cycle.answered(run)) == ["cancel"]
 
 
-def test_hold_localizes_anew() -> None:
+def test_hold_rests_from_anywhere_and_localizes_anew_from_there() -> None:
     cycle = LifeCycle(localize=True)
     cycle.begin(0)
     cycle.pose(*pose())
-    assert told(cycle.button(*press(2, "hold"))) == ["start", "localizing", "cue started"]
-    cycle.localization(*news(3, "solved"))
-    assert told(cycle.button(*press(4, "hold"))) == ["start", "localizing", "cue started"]
-    cycle.localization(*news(5, "solved"))
-    assert told(cycle.button(*press(6))) == ["idle", "cue stopped"]
+    assert told(cycle.button(*press(1))) == ["pointing", "cue started"]
+    assert told(cycle.button(*press(2, "hold"))) == ["idle", "cue stopped"]
+    assert told(cycle.button(*press(3, "hold"))) == ["start", "localizing", "cue started"]
+    assert told(cycle.button(*press(4, "hold"))) == ["cancel", "idle", "cue stopped"]
+    known = LifeCycle()
+    known.pose(*pose())
+    assert told(known.button(*press(1, "hold"))) == ["pointing", "cue started"]
+
+
+def test_where_a_press_confirms_only_hold_ends_pointing() -> None:
+    cycle = LifeCycle(localize=True, press_while_pointing="confirms")
+    cycle.begin(0)
+    assert told(cycle.button(*press(1))) == ["start", "localizing", "cue started"]
+    assert told(cycle.button(*press(2))) == ["cancel", "idle", "cue stopped"]
+    cycle.pose(*pose())
+    assert shown(cycle.button(*press(3))).next_step == sentences.POINT_AND_CONFIRM
+    assert cycle.button(*press(4)) == []
+    assert cycle.state == "pointing"
+    assert told(cycle.button(*press(5, "hold"))) == ["idle", "cue stopped"]
 
 
 def test_relocalizing_each_time_asks_again_though_the_place_is_known() -> None:
@@ -226,8 +243,13 @@ class AnyLife(RuleBasedStateMachine):
         self.localize = localize
         self.now_ns = 1000 * S
         self.asked: list[int] = []
+        self.cancels = 0
+        self.heard: Doing = "rest"
+        self.flashes_ns: list[int] = []
         self.last: Interaction | None = None
         self.seqs = [0]
+        self.joined = 0
+        """Searches that others may have asked for."""
         self.anchors = 0
         self.has_pose = False
         self.take(self.cycle.begin(self.now_ns))
@@ -236,12 +258,35 @@ class AnyLife(RuleBasedStateMachine):
         for output in outputs:
             if isinstance(output, Start | StartAnchor):
                 self.asked.append(output.run)
-            elif isinstance(output, Interaction):
+            elif isinstance(output, Cancel):
+                self.cancels += 1
+            elif isinstance(output, Feedback):
+                self.hear(output)
+            else:
                 assert output != self.last
                 if self.last is not None and self.last.state != output.state:
                     assert (self.last.state, output.state) in self.LEGAL
                 self.seqs.append(output.seq)
                 self.last = output
+
+    def hear(self, cue: Feedback) -> None:
+        """Do what a cue asks for, by what the life cycle's own words say of cues."""
+        assert bool(cue.target_id) <= (cue.cue == "target")
+        assert cue.text
+        assert cue.chime
+        assert cue.haptic_ms
+        if cue.color is not None:
+            self.flashes_ns.append(cue.stamp_ns)
+        if cue.cue in {"stopped", "refused"}:
+            self.heard = "rest"
+        elif cue.cue in {"started", "target"}:
+            self.heard = f"point at {cue.target_id}" if cue.target_id else "go on"
+
+    @rule()
+    def called_off(self) -> None:
+        if self.cancels:
+            self.cancels -= 1
+            self.cycle.called_off(self.now_ns)
 
     @rule(span_s=st.floats(0, 100))
     def time(self, span_s: float) -> None:
@@ -262,13 +307,21 @@ class AnyLife(RuleBasedStateMachine):
     @rule(
         phase=st.sampled_from(["idle", "sampling", "solved", "refused", "cancelled"]),
         age_s=st.sampled_from([0.0, 0.5, 100.0]),
-        lamp=st.sampled_from(["", "led_0", "led_1"]),
+        lamp=st.sampled_from(["", "wait", "led_0", "led_1"]),
         purpose=st.sampled_from(["pose", "anchor"]),
     )
     def localization(self, phase: Phase, age_s: float, lamp: str, purpose: Purpose) -> None:
         stamp_ns = self.now_ns - round(age_s * S)
-        message = Localization(stamp_ns=stamp_ns, phase=phase, target_id=lamp, purpose=purpose)
-        self.anchors += purpose == "anchor" and phase == "sampling"
+        is_on = phase == "sampling"
+        message = Localization(
+            stamp_ns=stamp_ns,
+            phase=phase,
+            target_id=lamp if is_on and lamp != "wait" else "",
+            target_index=int(lamp == "led_1"),
+            ahead=("ben",) if is_on and lamp == "wait" else (),
+            purpose=purpose,
+        )
+        self.joined += phase == "sampling"
         self.take(self.cycle.localization(message, self.now_ns))
 
     @rule(age_s=st.sampled_from([0.0, 50.0]))
@@ -297,7 +350,17 @@ class AnyLife(RuleBasedStateMachine):
         assert self.last.next_step.endswith((".", ")."))
         assert self.seqs == sorted(set(self.seqs))
         assert (self.cycle.deadline_ns is None) == (self.cycle.state == "idle")
-        assert self.localize or self.anchors or self.cycle.state != "localizing"
+        assert bool(self.last.ahead) <= (self.last.state == "localizing")
+        assert bool(self.last.ahead) == self.last.next_step.startswith("Wait: ben is pointing")
+        # who hears the cues alone does what they should
+        assert (self.heard == "rest") == (self.cycle.state == "idle")
+        if self.heard.startswith("point at"):
+            assert self.last.next_step.startswith(f"P{self.heard[1:]} ")
+        if self.last.next_step.startswith("Point at "):
+            assert self.heard.startswith("point at")
+        flashes_ns = self.flashes_ns
+        assert all(late - early >= S for early, late in zip(flashes_ns, flashes_ns[3:], strict=False))
+        assert self.localize or self.anchors or self.joined or self.cycle.state != "localizing"
 
     def teardown(self) -> None:
         """Whatever happened: left alone it comes to rest, and a press then works as on the first day."""

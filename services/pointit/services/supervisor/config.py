@@ -100,7 +100,10 @@ class SupervisorConfig(Config):
         default=None, description="what the person points at to be localized; empty: as the localizer has it"
     )
     localization_timeout_s: float = Field(
-        default=60.0, gt=0, le=3600, description="localizing for longer ends it, s"
+        default=60.0,
+        gt=0,
+        le=3600,
+        description="localizing for longer ends it, s; waiting for a turn does not count",
     )
     imu_timeout_s: float = Field(
         default=3.0, gt=0, le=600, description="a wrist that is silent for longer ends the interaction, s"
@@ -111,6 +114,18 @@ class SupervisorConfig(Config):
     )
     retry_s: float = Field(
         default=5.0, gt=0, le=600, description="autostart: how long to wait after localizing failed, s"
+    )
+    resume_s: float = Field(
+        default=30.0,
+        ge=0,
+        le=3600,
+        description="pointing that a silent wrist or a restarted supervisor broke off goes on by itself when "
+        "samples come within, s; 0: after a press only",
+    )
+    press_while_pointing: Literal["ends", "confirms"] = Field(
+        default="ends",
+        description="what a press does while pointing: it ends that; or it is left to the selector, whose "
+        "selections it confirms, and only holding the button ends",
     )
     unsure_yaw_deg: float = Field(
         default=15.0,

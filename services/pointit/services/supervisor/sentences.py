@@ -1,14 +1,20 @@
 """What a person is told: why something happened, and what to do next; one sentence each."""
 
+from collections.abc import Sequence
+
 from pointit.schemas import Localization
 
 CANCELLED = "Localizing was cancelled."
 STOPPED = "You stopped."
 REFUSED = "You could not be localized from this; point more steadily, or stand elsewhere, and try again."
 NO_POSE = "Your place in the room is not known."
+RESUMED = "You go on where you were interrupted."
 PLACE_KNOWN = "Your place in the room is known."
 LOCALIZED = "You are localized."
 ASKED = "You asked to start."
+POSE_ASKED_FOR = "You were asked to point at a target, so that your place is found."
+POSE_CANCELLED = "Pointing at the target was called off."
+POSE_LOST = "The localizer began something else; ask again to have your place found."
 AGAIN = "The localizer was restarted, localizing begins anew."
 
 NO_POSE_TO_ANCHOR = "Your place in the room is not known, so there is nothing to set right."
@@ -19,8 +25,11 @@ ANCHOR_REFUSED = "Your pose could not be set right; hold the arm straight and st
 ANCHOR_CANCELLED = "Pointing at the lamp was called off; your pose is as before."
 ANCHOR_LOST = "The localizer began something else; your pose is as before, ask again to have it set right."
 
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+
 WAIT = "Wait for the target to point at; press the button to cancel."
 POINT = "Point with your arm straight; press the button to stop."
+POINT_AND_CONFIRM = "Point with your arm straight and press the button to confirm; hold it to stop."
 POINT_AT_LAMP = "Double press: point at a lamp once, your direction has become uncertain."
 PRESS = "Press the button to start pointing."
 PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
@@ -45,8 +54,18 @@ def aim(news: Localization) -> str:
     """Return the next step while localizing: what to point at now."""
     if news.purpose == "anchor":
         return f"Point at {news.target_id} with your arm straight and stay on it; no cursor is shown."
-    which = f" ({news.target_index + 1} of {news.target_count})" if news.target_count > 1 else ""
+    is_one_of = news.target_count > 1 and not news.candidates  # else that is how many robots there are
+    which = f" ({news.target_index + 1} of {news.target_count})" if is_one_of else ""
     return f"Point at {news.target_id} and stay on it{which}."
+
+
+def queue(ahead: Sequence[str]) -> str:
+    """Return the next step of who is to point at lamps after `ahead`, the first of whom points now."""
+    first, *others = ahead
+    then = f", then {'come' if len(others) > 1 else 'comes'} {', '.join(others)}" if others else ""
+    place = len(ahead)
+    which = ORDINALS[place] if place < len(ORDINALS) else f"number {place + 1}"
+    return f"Wait: {first} is pointing at the lamps{then}, you are {which}; press the button to cancel."
 
 
 def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager: bool) -> str:

@@ -43,8 +43,10 @@ from pointit.schemas.topics import (
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.kept_place import KeptPlace
-from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start, StartAnchor
+from pointit.services.supervisor.last_word import LastWord
+from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, absurd, offset_in_use
+from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 
 log = logging.getLogger(__name__)
 
@@ -69,6 +71,8 @@ class Supervisor(Service[SupervisorConfig]):
             imu_timeout_s=config.imu_timeout_s,
             autostart=config.autostart,
             retry_s=config.retry_s,
+            resume_s=config.resume_s,
+            press_while_pointing=config.press_while_pointing,
             unsure_rad=math.radians(config.unsure_yaw_deg),
         )
         self._place = KeptPlace()
@@ -82,7 +86,12 @@ class Supervisor(Service[SupervisorConfig]):
         self._interactions = self.bus.publisher(INTERACTION, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
         self._put_profile()
-        self._do(self._cycle.begin(self.clock.now_ns()))
+        self._began_ns = self.clock.now_ns()
+        self._last_word = LastWord(self.user, self.bus)
+        if (before := self._last_word.read()) is not None:
+            self._cycle.take_up(before, self._began_ns)
+        self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
+        self._do(self._cycle.begin(self._began_ns))
         self.bus.subscribe(POSE, self._on_pose, self.user)
         self.bus.subscribe(LOCALIZATION, self._on_localization, self.user)
         self.bus.subscribe(IMU, self._on_imu, self.user)
@@ -91,9 +100,10 @@ class Supervisor(Service[SupervisorConfig]):
         self.bus.serve(SET_OFFSET, self._set_offset, self.user)
 
     async def run(self) -> None:
-        """Ask the localizer, one request after the other, and mind the deadlines."""
+        """Ask the localizer, one request after the other, mind the deadlines, keep the last word."""
         async with asyncio.TaskGroup() as group:
             group.create_task(self._ask(), name=f"supervisor.{self.user} requests")
+            group.create_task(self._last_word.keep(), name=f"supervisor.{self.user} last word")
             group.create_task(self._mind_time(), name=f"supervisor.{self.user} deadlines")
 
     def _on_pose(self, pose: UserPose, _user: str) -> None:
@@ -104,6 +114,10 @@ class Supervisor(Service[SupervisorConfig]):
         now_ns = self.clock.now_ns()
         self._place.localization(news, now_ns)
         self._do(self._cycle.localization(news, now_ns))
+
+    def _on_interaction(self, before: Interaction, _user: str) -> None:
+        if before.stamp_ns < self._began_ns:  # else it is our own
+            self._cycle.take_up(before, self.clock.now_ns())
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == f"{START_LOCALIZATION.server}.{self.user}":
@@ -123,6 +137,7 @@ class Supervisor(Service[SupervisorConfig]):
             match output:
                 case Interaction():
                     self._interactions.put(output)
+                    self._last_word.say(output)
                 case Feedback():
                     self._feedback.put(output)
                 case Start() | StartAnchor() | Cancel():
@@ -156,6 +171,7 @@ class Supervisor(Service[SupervisorConfig]):
             await self.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), self.user)
         except RequestError as error:  # it is not localizing, or not there: nothing is left to cancel
             log.debug("%s", error)
+        self._cycle.called_off(self.clock.now_ns())
 
     async def _give_back(self, place: SetPose) -> None:
         try:

@@ -1,31 +1,57 @@
 """What the person hears and sees of their interaction: states that are news, and cues."""
 
+from collections import deque
 from typing import Literal
 
-from pointit.schemas import Feedback, Interaction
+from pointit.schemas import NS_PER_S, Feedback, Interaction
+from pointit.services.supervisor.cue_table import MOST_FLASHES, SIGNS, Cue
 
 State = Literal["idle", "localizing", "pointing"]
-Cue = Literal["started", "stopped", "target", "localized", "refused"]
 
 
 class Voice:
     """Counts what is said, and says no state twice."""
 
     def __init__(self) -> None:
-        self._shown: tuple[State, str, str] | None = None
+        self._shown: tuple[State, str, str, tuple[str, ...]] | None = None
         self._seq = 0
         self._cues = 0
+        self._flashes_ns = deque[int](maxlen=MOST_FLASHES)
+        """When the last cues with a colour were given."""
 
-    def show(self, now_ns: int, state: State, reason: str, next_step: str) -> list[Interaction]:
+    def show(
+        self, now_ns: int, state: State, reason: str, next_step: str, ahead: tuple[str, ...] = ()
+    ) -> list[Interaction]:
         """Return where the person is, unless that is what was said last."""
-        news = (state, reason, next_step)
+        news = (state, reason, next_step, ahead)
         if news == self._shown:
             return []
         self._seq += 1
         self._shown = news
-        return [Interaction(stamp_ns=now_ns, seq=self._seq, state=state, next_step=next_step, reason=reason)]
+        return [
+            Interaction(
+                stamp_ns=now_ns, seq=self._seq, state=state, next_step=next_step, reason=reason, ahead=ahead
+            )
+        ]
 
-    def cue(self, now_ns: int, cue: Cue, text: str) -> Feedback:
-        """Return a cue."""
+    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "") -> Feedback:
+        """Return a cue; one that would make lamps flash too often comes without its colour."""
         self._cues += 1
-        return Feedback(stamp_ns=now_ns, seq=self._cues, cue=cue, text=text)
+        sign = SIGNS[cue]
+        return Feedback(
+            stamp_ns=now_ns,
+            seq=self._cues,
+            cue=cue,
+            text=text,
+            chime=sign.chime,
+            haptic_ms=sign.haptic_ms,
+            color=sign.color if self._may_flash(now_ns) else None,
+            target_id=target_id,
+        )
+
+    def _may_flash(self, now_ns: int) -> bool:
+        flashes_ns = self._flashes_ns
+        if len(flashes_ns) == MOST_FLASHES and 0 <= now_ns - flashes_ns[0] < NS_PER_S:
+            return False
+        flashes_ns.append(now_ns)
+        return True

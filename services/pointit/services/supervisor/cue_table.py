@@ -1,0 +1,35 @@
+"""What a person hears and feels of each cue, and what a state lamp shows: one line a cue.
+
+Cues differ in all three, so that each sense alone tells them apart. The colours are of Okabe and Ito's
+palette (Color Universal Design, 2008), which colour-blind people tell apart, and differ in lightness as well.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pointit.schemas.base import Rgb
+
+Cue = Literal["started", "stopped", "target", "localized", "refused"]
+Chime = Literal["", "up", "down", "single", "double", "buzz"]
+
+MOST_FLASHES = 3
+"""In a second: more can cause seizures (WCAG 2.2, 2.3.1)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """A cue for the ear, the skin and the eye."""
+
+    chime: Chime
+    haptic_ms: tuple[int, ...]
+    """On, off, on ..."""
+    color: Rgb
+
+
+SIGNS: dict[Cue, Sign] = {
+    "started": Sign("up", (80,), (0, 114, 178)),  # blue
+    "stopped": Sign("down", (250,), (213, 94, 0)),  # vermilion
+    "target": Sign("single", (60, 80, 60), (240, 228, 66)),  # yellow
+    "localized": Sign("double", (60, 80, 60, 80, 60), (0, 158, 115)),  # bluish green
+    "refused": Sign("buzz", (400, 150, 400), (204, 121, 167)),  # reddish purple
+}

@@ -1,0 +1,202 @@
+"""What was broken off goes on: a wrist that is heard again, a supervisor that was killed."""
+
+import asyncio
+
+import pytest
+
+from pointit.geometry.rotation import IDENTITY
+from pointit.runtime import Context
+from pointit.runtime.health import ServiceBus
+from pointit.runtime.state import StateFile
+from pointit.schemas import ButtonEvent, Health, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, INTERACTION, LOCALIZATION, POSE
+from pointit.services.supervisor import sentences
+from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.last_word import PURPOSE
+from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.service import Supervisor
+from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.supervisor.played import S, sample, shown, told
+
+ANNA = "anna"
+
+
+def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
+    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
+
+
+def press(now_s: float) -> tuple[ButtonEvent, int]:
+    return ButtonEvent(stamp_ns=round(now_s * S)), round(now_s * S)
+
+
+def news(now_s: float, phase: str, **more: object) -> tuple[Localization, int]:
+    fields = {"stamp_ns": round(now_s * S), "phase": phase, **more}
+    return Localization.model_validate(fields), round(now_s * S)
+
+
+def before(state: str, now_s: float) -> Interaction:
+    return Interaction.model_validate({"stamp_ns": round(now_s * S), "state": state})
+
+
+def broken_off(resume_s: float = 30.0) -> LifeCycle:
+    """Return who pointed from 10 s on until the wrist was silent at 13 s."""
+    cycle = LifeCycle(resume_s=resume_s)
+    cycle.begin(0)
+    cycle.pose(*pose())
+    cycle.button(*press(10))
+    assert told(cycle.pass_time(13 * S)) == ["idle", "cue stopped"]
+    return cycle
+
+
+def test_a_wrist_that_is_heard_again_soon_goes_on() -> None:
+    cycle = broken_off()
+    outputs = cycle.imu(*sample(20))
+    assert told(outputs) == ["pointing", "cue started"]
+    assert shown(outputs).reason == sentences.RESUMED
+    assert told(cycle.button(*press(21))) == ["idle", "cue stopped"]
+    assert cycle.imu(*sample(22)) == []  # they have stopped themselves
+
+
+def test_a_wrist_that_comes_back_late_or_says_old_things_waits_for_a_press() -> None:
+    assert broken_off().imu(*sample(43.1)) == []
+    assert broken_off().imu(*sample(20, late_s=8)) == []
+    assert broken_off(resume_s=0.0).imu(*sample(13.1)) == []
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_pointing_is_taken_up_where_the_localizer_is_the_same(*, goes_on: bool) -> None:
+    cycle = LifeCycle()
+    cycle.take_up(before("pointing", 50), 100 * S)
+    cycle.begin(100 * S)
+    cycle.localization(news(20 if goes_on else 99, "idle")[0], 100 * S)
+    assert cycle.imu(*sample(100.1)) == []  # nobody knows where they stand
+    cycle.pose(*pose(100.2))
+    assert told(cycle.imu(*sample(100.3))) == (["pointing", "cue started"] if goes_on else [])
+
+
+def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.take_up(before("localizing", 50), 51 * S)
+    cycle.begin(51 * S)
+    since = {"since_ns": 50 * S}
+    outputs = cycle.localization(*news(51.2, "sampling", target_id="led_1", **since))
+    assert told(outputs) == ["localizing", "cue target"]
+    assert told(cycle.localization(*news(53, "solved", **since))) == [
+        "cue localized",
+        "pointing",
+        "cue started",
+    ]
+    unseen = LifeCycle(localize=True)
+    unseen.take_up(before("localizing", 50), 60 * S)
+    unseen.localization(news(55, "solved", **since)[0], 60 * S)
+    unseen.pose(*pose(55))
+    assert told(unseen.imu(*sample(60.1))) == ["pointing", "cue started"]
+
+
+@pytest.mark.parametrize("kept", [before("idle", 50), before("pointing", 200)])
+def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
+    cycle = LifeCycle()
+    cycle.take_up(kept, 100 * S)
+    cycle.pose(*pose(1))
+    cycle.localization(news(2, "idle")[0], 100 * S)
+    assert cycle.imu(*sample(100.1)) == []
+
+
+def test_who_presses_first_decides() -> None:
+    cycle = LifeCycle()
+    cycle.take_up(before("pointing", 50), 100 * S)
+    cycle.pose(*pose(1))
+    assert told(cycle.button(*press(100))) == ["pointing", "cue started"]
+    assert told(cycle.button(*press(101))) == ["idle", "cue stopped"]
+    cycle.localization(news(2, "idle")[0], 102 * S)
+    assert cycle.imu(*sample(102)) == []
+
+
+class Site:
+    """A localizer that is played, and a wrist."""
+
+    def __init__(self, bench: Bench, clock: ManualClock) -> None:
+        self.bench = bench
+        self.clock = clock
+        self.interactions = bench.collect(INTERACTION, ANNA)
+        self.cues = bench.collect(FEEDBACK, ANNA)
+        self.localizer = Localization(stamp_ns=clock.now_ns(), phase="idle")
+        bench.put(POSE, UserPose(stamp_ns=clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
+
+    def start(self) -> tuple[ServiceBus, asyncio.Task[None]]:
+        bus = ServiceBus(self.bench.bus, self.clock, "supervisor", "supervisor.anna", ANNA)
+        service = Supervisor(SupervisorConfig(), Context(bus=bus, clock=self.clock, user=ANNA))
+        return bus, asyncio.create_task(service.run())
+
+    async def stop(self, running: tuple[ServiceBus, asyncio.Task[None]]) -> None:
+        bus, task = running
+        task.cancel()
+        await asyncio.wait([task])
+        await bus.close()
+
+    async def samples(self) -> None:
+        self.clock.advance(0.1)
+        self.bench.put(IMU, ImuSample(stamp_ns=self.clock.now_ns(), orientation_xyzw=IDENTITY), ANNA)
+        await self.bench.settle()
+
+
+async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        site = Site(bench, clock)
+        bench.put(LOCALIZATION, site.localizer, ANNA)
+        await bench.settle()
+        running = site.start()
+        clock.advance(1.0)
+        await bench.settle()
+        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), ANNA)
+        kept = StateFile(Interaction, ANNA, PURPOSE)
+        await until(lambda: (word := kept.read()) is not None and word.state == "pointing")
+        await site.stop(running)
+        clock.advance(2.0)
+        running = site.start()
+        await bench.settle()
+        await site.samples()
+        assert [news.state for news in site.interactions] == ["idle", "pointing", "idle", "pointing"]
+        assert site.cues[-1].cue == "started"
+        await site.stop(running)
+        # where the localizer is another one, all begins anew
+        clock.advance(2.0)
+        bench.put(LOCALIZATION, Localization(stamp_ns=clock.now_ns(), phase="idle"), ANNA)
+        running = site.start()
+        await bench.settle()
+        await site.samples()
+        assert site.interactions[-1].state == "idle"
+        await site.stop(running)
+
+
+async def test_a_last_word_on_the_bus_counts_as_well() -> None:
+    """Another supervisor of theirs was there, and what it said last arrives late."""
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        site = Site(bench, clock)
+        clock.advance(1.0)
+        last = Interaction(stamp_ns=clock.now_ns(), state="pointing")
+        clock.advance(1.0)
+        running = site.start()
+        await bench.settle()
+        bench.put(INTERACTION, last, ANNA)
+        await bench.settle()
+        bench.put(LOCALIZATION, site.localizer, ANNA)
+        await bench.settle()
+        await site.samples()
+        assert site.cues[-1].cue == "started"
+        assert site.interactions[-1].reason == sentences.RESUMED
+        await site.stop(running)
+
+
+async def test_a_spoilt_last_word_is_a_warning() -> None:
+    path = StateFile(Interaction, ANNA, PURPOSE).path
+    path.parent.mkdir(parents=True)
+    path.write_text("{", encoding="utf-8")
+    async with memory_bench() as bench:
+        reports: list[Health] = bench.collect(HEALTH)
+        bench.start(Supervisor, user=ANNA)
+        await until(lambda: bool(reports and reports[-1].warnings))
+        assert "interaction.json: cannot be used" in reports[-1].warnings[0]
+        await until(lambda: not reports[-1].warnings)  # the next one has taken its place

@@ -1,0 +1,166 @@
+"""A turn that is waited for is shown and counted; what others ask for is followed; robots are named once."""
+
+import itertools
+
+import pytest
+
+from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
+from pointit.services.supervisor import sentences
+from pointit.services.supervisor.cue_table import SIGNS
+from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.outputs import Output
+from pointit.services.supervisor.voice import Voice
+from tests.unit.supervisor.played import S, sample, shown, told
+
+
+def press(now_s: float, gesture: str = "press") -> tuple[ButtonEvent, int]:
+    event = {"stamp_ns": round(now_s * S), "gesture": gesture}
+    return ButtonEvent.model_validate(event), round(now_s * S)
+
+
+def news(now_s: float, phase: str, **more: object) -> tuple[Localization, int]:
+    fields = {"stamp_ns": round(now_s * S), "phase": phase, **more}
+    return Localization.model_validate(fields), round(now_s * S)
+
+
+def targets(outputs: list[Output]) -> list[str]:
+    return [output.target_id for output in outputs if isinstance(output, Feedback) and output.cue == "target"]
+
+
+def localizing() -> LifeCycle:
+    cycle = LifeCycle(localize=True, localization_timeout_s=60.0)
+    cycle.begin(0)
+    cycle.button(*press(10))
+    cycle.answered(cycle.run)
+    return cycle
+
+
+@pytest.mark.parametrize(
+    ("ahead", "sentence"),
+    [
+        (("anna",), "Wait: anna is pointing at the lamps, you are second; press the button to cancel."),
+        (
+            ("anna", "ben"),
+            "Wait: anna is pointing at the lamps, then comes ben, you are third; press the button to cancel.",
+        ),
+        (
+            ("a", "b", "c"),
+            "Wait: a is pointing at the lamps, then come b, c, you are fourth; press the button to cancel.",
+        ),
+    ],
+)
+def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:
+    cycle = localizing()
+    outputs = cycle.localization(*news(11, "sampling", ahead=ahead))
+    assert told(outputs) == ["localizing"]  # they wait already: no cue
+    assert (shown(outputs).ahead, shown(outputs).next_step) == (ahead, sentence)
+    assert cycle.localization(*news(12, "sampling", ahead=ahead)) == []
+    outputs = cycle.localization(*news(13, "sampling", target_id="led_0", target_count=2))
+    assert (targets(outputs), shown(outputs).ahead) == (["led_0"], ())
+
+
+def test_the_eleventh_is_told_a_number() -> None:
+    assert "you are number 11;" in sentences.queue([f"u{number}" for number in range(10)])
+
+
+def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
+    cycle = localizing()
+    for now_s in range(11, 200):
+        assert cycle.pass_time(now_s * S) == []
+        cycle.imu(*sample(now_s))
+        cycle.localization(*news(now_s, "sampling", ahead=("anna",)))
+    cycle.localization(*news(199.5, "sampling", target_id="led_0"))
+    for now_s in range(200, 259):
+        cycle.imu(*sample(now_s))
+        assert cycle.pass_time(now_s * S) == []
+    cycle.imu(*sample(258.9))
+    assert told(cycle.pass_time(259 * S)) == ["cancel", "idle", "cue refused"]
+
+
+@pytest.mark.parametrize("gesture", ["press", "double", "hold"])
+def test_who_waits_can_cancel(gesture: str) -> None:
+    cycle = localizing()
+    cycle.localization(*news(11, "sampling", ahead=("anna",)))
+    outputs = cycle.button(*press(12, gesture))
+    assert told(outputs) == ["cancel", "idle", "cue stopped"]
+    assert shown(outputs).ahead == ()
+    late = news(12.1, "sampling", target_id="led_0", since_ns=round(10.1 * S))
+    assert cycle.localization(*late) == []
+
+
+def test_who_must_let_others_go_first_is_told_to_wait_and_then_aims_again() -> None:
+    cycle = localizing()
+    aim = {"target_id": "led_0", "since_ns": 10 * S}
+    assert targets(cycle.localization(*news(11, "sampling", **aim))) == ["led_0"]
+    outputs = cycle.localization(*news(11.1, "sampling", ahead=("anna",), since_ns=10 * S))
+    assert told(outputs) == ["localizing", "cue target"]
+    assert targets(outputs) == [""]
+    assert targets(cycle.localization(*news(15, "sampling", **aim))) == ["led_0"]
+
+
+def test_one_lamp_after_the_other_is_named_once_each() -> None:
+    cycle = localizing()
+    named = list[str]()
+    for index, lamp in enumerate(("led_2", "led_0", "led_2")):  # the first comes again
+        for samples in range(3):
+            more = {"target_id": lamp, "target_index": index, "target_count": 3, "samples": samples}
+            named += targets(cycle.localization(*news(11 + index, "sampling", **more)))
+    assert named == ["led_2", "led_0", "led_2"]
+
+
+def test_the_robot_is_named_once_whichever_seems_to_be_meant() -> None:
+    cycle = localizing()
+    assert cycle.localization(*news(11, "sampling")) == []
+    named = list[str]()
+    candidates = tuple({"object_id": robot, "probability": 0.5} for robot in ("r1", "r2"))
+    for robot in ("r1", "r2", "r1"):
+        more = {"target_id": robot, "target_count": 2, "candidates": candidates}
+        outputs = cycle.localization(*news(12, "sampling", **more))
+        named += targets(outputs)
+        assert shown(outputs).next_step == f"Point at {robot} and stay on it."
+    assert named == ["r1"]
+
+
+@pytest.mark.parametrize("back", ["pointing", "idle"])
+def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
+    cycle = LifeCycle()
+    cycle.begin(0)
+    cycle.pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 0)
+    if back == "pointing":
+        cycle.button(*press(5))
+    assert cycle.localization(*news(10, "sampling", ahead=("anna",), since_ns=10 * S)) == []  # not yet
+    outputs = cycle.localization(*news(11, "sampling", target_id="led_0", since_ns=10 * S))
+    assert told(outputs) == ["localizing", "cue target"]
+    assert shown(outputs).reason == sentences.POSE_ASKED_FOR
+    ends = ["pointing", "cue started"] if back == "pointing" else ["idle", "cue stopped"]
+    assert told(cycle.localization(*news(13, "solved", since_ns=10 * S))) == ["cue localized", *ends]
+
+
+def test_what_others_asked_for_is_theirs_to_end_but_for_a_gesture() -> None:
+    cycle = LifeCycle()
+    cycle.begin(0)
+    robot = {"target_id": "r1", "since_ns": 10 * S}
+    cycle.localization(*news(10, "sampling", **robot))
+    assert told(cycle.pass_time(13 * S)) == ["idle", "cue refused"]  # the wrist is silent; no cancel
+    assert cycle.localization(*news(14, "sampling", **robot)) == []
+    assert "localizing" in told(cycle.localization(*news(20, "sampling", target_id="r1", since_ns=20 * S)))
+    assert told(cycle.button(*press(21))) == ["cancel", "idle", "cue stopped"]
+    assert cycle.localization(*news(21.1, "sampling", target_id="r1", since_ns=22 * S)) == []  # in between
+    cycle.called_off(22 * S)
+    assert "localizing" in told(cycle.localization(*news(23, "sampling", target_id="r1", since_ns=23 * S)))
+
+
+def test_each_sense_alone_tells_cues_apart() -> None:
+    signs = list(SIGNS.values())
+    for senses in ([s.chime for s in signs], [s.haptic_ms for s in signs], [s.color for s in signs]):
+        assert len(set(senses)) == len(signs)
+    lightness = sorted(0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in (s.color for s in signs))
+    assert all(high - low > 8.0 for low, high in itertools.pairwise(lightness))
+
+
+def test_lamps_flash_at_most_three_times_a_second() -> None:
+    voice = Voice()
+    cues = [voice.cue(round(tick * 0.1 * S), "target", "x") for tick in range(40)]
+    lit = [cue.stamp_ns for cue in cues if cue.color is not None]
+    assert len(lit) == 12
+    assert all(late - early >= S for early, late in zip(lit, lit[3:], strict=False))

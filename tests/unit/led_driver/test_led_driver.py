@@ -1,16 +1,11 @@
 """The service: what makes it draw, how often, what vanishes when, and what it asks of a frame's stamp."""
 
 import asyncio
-from pathlib import Path
 
 import pytest
 
-from pointit.runtime import ConfigError, Context, MemoryBus, WallClock
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import Exchange
 from pointit.schemas import (
     FARTHEST,
-    Cursor,
     Environment,
     Hover,
     LampMiss,
@@ -19,7 +14,6 @@ from pointit.schemas import (
     Selection,
     SetBrightness,
     Strip,
-    StripsFrame,
     TrackedObject,
     TrackedObjects,
     UserProfile,
@@ -37,65 +31,12 @@ from pointit.schemas.topics import (
     SET_BRIGHTNESS,
     STRIPS_FRAME,
 )
-from pointit.services.led_driver.config import LedDriverConfig, OutputConfig, StyleConfig
 from pointit.services.led_driver.layout import Layout
 from pointit.services.led_driver.render import Renderer
 from pointit.services.led_driver.scene import Scene
 from pointit.services.led_driver.service import LedDriver
-from tests.support.bench import Bench, ManualClock, memory_bench, until
-from tests.support.pty_device import Listener, pty_device
-
-FAST = LedDriverConfig(
-    max_rate_hz=1000, patience_s=0, style=StyleConfig(kind_colors={"red": (200, 0, 0)}, tail_s=0.0)
-)
-MAP_MESSAGE = Environment(
-    stamp_ns=1,
-    name="test",
-    strips=(
-        Strip(id="a", line_m=((0, 0, 0), (2, 0, 0)), pixels=20),
-        Strip(id="b", line_m=((0, 0, 0), (2, 0, 0)), pixels=20, direction=-1),
-    ),
-)
-
-
-def cursor(clock: ManualClock, position_m: float, strip_id: str = "a") -> Cursor:
-    return Cursor(
-        stamp_ns=clock.now_ns() - 5_000_000, surface="strip", surface_id=strip_id, position_m=position_m
-    )
-
-
-def package(clock: ManualClock, *, speed_mps: float = 0.0) -> TrackedObjects:
-    item = TrackedObject(
-        id="p1",
-        kind="red",
-        position_m=(0, 0, 0),
-        length_m=0.4,
-        surface="strip",
-        surface_id="a",
-        surface_position_m=0.5,
-        surface_speed_mps=speed_mps,
-    )
-    return TrackedObjects(stamp_ns=clock.now_ns(), objects=(item,))
-
-
-def pixels(frame: StripsFrame, strip_id: str) -> dict[int, tuple[int, ...]]:
-    data = next(strip.rgb for strip in frame.strips if strip.id == strip_id)
-    return {k: tuple(data[3 * k : 3 * k + 3]) for k in range(20) if any(data[3 * k : 3 * k + 3])}
-
-
-async def started(bench: Bench, config: LedDriverConfig = FAST) -> list[StripsFrame]:
-    frames = bench.collect(STRIPS_FRAME)
-    bench.start(LedDriver, config)
-    await bench.settle()
-    bench.put(MAP, MAP_MESSAGE)
-    await until(lambda: len(frames) == 1)
-    return frames
-
-
-async def next_frame(frames: list[StripsFrame]) -> StripsFrame:
-    count = len(frames)
-    await until(lambda: len(frames) > count)
-    return frames[-1]
+from tests.support.bench import ManualClock, memory_bench, until
+from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
 
 
 async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
@@ -340,108 +281,3 @@ def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     scene.set_objects("conveyor", package(clock, speed_mps=1.0), clock.now_ns())
     assert scene.segments(clock.now_ns() - 500_000_000).at_m[0] == 0.5
     assert scene.segments(clock.now_ns() + 100_000_000).at_m[0] == pytest.approx(0.6)
-
-
-@pytest.mark.parametrize(
-    "outputs",
-    [
-        (OutputConfig(kind="expander"),),
-        (OutputConfig(kind="expander", port="x"), OutputConfig(kind="expander", port="x")),
-    ],
-)
-async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[OutputConfig, ...]) -> None:
-    bus = MemoryBus(Exchange())
-    view = ServiceBus(bus, WallClock(), "led-driver", "led-driver")
-    with pytest.raises(ConfigError, match=r"outputs\.\d\.port"):
-        LedDriver(LedDriverConfig(outputs=outputs), Context(bus=view, clock=WallClock()))
-    await bus.close()
-
-
-MAGIC = b"UPXL"
-SET_SIZE = 4 + 6 + 60 + 4
-DRAW_SIZE = 10
-
-
-def expander(path: Path) -> LedDriverConfig:
-    return FAST.model_copy(update={"outputs": (OutputConfig(kind="expander", port=str(path)),)})
-
-
-def colored(stream: bytes) -> list[bool]:
-    """Return for each set-channel frame in a stream of whole frames whether it is not dark."""
-    frames = stream.split(MAGIC)[1:]
-    return [any(frame[6:66]) for frame in frames if frame[1] == 1]
-
-
-async def test_the_expander_gets_a_throw_away_frame_keep_alives_and_darkness_at_the_end(
-    tmp_path: Path,
-) -> None:
-    stream = bytearray()
-    clock = ManualClock()
-    with pty_device(tmp_path / "led") as device, Listener(device, stream.extend):
-        async with memory_bench(clock) as bench:
-            await started(bench, expander(device.path))
-            bench.put(CURSOR, cursor(clock, 0.5), "anna")
-            await until(lambda: any(colored(bytes(stream))))
-            # the standing clock keeps the cursor; nothing changes, and yet it is sent again
-            seen = sum(colored(bytes(stream)))
-            await until(lambda: sum(colored(bytes(stream))) >= seen + 2)
-            began_s = asyncio.get_running_loop().time()
-        assert asyncio.get_running_loop().time() - began_s < 2.0
-        await until(lambda: colored(bytes(stream))[-4:] == [True, False, False, False])
-        one = 2 * SET_SIZE + DRAW_SIZE
-        assert stream[:one] == stream[one : 2 * one]  # the first may be swallowed
-
-
-async def test_what_an_expander_draws_is_shown_and_said_when_it_is_too_much(tmp_path: Path) -> None:
-    clock = ManualClock()
-    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), max_current_a=0.05)
-    async with memory_bench(clock) as bench:
-        reports = bench.collect(HEALTH)
-        frames = await started(bench, FAST.model_copy(update={"outputs": (output,)}))
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
-        await next_frame(frames)
-        await until(lambda: any("dimmed to 0.05 A" in text for text in reports[-1].warnings))
-        figure = next(figure for figure in reports[-1].figures if figure.name.startswith("current"))
-        assert figure.unit == "A"
-        assert 0.04 < figure.value <= 0.05
-        bench.put(CURSOR, cursor(clock, 9.0), "anna")
-        await next_frame(frames)
-        await until(lambda: any(figure.value == 0.0 for figure in reports[-1].figures))
-
-
-async def test_the_expander_may_come_late_and_come_back(tmp_path: Path) -> None:
-    stream = bytearray()
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        reports = bench.collect(HEALTH)
-        await started(bench, expander(tmp_path / "led"))
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
-        await until(lambda: bool(reports) and any("is not there" in text for text in reports[-1].warnings))
-        with pty_device(tmp_path / "led") as device, Listener(device, stream.extend) as listener:
-            await until(lambda: any(colored(bytes(stream))))
-            await until(lambda: not reports[-1].warnings)
-            with listener.lock:
-                device.unplug()
-            await until(lambda: bool(reports[-1].warnings))
-            stream.clear()
-            with listener.lock:
-                device.plug()
-            await until(lambda: any(colored(bytes(stream))))
-
-
-async def test_a_stuck_controller_is_said_and_holds_nobody_up(tmp_path: Path) -> None:
-    clock = ManualClock()
-    with pty_device(tmp_path / "led") as device:  # nobody reads it
-        async with memory_bench(clock) as bench:
-            reports = bench.collect(HEALTH)
-            frames = await started(bench, expander(device.path))
-            step = 0
-
-            def said() -> bool:
-                nonlocal step
-                step += 1
-                bench.put(CURSOR, cursor(clock, step % 20 / 10 + 0.05), "anna")
-                return bool(reports) and any("no more data" in text for text in reports[-1].warnings)
-
-            await until(said, 20)
-            await next_frame(frames)

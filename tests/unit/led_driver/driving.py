@@ -1,0 +1,69 @@
+"""What the tests of the service share: a fast driver, a map of two strips, what goes on them."""
+
+from pointit.schemas import (
+    Cursor,
+    Environment,
+    Strip,
+    StripsFrame,
+    TrackedObject,
+    TrackedObjects,
+)
+from pointit.schemas.topics import (
+    MAP,
+    STRIPS_FRAME,
+)
+from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
+from pointit.services.led_driver.service import LedDriver
+from tests.support.bench import Bench, ManualClock, until
+
+FAST = LedDriverConfig(
+    max_rate_hz=1000, patience_s=0, style=StyleConfig(kind_colors={"red": (200, 0, 0)}, tail_s=0.0)
+)
+MAP_MESSAGE = Environment(
+    stamp_ns=1,
+    name="test",
+    strips=(
+        Strip(id="a", line_m=((0, 0, 0), (2, 0, 0)), pixels=20),
+        Strip(id="b", line_m=((0, 0, 0), (2, 0, 0)), pixels=20, direction=-1),
+    ),
+)
+
+
+def cursor(clock: ManualClock, position_m: float, strip_id: str = "a") -> Cursor:
+    return Cursor(
+        stamp_ns=clock.now_ns() - 5_000_000, surface="strip", surface_id=strip_id, position_m=position_m
+    )
+
+
+def package(clock: ManualClock, *, speed_mps: float = 0.0) -> TrackedObjects:
+    item = TrackedObject(
+        id="p1",
+        kind="red",
+        position_m=(0, 0, 0),
+        length_m=0.4,
+        surface="strip",
+        surface_id="a",
+        surface_position_m=0.5,
+        surface_speed_mps=speed_mps,
+    )
+    return TrackedObjects(stamp_ns=clock.now_ns(), objects=(item,))
+
+
+def pixels(frame: StripsFrame, strip_id: str) -> dict[int, tuple[int, ...]]:
+    data = next(strip.rgb for strip in frame.strips if strip.id == strip_id)
+    return {k: tuple(data[3 * k : 3 * k + 3]) for k in range(20) if any(data[3 * k : 3 * k + 3])}
+
+
+async def started(bench: Bench, config: LedDriverConfig = FAST) -> list[StripsFrame]:
+    frames = bench.collect(STRIPS_FRAME)
+    bench.start(LedDriver, config)
+    await bench.settle()
+    bench.put(MAP, MAP_MESSAGE)
+    await until(lambda: len(frames) == 1)
+    return frames
+
+
+async def next_frame(frames: list[StripsFrame]) -> StripsFrame:
+    count = len(frames)
+    await until(lambda: len(frames) > count)
+    return frames[-1]

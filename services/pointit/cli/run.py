@@ -16,6 +16,7 @@ from pointit.cli.scenario import (
     Scenario,
     check_settings,
     read_scenario,
+    scenario_names,
     site_launches,
     user_launches,
 )
@@ -95,10 +96,36 @@ def _check_people(choices: Choices, people: int) -> None:
             raise ConfigError(f"{option} is given for {len(given)} people, but there are {people} (--users)")
 
 
+def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:  # noqa: FBT001 - click's
+    if not wanted or context.resilient_parsing:
+        return
+    for name in scenario_names():
+        scenario = read_scenario(name)
+        click.echo(f"{name}: {scenario.about}")
+        if scenario.explained:
+            click.echo(click.wrap_text(scenario.explained, 100, "    ", "    "))
+        click.echo(f"    pointit run {name}\n")
+    click.echo(
+        "replay: a recorded arm and robot, compared with motion capture\n"
+        "    pointit run replay --recording FILE.csv"
+    )
+    context.exit()
+
+
 @click.command("run")
 @click.argument("scenario", default="scenario_3")
+@click.option(
+    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
+)
 @_options
 @click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="how many people")
+@click.option(
+    "--method",
+    type=click.Choice(["hold", "fraction", "gauge"]),
+    help="how staying on an object selects it. hold: at every timestep of a window; fraction: at "
+    "most of them; gauge: a gauge fills while one points steadily, and drains when one leaves  "
+    "[default: the scenario's]",
+)
 @click.option("--leds", default="", metavar="OUTPUT", help="expander:PORT drives real strips")
 @click.option("--site-only", is_flag=True, help="only what all people share; add people with `pointit user`")
 @click.option(
@@ -130,10 +157,15 @@ def run(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Run SCENARIO: scenario_2 (a cursor on the strips), scenario_3 (select moving segments, default).
+    """Run SCENARIO, in which simulated people or yours point at things.
+
+    scenario_1: lamps show how near one points. scenario_2: a cursor on the strips. scenario_3 (default):
+    select moving segments. scenario_4: packages on a conveyor, sent to bays. `--list` explains them.
 
     `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
     your own. It ends by itself with a summary; Ctrl-C ends it at once.
+
+    Example: pointit run scenario_4 --users 2 --method gauge
     """
     if summary is not None:
         check_writable(summary)
@@ -235,6 +267,7 @@ def _choices(options: dict[str, Any], leds: str) -> Choices:
         localize=options["localize"],
         targets=options["targets"],
         poses=options["poses"],
+        method=options.get("method"),
         hand=options["hand"] or "",
         stature_m=options["stature_m"],
         imu=options["imu"],

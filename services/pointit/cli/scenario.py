@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, Literal, Self, cast
 
 from pydantic import Field, PrivateAttr
 
@@ -34,6 +34,13 @@ CURSOR_COLORS = (
 """Of people's cursors, in turn: white, then hues that colour-blind people tell apart (Okabe and Ito)."""
 
 
+PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
+"""Of what people have selected, in turn: a second sign beside the colour."""
+
+Method = Literal["hold", "fraction", "gauge"]
+"""How staying on an object selects it."""
+
+
 class Place(Config):
     """Where a person stands in {W}, and the azimuth of their IMU's yaw 0."""
 
@@ -45,6 +52,7 @@ class Scenario(Config):
     """What a scenario file says."""
 
     about: str = Field(description="one sentence")
+    explained: str = Field(default="", description="what happens and what to look at, some sentences")
     duration_s: float = Field(default=60.0, gt=0, description="how long it runs unless told otherwise, s")
     target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
     places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
@@ -87,6 +95,8 @@ class Choices:
     """How many lamps to point at; none: as the localizer has it."""
     poses: Sequence[Pose | None] = ()
     """Where people stand, for each in turn; who has none takes the scenario's place."""
+    method: Method | None = None
+    """How staying on an object selects it; none: as the scenario has it."""
     hand: str = ""
     """`left` or `right`; empty: as configured."""
     stature_m: float | None = None
@@ -150,6 +160,10 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         if "led-driver" not in scenario.site:
             raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
         extra["led-driver"] = {"outputs": [{"kind": "expander", "port": port}]}
+    if choices.method is not None:
+        if "selector" not in scenario.site:
+            raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
+        extra["selector"] = {"method": choices.method}
     return [
         _launch(scenario, name, ({}, parameters, extra.get(name, {})), choices)
         for name, parameters in scenario.site.items()
@@ -165,7 +179,12 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     check_name(user, "user")
     device = choices.imu[index] if index < len(choices.imu) else "sim"
     usual: dict[str, dict[str, Any]] = {
-        "supervisor": {"profile": {"cursor_color": CURSOR_COLORS[index % len(CURSOR_COLORS)]}},
+        "supervisor": {
+            "profile": {
+                "cursor_color": CURSOR_COLORS[index % len(CURSOR_COLORS)],
+                "pattern": PATTERNS[index % len(PATTERNS)],
+            }
+        },
         "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
         "imu-bridge": {"simulated": SWEEP},
     }

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from pointit.cli.run import run
 from pointit.cli.scenario import (
     Choices,
     Scenario,
@@ -16,6 +18,7 @@ from pointit.cli.scenario import (
     user_launches,
 )
 from pointit.runtime import ConfigError, Launch
+from pointit.runtime.service import check_launches
 from pointit.services.registry import PROCESSES
 
 
@@ -49,8 +52,32 @@ def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # no
     assert scenario.duration_s > 0
 
 
-def test_both_scenarios_of_the_paper_are_shipped() -> None:
-    assert {"scenario_2", "scenario_3"} <= set(scenario_names())
+def test_the_scenarios_of_the_paper_are_shipped_and_explained() -> None:
+    names = {"scenario_1", "scenario_2", "scenario_3", "scenario_4"}
+    assert names <= set(scenario_names())
+    assert all(read_scenario(name).explained for name in names)
+    listing = CliRunner().invoke(run, ["--list"])
+    assert listing.exit_code == 0
+    assert all(f"pointit run {name}" in listing.output for name in names)
+
+
+@pytest.mark.parametrize("name", ["scenario_1", "scenario_2", "scenario_3", "scenario_4"])
+def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None:
+    scenario = read_scenario(name)
+    launches = site_launches(scenario, Choices())
+    for index in range(4):
+        launches += user_launches(scenario, Choices(localize=True), f"user{index + 1}", index)
+    check_launches(launches)
+
+
+def test_the_method_of_selecting_can_be_chosen_where_something_is_selected() -> None:
+    chosen = site_launches(read_scenario("scenario_3"), Choices(method="hold"))
+    assert config_of(chosen, "selector")["method"] == "hold"
+    with pytest.raises(ConfigError, match=r"--method hold: nothing is selected in scenario_2\.yaml"):
+        site_launches(read_scenario("scenario_2"), Choices(method="hold"))
+
+
+def test_what_the_scenario_asks_of_people() -> None:
     assert read_scenario("scenario_3").target_kinds == ("red",)
     person = user_launches(read_scenario("scenario_3"), Choices(), "anna")
     assert config_of(person, "user-sim")["target_kinds"] == ("red",)  # they want what counts
@@ -242,7 +269,9 @@ def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> 
 
 
 def test_a_scenario_that_does_not_exist() -> None:
-    with pytest.raises(ConfigError, match=r"no scenario 'nope'; there are scenario_2, scenario_3 and replay"):
+    with pytest.raises(
+        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*scenario_4 and replay"
+    ):
         read_scenario("nope")
     with pytest.raises(ConfigError, match=r"nope\.yml: cannot be read"):
         read_scenario("/nowhere/nope.yml")
@@ -273,6 +302,7 @@ def test_people_differ_in_the_colour_of_their_cursor_unless_the_scenario_says_ot
         for index in range(3)
     ]
     assert len({tuple(profile["cursor_color"]) for profile in profiles}) == 3
+    assert len({profile["pattern"] for profile in profiles}) == 3
     own = scenario.model_copy(
         update={"user": {**scenario.user, "supervisor": {"profile": {"cursor_color": [1, 2, 3]}}}}
     )

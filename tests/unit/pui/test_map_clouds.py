@@ -116,6 +116,10 @@ BROKEN = {
     "words.ply": (ply("ascii", XYZ) + b"1 2 3\n1 two 3\n1 2 3\n", "a row is not x, y, z|two"),
     "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
     "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points and at most 5000000"),
+    "signalling_nan.ply": (
+        ply("binary_big_endian", XYZ, rows=1) + bytes.fromhex("00000000 7f800001 00000000"),
+        "1 of 1 points are not finite",
+    ),
     "nan.xyz": (
         b"1 2 3\n1 nan 3\n4 5 inf\n",
         "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]",

@@ -100,7 +100,8 @@ def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
     row = header.vertex.row(header.order)
     there = max(0, path.stat().st_size - offset) // row.itemsize
     rows = np.fromfile(path, dtype=row, count=min(there, header.vertex.rows), offset=offset)
-    return np.column_stack([rows[f"f{column}"].astype(np.float64) for column in header.columns])
+    with np.errstate(invalid="ignore"):  # a signalling NaN: refused with the other numbers that are none
+        return np.column_stack([rows[f"f{column}"].astype(np.float64) for column in header.columns])
 
 
 def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:

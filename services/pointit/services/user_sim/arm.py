@@ -54,6 +54,9 @@ class Arm:
         self._aim = aim
         self._start: tuple[State, State] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._began_ns = 0
+        self._at_ns: int | None = None
+        """When `_at` is."""
+        self._at = self._start
         self._duration_s = config.reach_base_s
         self._unrest = Unrest(config, rng, skill)
 
@@ -68,11 +71,15 @@ class Arm:
         here = vector.direction(self._aim.azimuth_rad + off[0], self._aim.elevation_rad + off[1])
         return vector.angle_between(here, vector.direction(aim.azimuth_rad, aim.elevation_rad))
 
-    def reach_s(self, amplitude_rad: float) -> float:
-        """Return how long a reach of `amplitude_rad` takes this time (Fitts: 39 deg in 0.74 s)."""
+    def reach_s(self, amplitude_rad: float, *, with_cursor: bool = False) -> float:
+        """Return how long a reach of `amplitude_rad` takes this time (Fitts: 39 deg in 0.74 s).
+
+        Where a cursor shows people slow down to steer by it.
+        """
         config = self._config
         bits = math.log2(amplitude_rad / math.radians(config.reach_width_deg) + 1.0)
         usual_s = config.reach_base_s + config.reach_per_bit_s * bits
+        usual_s *= config.reach_with_cursor if with_cursor else 1.0
         return usual_s * math.exp(config.reach_spread * self._rng.standard_normal())
 
     def hold_anew(self) -> None:
@@ -97,6 +104,7 @@ class Arm:
         )
         self._began_ns = now_ns
         self._duration_s = duration_s
+        self._at_ns = None
 
     def deviation(self, now_ns: int) -> tuple[float, float]:
         """Return how far the arm still is from its aim, azimuth and elevation, rad, unrest apart."""
@@ -113,8 +121,11 @@ class Arm:
         )
 
     def _states(self, now_ns: int) -> tuple[State, State]:
-        elapsed_s = (now_ns - self._began_ns) / NS_PER_S
-        return (
-            fading(self._start[0], self._duration_s, elapsed_s),
-            fading(self._start[1], self._duration_s, elapsed_s),
-        )
+        if now_ns != self._at_ns:
+            elapsed_s = (now_ns - self._began_ns) / NS_PER_S
+            self._at_ns = now_ns
+            self._at = (
+                fading(self._start[0], self._duration_s, elapsed_s),
+                fading(self._start[1], self._duration_s, elapsed_s),
+            )
+        return self._at

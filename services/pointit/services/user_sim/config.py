@@ -43,15 +43,21 @@ class ArmConfig(Config):
     reach_spread: float = Field(
         default=0.2, ge=0, le=1, description="log-normal spread of the duration, a share"
     )
+    reach_with_cursor: float = Field(
+        default=1.55,
+        ge=1,
+        le=3,
+        description="how many times longer a reach takes where a cursor shows (1.15 s instead of 0.74 s)",
+    )
     hold_yaw_sd_deg: float = Field(default=0.25, ge=0, le=20, description="unrest while holding, yaw, deg")
     hold_pitch_sd_deg: float = Field(
         default=0.16, ge=0, le=20, description="unrest while holding, pitch, deg"
     )
     hold_spread: float = Field(
-        default=0.65,
+        default=0.9,
         ge=0,
         le=2,
-        description="log-normal spread of that unrest from hold to hold (p90 of pitch: 0.37 deg), a share",
+        description="log-normal spread of that unrest from hold to hold (p90: yaw 1.07, pitch 0.37 deg)",
     )
     hold_correlation_s: float = Field(default=0.3, gt=0, le=10, description="how long unrest lasts, s")
     tremor_rms_deg: float = Field(default=0.05, ge=0, le=5, description="tremor of 6 to 12 Hz, rms, deg")
@@ -99,8 +105,14 @@ class AimConfig(Config):
         default=0.9, ge=0, le=1.5, description="share of the seen error that is corrected"
     )
     correction_s: float = Field(default=0.25, gt=0, le=2, description="duration of a correction, s")
+    content_deg: float = Field(
+        default=0.7,
+        ge=0,
+        le=10,
+        description="a smaller error is left as it is (with a cursor people end 0.7 deg beside, median), deg",
+    )
     correction_spread: float = Field(
-        default=0.15,
+        default=0.25,
         ge=0,
         le=1,
         description="of a correction's size, a share: hands err in proportion to their way (Schmidt 1979)",

@@ -42,6 +42,7 @@ class Correction:
         self._rng = rng
         self._gain = config.correction_gain
         self._spread = config.correction_spread
+        self._content_rad = math.radians(config.content_deg)
         self._period_ns = round(config.correction_period_s * NS_PER_S)
         self._delay_ns = round(config.visual_delay_s * NS_PER_S)
         self._learned: Pair = (0.0, 0.0)
@@ -124,6 +125,8 @@ class Correction:
             self._next_ns = now_ns + self._period_ns
             unknown = [math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True)]
             self._seen.clear()
+            if math.hypot(self.now_rad[0] + unknown[0], self.now_rad[1] + unknown[1]) < self._content_rad:
+                return False
             self.now_rad = _held(
                 (
                     self.now_rad[0] - self._share() * (self.now_rad[0] + unknown[0]),

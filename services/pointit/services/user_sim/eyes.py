@@ -10,10 +10,11 @@ import contextlib
 import functools
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.geometry.vector import Vec3
@@ -106,6 +107,8 @@ class Eyes:
         self._pixels = Pixels(Environment(stamp_ns=0, name="nothing"))
         self._frame: StripsFrame | None = None
         self._codes: list[int] | None = None
+        self._array: NDArray[np.int32] = np.empty(0, dtype=np.int32)
+        """The same."""
         self._brightness = 1.0
         """Of cursors, as lately seen."""
         self._shares: dict[int, float] = {0: 0.0}
@@ -151,7 +154,9 @@ class Eyes:
         """
         runs = self._runs(kind)
         best: tuple[float, _Run, Vec3] | None = None
-        ends, bodies = self._covered(things) if runs else (set[int](), set[int]())
+        lying: dict[Key, list[tuple[float, float]]] = {}
+        for key, start_m, end_m in things if runs else ():
+            lying.setdefault(key, []).append((start_m, end_m))
         for run in runs:
             doubt = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
             if doubt > 0.0 and _is_cut(run):
@@ -159,10 +164,10 @@ class Eyes:
             point_m = run.line.line.point_at(run.middle_m)
             if expected_m is not None:
                 doubt += min(math.dist(point_m, expected_m) / SCALE_M, 2.0)
-            if not ends.isdisjoint(run.pixels) and run.width_m < NARROW * self._width_m:
-                doubt += 1.0
-            elif self._is_mixed and not bodies.isdisjoint(run.pixels):
-                doubt += 0.7
+            is_narrow = run.width_m < NARROW * self._width_m
+            if is_narrow or self._is_mixed:
+                where = self._where(run, kind, lying)
+                doubt += 1.0 if is_narrow and where == "end" else 0.7 if self._is_mixed and where else 0.0
             if best is None or doubt < best[0]:
                 best = (doubt, run, point_m)
         if best is None or best[0] > LEAST_LIKELY:
@@ -171,20 +176,20 @@ class Eyes:
         _, run, point_m = best
         return SeenCursor(run.line.kind, run.line.id, run.middle_m, point_m, run.width_m)
 
-    def _covered(self, things: Iterable[Span]) -> tuple[set[int], set[int]]:
-        """Return the pixels about the ends of `things`, and all that show them."""
-        ends: set[int] = set()
-        bodies: set[int] = set()
-        for key, start_m, end_m in things:
-            line = self._pixels.lines.get(key)
-            if line is None:
-                continue
-            first, last = bisect_left(line.arcs_m, start_m - END_M), bisect_right(line.arcs_m, end_m + END_M)
-            inner = bisect_right(line.arcs_m, start_m + 2.0 * END_M)
-            outer = bisect_left(line.arcs_m, end_m - 2.0 * END_M)
-            ends.update(line.at[first : min(inner, last)], line.at[max(outer, first) : last])
-            bodies.update(line.at[first:last])
-        return ends, bodies
+    def _where(
+        self, run: _Run, kind: Kind, lying: Mapping[Key, Sequence[tuple[float, float]]]
+    ) -> Literal["", "end", "body"]:
+        """Return on which part of a thing a run of light is, whichever belt the thing lies on."""
+        found: Literal["", "body"] = ""
+        for line, at_m in self._pixels.places(run.pixels[len(run.pixels) // 2], kind):
+            for start_m, end_m in lying.get((line.kind, line.id), ()):
+                from_start_m, to_end_m = at_m - start_m, end_m - at_m
+                if min(from_start_m, to_end_m) < -END_M:
+                    continue
+                if min(from_start_m, to_end_m) < 2.0 * END_M:
+                    return "end"
+                found = "body"
+        return found
 
     def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> Looks | None:
         """Return how a thing of `kind` looks whose middle is at `position_m` of line `key`.
@@ -240,8 +245,8 @@ class Eyes:
             return []
         self._brightness += 0.3 * (max(own.values()) - self._brightness)
         hits: dict[int, tuple[ShownLine, list[tuple[float, int]]]] = {}
-        for pixel, code in enumerate(codes):
-            if code in own:
+        for code in own:
+            for pixel in np.flatnonzero(self._array == code).tolist():
                 for line, arc_m in self._pixels.places(pixel, kind):
                     hits.setdefault(id(line), (line, []))[1].append((arc_m, pixel))
         longest_m = TOO_WIDE * self._width_m
@@ -264,7 +269,8 @@ class Eyes:
             rgb = shown.get(name, b"")
             parts.append(rgb if len(rgb) == 3 * count else bytes(3 * count))
         pixels = np.frombuffer(b"".join(parts), dtype=np.uint8).reshape(-1, 3).astype(np.int32)
-        codes: list[int] = (pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]).tolist()
+        self._array = pixels[:, 0] * 65536 + pixels[:, 1] * 256 + pixels[:, 2]
+        codes: list[int] = self._array.tolist()
         self._codes = codes
         return codes
 

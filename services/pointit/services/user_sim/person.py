@@ -126,7 +126,7 @@ class Person:
         self._error.draw(amplitude_rad)
         aim = self._aim_with_rate(now_ns)
         self._arm.hold_anew()
-        self._arm.reach(now_ns, aim, self._arm.reach_s(amplitude_rad))
+        self._arm.reach(now_ns, aim, self._arm.reach_s(amplitude_rad, with_cursor=goal.closed_loop))
         self._correction.begin(self._arm.reached_ns)
 
     def _aim(self, now_ns: int) -> Aim:

@@ -8,7 +8,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import ArmConfig
 
 TREMOR_HZ = (6.0, 12.0)
-TREMOR_TONES = 5
+TREMOR_TONES = 3
 SECOND_SHARE = 1.0 / 3.0
 """Of the correlation time: the second pole of the wandering, so that little of it is above 2 Hz."""
 STEADIER = 0.5

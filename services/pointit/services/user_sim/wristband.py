@@ -43,14 +43,14 @@ class Wristband:
         # the band's own clock is never set back, and is wrong before it is too long to be sent
         self._running_s = min(self._running_s + passed_s * self._pace, LONGEST_S)
         self._drift(passed_s)
-        noise = np.radians(self._config.noise_sd_deg) * self._rng.standard_normal(3)
+        half_rad = 0.5 * math.radians(self._config.noise_sd_deg)
+        x, y, z = self._rng.standard_normal(3).tolist()
         self._seq += 1  # counted though lost, so that a reader sees the gap
         if self._is_silent(passed_s):
             return None
-        half = 0.5 * noise
         measured = rotation.multiply(
             rotation.from_yaw(self.drift_rad - self._yaw_rad),
-            rotation.multiply(world_from_arm, (float(half[0]), float(half[1]), float(half[2]), 1.0)),
+            rotation.multiply(world_from_arm, (half_rad * x, half_rad * y, half_rad * z, 1.0)),
         )
         return ImuSample(
             stamp_ns=now_ns,

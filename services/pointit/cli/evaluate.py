@@ -1,17 +1,15 @@
 """`pointit evaluate`: what the estimates are worth, measured on recordings of people."""
 
 import os
-import signal
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
+from pointit.cli.evaluate_selection import selection
+from pointit.cli.evaluation_file import check_writable, interruptible, write_json
 from pointit.cli.evaluation_progress import progress
 from pointit.cli.evaluation_table import evaluation_console, print_rows
-from pointit.cli.output import to_json
 from pointit.evaluation.data_folder import VARIABLE, recordings_folder
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.drift import CHAINED, CHAINS_REMARK
@@ -84,10 +82,14 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
 def command() -> None:
     """Measure on recordings of people how good the estimates are, beside known baselines.
 
-    The recordings are not part of PointIt; say where they are with --data or in POINTIT_DATA.
+    The recordings are not part of PointIt; say where they are with --data or in POINTIT_DATA. `selection`
+    needs none: it simulates people.
 
     Example: pointit evaluate localization --data recordings --only-ours
     """
+
+
+command.add_command(selection)
 
 
 @command.command("localization", short_help="where people stand: errors, honesty, time; baselines")
@@ -183,43 +185,8 @@ def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
             raise ConfigError(f"--set {name}: there is no such set; there are {', '.join(known)}")
 
 
-def check_writable(json_file: Path | None) -> None:
-    """Refuse, before the work of minutes, a file that cannot be written.
-
-    Raises:
-        ConfigError: it is a folder, its folder is not there or not writable.
-    """
-    if json_file is None or str(json_file) == "-":
-        return
-    if json_file.is_dir():
-        raise ConfigError(f"--json {json_file}: is a folder; give a file")
-    there = json_file if json_file.exists() else json_file.parent
-    if not os.access(there, os.W_OK):
-        raise ConfigError(f"--json {json_file}: cannot be written; give a file in a folder that is yours")
-
-
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
     """Print `rows` as tables and write them where asked."""
-    text = to_json(document(rows), indent=2)
-    if json_file is not None and str(json_file) == "-":
-        click.echo(text)
-        return
-    shown = [row for row in rows if row.subject == ALL] if brief else rows
-    print_rows(evaluation_console(), shown, remarks)
-    if json_file is not None:
-        try:
-            json_file.write_text(text + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"{json_file}: cannot be written ({error.strerror or error})") from error
-
-
-@contextmanager
-def interruptible() -> Generator[None]:
-    """Have Ctrl-C and SIGTERM raise inside, so that processes are ended and the terminal is as it was."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before: list[Any] = [signal.signal(number, signal.default_int_handler) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+    if not write_json(document(rows), json_file):
+        shown = [row for row in rows if row.subject == ALL] if brief else rows
+        print_rows(evaluation_console(), shown, remarks)

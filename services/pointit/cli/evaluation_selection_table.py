@@ -1,0 +1,70 @@
+"""Rows of the evaluation of selecting as tables for people: one a bench, a block a condition."""
+
+from collections.abc import Sequence
+from itertools import groupby
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from pointit.cli.evaluation_table import evaluation_console
+from pointit.evaluation.selection import Pace
+from pointit.evaluation.selection_row import Figures, SelectionRow
+
+PEOPLE = {"pointing": "people", "mouse": "people, mouse"}
+
+NOTES = (
+    "`median`, `p90`: time, s; in belts_lab of a run, until all that should be is selected; elsewhere from "
+    "when a package comes until it is selected. n: runs; elsewhere packages that should be selected. "
+    "`between`: from one right selection to the next, s. `wrong`: of all toggles, those that leave a package "
+    "as it should not be. `missed`: of what should be selected, what was not; on the conveyor, what did not "
+    "leave at bay 1. `original`: fraction as in the paper's system (10 Hz, 4 of 5 timesteps)."
+)
+
+
+def print_selection(rows: Sequence[SelectionRow], pace: Pace) -> None:
+    """Print `rows`, which stand together by bench and condition, people after the methods, and the `pace`."""
+    screen = evaluation_console()
+    for bench, of_bench in groupby(rows, key=lambda row: row.bench):
+        screen.print(_table(bench, list(of_bench)))
+    screen.print(Text(NOTES))
+    screen.print(
+        Text(
+            f"Simulated: {pace.simulated_s:.0f} s, {pace.times_real:.0f} times faster than real time on "
+            "one core.",
+            style="dim",
+        )
+    )
+
+
+def _table(bench: str, rows: list[SelectionRow]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=bench, title_justify="left", title_style="bold", pad_edge=False)
+    table.add_column("condition")
+    table.add_column("method")
+    for name in ("n", "median", "p90", "between", "wrong", "missed"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for condition, group in groupby(rows, key=lambda row: row.condition):
+        of_it = list(group)
+        lines = [(row.method, row.figures, "") for row in of_it]
+        lines += [(PEOPLE.get(name, name), human, "italic") for name, human in of_it[0].human.items()]
+        for index, (name, figures, style) in enumerate(lines):
+            table.add_row(
+                Text(condition if index == 0 else ""),
+                Text(name),
+                *(Text("-", style="dim") if cell is None else Text(cell) for cell in _cells(figures)),
+                style=style,
+                end_section=index == len(lines) - 1,
+            )
+    return table
+
+
+def _cells(figures: Figures) -> tuple[str | None, ...]:
+    time_s, between_s = figures.time_s, figures.between_s
+    return (
+        str(figures.n),
+        None if time_s is None else f"{time_s.median:.1f}",
+        None if time_s is None else f"{time_s.p90:.1f}",
+        None if between_s is None else f"{between_s.median:.1f}",
+        None if figures.wrong_rate is None else f"{100.0 * figures.wrong_rate:.1f} %",
+        None if figures.missed_rate is None else f"{100.0 * figures.missed_rate:.1f} %",
+    )

@@ -1,0 +1,86 @@
+"""Packages on a ring of strips, as in the laboratory: what leaves the last strip enters the first."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import NS_PER_S, Environment, SelectionEvent, TrackedObject, TrackedObjects
+
+Array = NDArray[np.float64]
+
+TARGET, OTHER = "red", "blue"
+"""Kinds of packages: those to select, and the others."""
+
+
+class Carousel:
+    """Packages that stand, or move together; none comes and none goes."""
+
+    def __init__(
+        self,
+        environment: Environment,
+        positions_m: Array,
+        kinds: list[str],
+        *,
+        length_m: float,
+        speed_mps: float,
+        start_ns: int,
+    ) -> None:
+        """Put packages of `kinds` on the strips of `environment`, in their order.
+
+        Args:
+            environment: the map.
+            positions_m: n, of the centres, along all strips.
+            kinds: n.
+            length_m: of each package.
+            speed_mps: along the strips.
+            start_ns: when they are there.
+        """
+        self._ids = [strip.id for strip in environment.strips]
+        self._lines = [Polyline(strip.line_m) for strip in environment.strips]
+        self._starts_m = np.concatenate(([0.0], np.cumsum([line.length_m for line in self._lines])))
+        self._positions_m = positions_m
+        self._kinds = kinds
+        self._length_m = length_m
+        self._speed_mps = speed_mps
+        self._start_ns = start_ns
+        self._seq = 0
+
+    def step(self, now_ns: int) -> list[SelectionEvent]:
+        """Do nothing: where they are depends on the time alone, and nothing leaves."""
+        del now_ns
+        return []
+
+    def select(self, owners: dict[str, str], now_ns: int) -> None:
+        """Do nothing: a ring has no bays."""
+        del owners, now_ns
+
+    def tracked(self, now_ns: int) -> TrackedObjects:
+        """Return where they are at `now_ns`."""
+        self._seq += 1
+        passed_s = (now_ns - self._start_ns) / NS_PER_S
+        around_m = (self._positions_m + self._speed_mps * passed_s) % self._starts_m[-1]
+        strips: NDArray[np.intp] = np.searchsorted(self._starts_m, around_m, side="right") - 1
+        return TrackedObjects(
+            stamp_ns=now_ns,
+            seq=self._seq,
+            objects=tuple(
+                self._object(index, strip, float(around_m[index] - self._starts_m[strip]))
+                for index, strip in enumerate(strips.tolist())
+            ),
+        )
+
+    def _object(self, index: int, strip: int, position_m: float) -> TrackedObject:
+        line = self._lines[strip]
+        x, y, z = line.tangent_at(position_m)
+        speed_mps = self._speed_mps
+        return TrackedObject(
+            id=f"package-{index + 1}",
+            kind=self._kinds[index],
+            position_m=line.point_at(position_m),
+            velocity_mps=(speed_mps * x, speed_mps * y, speed_mps * z),
+            length_m=self._length_m,
+            surface="strip",
+            surface_id=self._ids[strip],
+            surface_position_m=position_m,
+            surface_speed_mps=speed_mps,
+        )

@@ -1,0 +1,48 @@
+"""Methods of selecting by name, as they stand beside each other in a table."""
+
+from pydantic import ValidationError
+
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import explain
+from pointit.services.selector.config import JournalConfig, SelectorConfig
+
+_NO_JOURNAL = JournalConfig(enabled=False)
+
+METHODS: dict[str, SelectorConfig] = {
+    "original": SelectorConfig(
+        method="fraction", window_s=0.5, timestep_s=0.1, fraction=0.8, margin_m=0.05, journal=_NO_JOURNAL
+    ),
+    "hold": SelectorConfig(method="hold", journal=_NO_JOURNAL),
+    "fraction": SelectorConfig(method="fraction", journal=_NO_JOURNAL),
+    "gauge": SelectorConfig(method="gauge", journal=_NO_JOURNAL),
+}
+"""`original`: the paper's second method at the settings of its system, 10 Hz and 4 of 5 timesteps."""
+
+
+def selector_config(name: str) -> SelectorConfig:
+    """Return the parameters of the method `name`, one of `METHODS`, with `@S` for S seconds on an object.
+
+    Raises:
+        ConfigError: there is no such method, or it cannot have that time.
+    """
+    base, at, seconds = name.partition("@")
+    config = METHODS.get(base)
+    if config is None:
+        raise ConfigError(f"--method {name}: there is no such method; there are {', '.join(METHODS)}")
+    if not at:
+        return config
+    try:
+        full_s = float(seconds)
+    except ValueError:
+        raise ConfigError(f"--method {name}: seconds were expected after the @, as in {base}@0.6") from None
+    fields = dict(config)
+    if config.method == "gauge":
+        gauge = config.gauge
+        share = gauge.sparse_full_s / gauge.full_s
+        fields["gauge"] = dict(gauge) | {"full_s": full_s, "sparse_full_s": share * full_s}
+    else:
+        fields["window_s"] = full_s
+    try:
+        return SelectorConfig.model_validate(fields)
+    except ValidationError as error:
+        raise ConfigError(f"--method {name}: {explain(error)}") from error

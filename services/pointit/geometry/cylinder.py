@@ -2,7 +2,7 @@
 
 By angle that is on the outline: two upright lines that rays from the origin touch, and the two rims. The
 lines are segments, solved in closed form; a rim is a circle seen askew, an equation of fourth degree, solved
-by the golden section from the best of its points. By metres, the distance from the ray's points to a convex
+by the golden section about its lowest points. By metres, the distance from the ray's points to a convex
 thing falls and then rises along the ray: where it turns is found by halving.
 """
 
@@ -74,9 +74,11 @@ class CylinderSolid:
 
     def _by_angle(self, own: Vec3, d: Vec3) -> Vec3:
         best, least = own, math.inf
-        for x, y in self._touched(own):
+        for x, y, outwards in self._touched(own):
             start, span = (x, y, 0.0), (0.0, 0.0, self._height)
             t, cost = nearest_in_angle(vector.subtract(start, own), span, d)
+            if 0.0 < t < 1.0 and cost < 0.0 and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
+                return (x, y, t * self._height)  # all of it lies beyond the plane that touches it there
             if cost < least:
                 best, least = (x, y, t * self._height), cost
         for z in (0.0, self._height):
@@ -85,25 +87,43 @@ class CylinderSolid:
                 best, least = point, cost
         return best
 
-    def _touched(self, own: Vec3) -> list[tuple[float, float]]:
-        """Return where upright lines that bound the view of its side stand; none from above or below."""
+    def _touched(self, own: Vec3) -> list[tuple[float, float, tuple[float, float]]]:
+        """Return where upright lines that bound the view of its side stand; none from above or below.
+
+        With each, which way leads out of that view.
+        """
         distance = math.hypot(own[0], own[1])
         if distance <= self._radius:
             return []
         sine = self._radius / distance
         length = distance * math.sqrt((1.0 - sine) * (1.0 + sine))
-        azimuth = math.atan2(-own[1], -own[0])
-        turns = (azimuth - math.asin(sine), azimuth + math.asin(sine))
-        return [(own[0] + length * math.cos(a), own[1] + length * math.sin(a)) for a in turns]
+        azimuth, half = math.atan2(-own[1], -own[0]), math.asin(sine)
+        touched: list[tuple[float, float, tuple[float, float]]] = []
+        for side in (-1.0, 1.0):
+            c, s = math.cos(azimuth + side * half), math.sin(azimuth + side * half)
+            touched.append((own[0] + length * c, own[1] + length * s, (-side * s, side * c)))
+        return touched
 
     def _on_rim(self, own: Vec3, d: Vec3, z: float) -> tuple[Vec3, float]:
-        """Return the point of the rim at height `z` at the least angle, and minus that angle's cosine."""
+        """Return the point of the rim at height `z` at the least angle, and minus that angle's cosine.
+
+        Seen edge-on, its near and its far side may each have one that is the least around.
+        """
         step = math.tau / RIM_POINTS
-        angles = [step * i for i in range(RIM_POINTS)]
-        best = min(angles, key=lambda angle: self._minus_cosine(own, d, z, angle))
-        low, high = best - step, best + step
+        costs = [self._minus_cosine(own, d, z, step * i) for i in range(RIM_POINTS)]
+        valleys = [
+            step * i
+            for i, cost in enumerate(costs)
+            if cost <= costs[i - 1] and cost <= costs[(i + 1) % RIM_POINTS]
+        ]
+        cost, angle = min(self._least_around(own, d, z, angle) for angle in valleys)
+        return (self._radius * math.cos(angle), self._radius * math.sin(angle), z), cost
+
+    def _least_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
+        """Return the least minus cosine about a point of the rim, and where."""
+        low, high = angle - math.tau / RIM_POINTS, angle + math.tau / RIM_POINTS
         inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        at_inner, at_outer = (self._minus_cosine(own, d, z, angle) for angle in (inner, outer))
+        at_inner, at_outer = (self._minus_cosine(own, d, z, at) for at in (inner, outer))
         for _ in range(GOLDEN_STEPS):
             if at_inner < at_outer:
                 high, outer, at_outer = outer, inner, at_inner
@@ -113,9 +133,7 @@ class CylinderSolid:
                 low, inner, at_inner = inner, outer, at_outer
                 outer = low + GOLDEN * (high - low)
                 at_outer = self._minus_cosine(own, d, z, outer)
-        angle = (low + high) / 2.0
-        point = (self._radius * math.cos(angle), self._radius * math.sin(angle), z)
-        return point, min(at_inner, at_outer)
+        return (at_inner, inner) if at_inner < at_outer else (at_outer, outer)
 
     def _minus_cosine(self, own: Vec3, d: Vec3, z: float, angle: float) -> float:
         x = self._radius * math.cos(angle) - own[0]

@@ -80,6 +80,8 @@ class SolidCaster:
         best: Hit | None = None
         least = tolerance
         for i in near:
+            if not self._is_near(i, origin_m, direction, least):
+                continue
             point = self._solids[i].pass_by(origin_m, direction, self.measure)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue

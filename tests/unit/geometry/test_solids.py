@@ -136,6 +136,7 @@ def test_what_is_met_is_on_the_skin_and_nothing_is_before(seed: int, form: str) 
     ahead = solid.meet(origin, direction)
     if ahead is None:
         return
+    assert ahead >= 0.0
     within = solid.holds(origin)
     steps = [ahead * i / 50 for i in range(1, 50)]
     inside = [solid.holds(vector.add(origin, vector.scale(direction, step))) for step in steps]
@@ -281,3 +282,16 @@ def test_the_miss_grows_steadily_as_a_ray_leaves_a_column() -> None:
         assert hit is not None
         seen.append(hit.miss_rad)
     assert all(0.0 <= b - a < 0.0101 for a, b in pairwise(seen))
+
+
+@pytest.mark.parametrize("form", ["box", "sphere", "cylinder"])
+def test_whoever_is_inside_points_at_the_wall_from_within(form: str) -> None:
+    solid: dict[str, Solid] = {
+        "box": BoxSolid((0.0, 0.0, 0.0), (4.0, 4.0, 4.0)),
+        "sphere": SphereSolid((0.0, 0.0, 0.0), 2.0),
+        "cylinder": CylinderSolid((0.0, 0.0, -2.0), 2.0, 4.0),
+    }
+    for azimuth in (0.0, math.pi / 2, math.pi, -math.pi / 2):
+        hit = SolidCaster([solid[form]]).cast((0.0, 0.0, 0.0), vector.direction(azimuth, 0.0))
+        assert hit is not None
+        assert hit.range_m == pytest.approx(2.0)

@@ -105,7 +105,8 @@ def test_thin_things_come_first_within_the_tolerance_unless_said_otherwise() -> 
 def test_of_equal_priority_the_least_missed_counts_then_the_nearer() -> None:
     flat = {"strip": 0, "belt": 0, "lamp": 0}
     assert met(surfaces("strip", "plane", priority=flat, opaque=()), (3.0, 0.5, 0.9)) == ("plane", "floor")
-    # the wall and, behind it by the floor's end, the floor: both are met
+    # the ray meets both, and the floor behind the strip or the crate
+    assert met(surfaces("strip", "plane", priority=flat, opaque=()), (3.0, 0.5, 0.8)) == ("strip", "strip")
     assert met(surfaces("plane", "box", priority=flat), (2.6, 0.3, 0.2)) == ("box", "crate")
 
 
@@ -136,6 +137,9 @@ def test_what_is_behind_a_crate_is_hidden_though_it_comes_first() -> None:
     assert met(surfaces("lamp", room=room, opaque=()), HIDDEN_M) == ("lamp", "hidden")
     assert met(surfaces("lamp", room=room), HIDDEN_M) is None
     assert met(surfaces("lamp", "box", room=room), HIDDEN_M) == ("box", "crate")
+    close = (3.45, 0.0, 0.4)  # right behind it
+    assert met(surfaces("lamp", room=hiding(close), opaque=()), close) == ("lamp", "hidden")
+    assert met(surfaces("lamp", room=hiding(close)), close) is None
 
 
 def test_what_is_seen_over_a_crate_is_not_hidden() -> None:
@@ -274,7 +278,7 @@ def test_lamps_near_the_ray_are_told_with_their_angles_the_nearest_first() -> No
     assert lamp.miss_rad == pytest.approx(
         vector.angle_between(towards((5.0, 1.0, 1.0)), towards((5.0, 2.0, 2.0)))
     )
-    everything = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=LampFan(ROOM.lamps, math.pi))
+    everything = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=LampFan(ROOM.lamps[::-1], math.pi))
     assert [lamp.id for lamp in everything.lamps] == ["lamp", "other"]
     assert cursor_at((5.0, 1.0, 1.0), surfaces("strip")).lamps == ()
 

@@ -211,7 +211,7 @@ def test_the_cursor_says_its_true_ray_and_how_far_it_was_drawn() -> None:
     person = Person()
     strip = LAB.strips[1].line_m[0]
     direction = vector.normalized(
-        vector.add(vector.normalized(vector.subtract(strip, EYES)), (0.0, 0.0, 0.1))
+        vector.add(vector.normalized(vector.subtract(strip, EYES)), (0.05, -0.04, 0.06))
     )
     drawn = person.point(direction)
     person.ask("sphere")
@@ -331,6 +331,10 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
     person.core.set_interaction(Interaction(stamp_ns=2, state="pointing"))
     behind = person.point(vector.turn(down, math.pi))
     assert behind.range_m == pytest.approx(first.range_m)  # the plane faces them again
+    person.ask("sphere", anchor="point", point_m=vector.add(person.eyes_m, (0.0, 5.0, 0.0)))
+    person.core.set_interaction(Interaction(stamp_ns=3, state="idle"))
+    person.core.set_interaction(Interaction(stamp_ns=4, state="pointing"))
+    assert person.point(down).range_m == pytest.approx(5.0)  # what was asked for stays
     person.core.set_workspace(SetWorkspace(kind="none"), person.tracked)
     assert person.point(down).solid == ""
     person.core.set_interaction(Interaction(stamp_ns=3, state="idle"))

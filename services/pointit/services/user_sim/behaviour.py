@@ -154,6 +154,8 @@ def wish_of(config: UserSimConfig, things: Things, pace: Pace, rng: np.random.Ge
 def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> Goal:
     """Return what the person is asked to point at: the lamp or thing that was named, else the lit lamp."""
     asked = belief.target
+    if belief.is_queuing:
+        return REST
     lamp = asked if asked in sight.lamps_m else sight.lit_lamp() if not asked else ""
     if lamp:
         return Goal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])

@@ -1,14 +1,13 @@
 """What the person makes of what they feel and hear: whether they point, rest, or are asked to point."""
 
-import re
 from typing import Literal
 
 from pointit.schemas import Feedback
 
 State = Literal["idle", "asked", "pointing"]
 
-NAMED = re.compile(r"[Pp]oint at (\S+?)[.,;]?(?:\s|$)")
-"""The target in a sentence, for cues that name none by themselves."""
+WAIT = "wait"
+"""In what is said when it is not their turn yet, or the target is still to come."""
 
 
 class Belief:
@@ -24,6 +23,8 @@ class Belief:
         """When the state was entered; time at a target within pointing counts as pointing."""
         self.target = ""
         """What to point at while asked; empty: it will be told, or lights up."""
+        self.is_queuing = False
+        """While asked: others come first, the lamp that is lit is theirs."""
         self._back: State = "idle"
         """Where being asked leads if it fails, or was an anchor."""
 
@@ -31,8 +32,9 @@ class Belief:
         """Take in a cue; those of selecting change nothing here."""
         match cue.cue:
             case "target":
-                self._ask(now_ns, cue.target_id or _named(cue.text))
-            case "started" if "wait" in cue.text.lower():
+                self._ask(now_ns, cue.target_id)
+                self.is_queuing = not cue.target_id and WAIT in cue.text.lower()
+            case "started" if WAIT in cue.text.lower():
                 self._ask(now_ns, cue.target_id)
             case "started":
                 self._enter("pointing", now_ns)
@@ -49,11 +51,6 @@ class Belief:
             case _:
                 pass
 
-    def see_cursor(self, now_ns: int) -> None:
-        """Take in that the own cursor moves with the hand: then they point, whatever was heard."""
-        if self.state == "idle":
-            self._enter("pointing", now_ns)
-
     def doubt(self, now_ns: int) -> None:
         """Take nothing for granted any more: no cursor has been seen for long."""
         self._back = "idle"
@@ -66,14 +63,11 @@ class Belief:
                 self.since_ns = now_ns
         self.state = "asked"
         self.target = target
+        self.is_queuing = False
 
     def _enter(self, state: State, now_ns: int) -> None:
-        if not (self.state == "asked" and state == "pointing" == self._back):
+        goes_on = self.state == "pointing" or (self.state == "asked" and self._back == "pointing")
+        if not (goes_on and state == "pointing"):
             self.since_ns = now_ns
         self.state = state
         self.target = ""
-
-
-def _named(text: str) -> str:
-    found = NAMED.search(text)
-    return found.group(1) if found else ""

@@ -226,15 +226,16 @@ class Eyes:
         if not bodies:  # covered, or something else has come to lie there
             return Looks(marked=True, full=False, hidden=True, own=own, foreign=foreign)
         dim = known[1] if known is not None else UNKNOWN_DIM * self._brightness
-        third = len(shown) / 3.0
-        inner = [
-            _brightness(code)
-            for k, (code, is_it) in enumerate(zip(shown, is_plain, strict=True))
-            if is_it and third - 0.5 <= k + 0.5 <= 2.0 * third + 0.5
-        ]
-        levels = inner or [_brightness(code) for code in bodies]
-        full = max(levels) > FULL * dim or (known is not None and min(levels) < GAP * dim)
-        return Looks(marked=True, full=full, hidden=not inner, own=own, foreign=foreign)
+        middle = (len(shown) - 1) / 2.0
+        nearest = min((k for k, is_it in enumerate(is_plain) if is_it), key=lambda k: abs(k - middle))
+        level = _brightness(shown[nearest])
+        return Looks(
+            marked=True,
+            full=level > FULL * dim or (known is not None and level < GAP * dim),
+            hidden=abs(nearest - middle) > len(shown) / 6.0,
+            own=own,
+            foreign=foreign,
+        )
 
     def _runs(self, kind: Kind) -> list[_Run]:
         """Return runs of pixels that may be one's own cursor, those interleaved with others' as one."""

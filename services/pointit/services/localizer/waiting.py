@@ -5,6 +5,7 @@ Pure: who is before them and the time go in; what is to be said comes out.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from pointit.schemas import NS_PER_S, Localization
 from pointit.services.localizer.estimator import Refusal
@@ -34,7 +35,7 @@ class Waiting:
         self.lamp_ids = procedure.lamp_ids
         self.ahead: tuple[str, ...] = ()
         """Who was before them when that was said last."""
-        self.purpose = procedure.PURPOSE
+        self.purpose: Literal["pose", "anchor"] = procedure.PURPOSE
         self._until_ns = now_ns + round(limit_s * NS_PER_S)
         self._clock = SetBack()
         self._clock.begin(now_ns)

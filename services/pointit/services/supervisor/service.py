@@ -43,10 +43,10 @@ from pointit.schemas.topics import (
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.kept_place import KeptPlace
-from pointit.services.supervisor.last_word import LastWord
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, absurd, offset_in_use
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
+from pointit.services.supervisor.taking_up import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)
 
@@ -87,9 +87,10 @@ class Supervisor(Service[SupervisorConfig]):
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
         self._put_profile()
         self._began_ns = self.clock.now_ns()
-        self._last_word = LastWord(self.user, self.bus)
-        if (before := self._last_word.read()) is not None:
-            self._cycle.take_up(before, self._began_ns)
+        self._kept_word = StateFile(Interaction, self.user, LAST_WORD_PURPOSE)
+        self._last_word: Interaction | None = None
+        self._said = asyncio.Event()
+        self._take_up()
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
         self._do(self._cycle.begin(self._began_ns))
         self.bus.subscribe(POSE, self._on_pose, self.user)
@@ -103,7 +104,7 @@ class Supervisor(Service[SupervisorConfig]):
         """Ask the localizer, one request after the other, mind the deadlines, keep the last word."""
         async with asyncio.TaskGroup() as group:
             group.create_task(self._ask(), name=f"supervisor.{self.user} requests")
-            group.create_task(self._last_word.keep(), name=f"supervisor.{self.user} last word")
+            group.create_task(self._keep_word(), name=f"supervisor.{self.user} last word")
             group.create_task(self._mind_time(), name=f"supervisor.{self.user} deadlines")
 
     def _on_pose(self, pose: UserPose, _user: str) -> None:
@@ -118,6 +119,29 @@ class Supervisor(Service[SupervisorConfig]):
     def _on_interaction(self, before: Interaction, _user: str) -> None:
         if before.stamp_ns < self._began_ns:  # else it is our own
             self._cycle.take_up(before, self.clock.now_ns())
+
+    def _take_up(self) -> None:
+        try:
+            before = self._kept_word.read()
+        except ConfigError as error:
+            self.bus.warn("last word", f"what the person was about is not taken up: {error}")
+            return
+        if before is not None:
+            self._cycle.take_up(before, self._began_ns)
+
+    async def _keep_word(self) -> None:
+        """Write what was said last, for who is here after us."""
+        while True:
+            await self._said.wait()
+            self._said.clear()
+            if self._last_word is None:
+                continue
+            try:
+                await asyncio.to_thread(self._kept_word.write, self._last_word)
+            except ConfigError as error:
+                self.bus.warn("last word", f"after a restart the person has to press again: {error}")
+            else:
+                self.bus.clear("last word")
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == f"{START_LOCALIZATION.server}.{self.user}":
@@ -137,7 +161,8 @@ class Supervisor(Service[SupervisorConfig]):
             match output:
                 case Interaction():
                     self._interactions.put(output)
-                    self._last_word.say(output)
+                    self._last_word = output
+                    self._said.set()
                 case Feedback():
                     self._feedback.put(output)
                 case Start() | StartAnchor() | Cancel():

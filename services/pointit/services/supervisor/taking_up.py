@@ -8,6 +8,9 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S, Interaction, Localization
 
+LAST_WORD_PURPOSE = "interaction"
+"""Under this name the supervisor's last word is kept, a file for each person."""
+
 GRACE_NS = 2 * NS_PER_S
 """A localization that was asked for begins within."""
 

@@ -23,6 +23,8 @@ MAX_CLOUD_POINTS = 20_000
 MARGIN_M = 0.6
 MARGIN_SHARE = 0.06
 """Of the longer side; for what is written beside things."""
+LEAST_ASPECT = 0.65
+"""Width by height; a narrow map has room beside it for what is written."""
 WIDEST_IN, TALLEST_IN = 10.5, 8.5
 DPI = 150
 _STYLE: dict[str, Any] = {
@@ -121,7 +123,9 @@ def _extent(
     array = np.array(places, dtype=np.float64)
     low, high = array.min(axis=0), array.max(axis=0)
     margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
-    return low - margin, high + margin
+    low, high = low - margin, high + margin
+    more = np.array([max(0.0, LEAST_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
+    return low - more, high + more
 
 
 def _grid(axes: Axes, side_m: float) -> None:

@@ -59,6 +59,8 @@ def maps() -> Section:
                 "strips": len(room.strips),
                 "pixels": sum(strip.pixels for strip in room.strips),
                 "belts": len(room.belts),
+                "links": len(room.links),
+                "bays": len(room.bays),
                 "lamps": len(room.lamps),
             }
         )

@@ -15,7 +15,7 @@ class PuiConfig(Config):
     map: str = Field(
         default="lab",
         min_length=1,
-        description="name of a shipped map (lab), or path of a YAML file, relative to the current directory",
+        description="name of a shipped map (lab, conveyor, vr_belts), or path of a YAML file from the current directory",
     )
     surfaces: tuple[Kind, ...] = Field(
         default=("strip", "belt"),

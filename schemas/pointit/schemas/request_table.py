@@ -1,0 +1,138 @@
+"""The table of requests: every question a service answers; `topics` has its names too."""
+
+from typing import Any
+
+from pointit.schemas import requests
+from pointit.schemas.rows import Request
+
+ADD_PACKAGE = Request(
+    key="conveyor/add_package",
+    query=requests.AddPackage,
+    reply=requests.AddPackageReply,
+    server="conveyor-sim",
+    about="put one object on a lane",
+)
+SET_SPEED = Request(
+    key="conveyor/set_speed",
+    query=requests.SetSpeed,
+    reply=requests.Done,
+    server="conveyor-sim",
+    about="set the speed, m/s",
+)
+RESET_CONVEYOR = Request(
+    key="conveyor/reset",
+    query=requests.ResetConveyor,
+    reply=requests.Done,
+    server="conveyor-sim",
+    about="empty it and start the feeders again",
+)
+START_LOCALIZATION = Request(
+    key="localizer/{user}/start",
+    query=requests.StartLocalization,
+    reply=requests.Done,
+    server="localizer",
+    about="begin to localize",
+)
+CANCEL_LOCALIZATION = Request(
+    key="localizer/{user}/cancel",
+    query=requests.CancelLocalization,
+    reply=requests.Done,
+    server="localizer",
+    about="stop localizing",
+)
+SET_POSE = Request(
+    key="localizer/{user}/set_pose",
+    query=requests.SetPose,
+    reply=requests.Done,
+    server="localizer",
+    about="say where the person stands",
+)
+SET_HEADING = Request(
+    key="localizer/{user}/set_heading",
+    query=requests.SetHeading,
+    reply=requests.Done,
+    server="localizer",
+    about="the person points in a known direction: set the yaw",
+)
+POINT_ANCHOR = Request(
+    key="localizer/{user}/point_anchor",
+    query=requests.PointAnchor,
+    reply=requests.Done,
+    server="localizer",
+    about="point at one lamp to set the pose right",
+)
+SET_OFFSET = Request(
+    key="profile/{user}/set_offset",
+    query=requests.SetOffset,
+    reply=requests.Done,
+    server="supervisor",
+    about="keep or forget the person's pointing offset",
+)
+CLEAR_SELECTION = Request(
+    key="selector/{user}/clear",
+    query=requests.ClearSelection,
+    reply=requests.Done,
+    server="selector",
+    about="deselect all that is the person's",
+)
+UNDO_SELECTION = Request(
+    key="selector/{user}/undo",
+    query=requests.UndoSelection,
+    reply=requests.Done,
+    server="selector",
+    about="take back the person's last (de)selection",
+)
+RELEASE_OBJECT = Request(
+    key="selector/{user}/release",
+    query=requests.ReleaseObject,
+    reply=requests.Done,
+    server="selector",
+    about="deselect or take over anybody's object",
+)
+SET_WORKSPACE = Request(
+    key="pui/{user}/set_workspace",
+    query=requests.SetWorkspace,
+    reply=requests.Done,
+    server="pui",
+    about="a surface about the person for their cursor",
+)
+SET_BRIGHTNESS = Request(
+    key="leds/brightness",
+    query=requests.SetBrightness,
+    reply=requests.Done,
+    server="led-driver",
+    about="dim all strips",
+)
+SET_YAW_ORIGIN = Request(
+    key="imu/{user}/set_yaw_origin",
+    query=requests.SetYawOrigin,
+    reply=requests.Done,
+    server="imu-bridge",
+    about="set the IMU's yaw",
+)
+SET_MOUNTING = Request(
+    key="imu/{user}/set_mounting",
+    query=requests.SetMounting,
+    reply=requests.SetMountingReply,
+    server="imu-bridge",
+    about="how the sensor sits on the arm",
+)
+
+REQUESTS: tuple[Request[Any, Any], ...] = (
+    ADD_PACKAGE,
+    SET_SPEED,
+    RESET_CONVEYOR,
+    START_LOCALIZATION,
+    CANCEL_LOCALIZATION,
+    SET_POSE,
+    SET_HEADING,
+    POINT_ANCHOR,
+    SET_OFFSET,
+    CLEAR_SELECTION,
+    UNDO_SELECTION,
+    RELEASE_OBJECT,
+    SET_WORKSPACE,
+    SET_BRIGHTNESS,
+    SET_YAW_ORIGIN,
+    SET_MOUNTING,
+)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
@@ -11,17 +11,24 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
     BodyMeasures,
+    Cursor,
     Environment,
+    Feedback,
     ImuSample,
-    Interaction,
     Lamp,
-    Localization,
+    PointingRay,
     Strip,
     TrackedObject,
     TrackedObjects,
+    UserPose,
+    UserProfile,
 )
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.lights import Lights
+from pointit.services.pui.cursor import PersonCursor
+from pointit.services.pui.surfaces import Surfaces
 from pointit.services.user_sim.aim import Stance
-from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig, WristbandConfig
+from pointit.services.user_sim.config import AimConfig, ArmConfig, MindConfig, UserSimConfig, WristbandConfig
 from pointit.services.user_sim.person import Person
 
 PERIOD_NS = NS_PER_S // 50
@@ -34,9 +41,11 @@ ROOM = Environment(
     ),
     strips=(Strip(id="0", line_m=((4.85, -1.425, 0.9), (4.85, 3.575, 0.9)), pixels=150, direction=-1),),
 )
+Cue = Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
 PRECISE = UserSimConfig(
     arm=ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0),
-    aim=AimConfig(skill=1.0),
+    aim=AimConfig(skill=1.0, correction_spread=0.0, content_deg=0.0),
+    mind=MindConfig(search_base_s=0.0, search_per_item_s=0.0, decide_per_bit_s=0.0),
     wristband=WristbandConfig(yaw_rate_bias_sd_degps=0.0, yaw_rate_walk_sd_degps=0.0, noise_sd_deg=0.0),
     yaw_deg=0.0,
 )
@@ -52,14 +61,31 @@ class Life:
         self.doubles: list[int] = []
         self.last: ImuSample | None = None
         self.before_step: Callable[[], None] = lambda: None
+        self.position_m = config.position_m
+        self.off_rad = 0.0
         self.eyes_m = Stance(BodyMeasures(), position_m=config.position_m).eyes_m
         self.person.see(0, ROOM)
+        self.lights: Lights | None = None
 
-    def state(self, state: str) -> None:
-        self.person.see(self.now_ns, Interaction.model_validate({"stamp_ns": self.now_ns, "state": state}))
+    def cue(self, cue: Cue, text: str = "", target: str = "") -> None:
+        feedback = Feedback(stamp_ns=self.now_ns, cue=cue, text=text, target_id=target)
+        self.person.see(self.now_ns, feedback)
+
+    def state(self, state: Literal["idle", "localizing", "pointing"]) -> None:
+        """Tell what the supervisor tells when it enters `state`."""
+        match state:
+            case "pointing":
+                self.cue("started")
+            case "localizing":
+                self.cue("started", "Wait for the target to point at.")
+            case "idle":
+                self.cue("stopped")
 
     def objects(self, *things: TrackedObject) -> None:
-        self.person.see(self.now_ns, TrackedObjects(stamp_ns=self.now_ns, objects=things))
+        tracked = TrackedObjects(stamp_ns=self.now_ns, objects=things)
+        self.person.see(self.now_ns, tracked)
+        if self.lights is not None:
+            self.lights.on_objects("t", tracked, self.now_ns)
 
     def run(self, duration_s: float) -> ImuSample:
         """Live on; return the last sample."""
@@ -68,6 +94,8 @@ class Life:
             self.now_ns += PERIOD_NS
             self.before_step()
             sample, press = self.person.step(self.now_ns)
+            if sample is not None and self.lights is not None:
+                self._shine(self.lights, sample)
             if press is not None:
                 assert press.source == "simulated"
                 (self.presses if press.gesture == "press" else self.doubles).append(self.now_ns)
@@ -75,9 +103,30 @@ class Life:
         assert sample is not None
         return sample
 
-    def localization(self, target: str, **fields: Any) -> None:
-        news = {"stamp_ns": self.now_ns, "phase": "sampling", "target_id": target, **fields}
-        self.person.see(self.now_ns, Localization.model_validate(news))
+    def light(self, *, off_rad: float = 0.0, profile: UserProfile | None = None) -> Lights:
+        """Switch the strips on; the system believes the person turned by `off_rad`."""
+        known = profile or UserProfile(stamp_ns=0)
+        self.lights = Lights(LedDriverConfig())
+        self.lights.on_map(ROOM)
+        self.lights.on_profile("anna", known)
+        self.person.see(self.now_ns, known)
+        self.off_rad = off_rad
+        self.pui = PersonCursor(Surfaces(ROOM, ["strip"]))
+        self.cursors: list[Cursor] = []
+        return self.lights
+
+    def _shine(self, lights: Lights, sample: ImuSample) -> None:
+        pose = UserPose(stamp_ns=sample.stamp_ns, position_m=self.position_m, yaw_rad=self.off_rad)
+        self.pui.set_pose(pose)
+        origin = vector.subtract(self.eyes_m, self.position_m)
+        ray = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin, direction=self.ray(sample))
+        cursor = self.pui.cursor(ray)
+        if cursor is not None:
+            self.cursors.append(cursor)
+            lights.on_cursor("anna", cursor, self.now_ns)
+        frame = lights.frame(self.now_ns)
+        assert frame is not None
+        self.person.see(self.now_ns, frame)
 
     def ray(self, sample: ImuSample) -> Vec3:
         """Return the direction from the eyes over the finger in {H}, for a body as it usually is."""

@@ -1,25 +1,26 @@
 """Whatever valid messages others put on the bus, a simulated person lives on."""
 
+from typing import Literal
+
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import (
-    Cursor,
     Environment,
-    Interaction,
+    Feedback,
     LampColor,
-    Localization,
     Message,
-    Selection,
+    StripsFrame,
     TrackedObjects,
+    UserProfile,
 )
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 from tests.unit.schemas.strategies import messages
 
 S = 1_000_000_000
-KINDS = (Cursor, Environment, Interaction, LampColor, Localization, Selection, TrackedObjects)
+KINDS = (Environment, Feedback, LampColor, StripsFrame, TrackedObjects, UserProfile)
 
 
 def met(message: Message) -> Message:
@@ -32,28 +33,31 @@ def met(message: Message) -> Message:
             strips = [strip.model_copy(update={"id": "s"}) for strip in message.strips]
             lamps = [lamp.model_copy(update={"id": "a"}) for lamp in message.lamps]
             return message.model_copy(update={"strips": tuple(strips), "lamps": tuple(lamps)})
+        case StripsFrame():
+            frames = [frame.model_copy(update={"id": "s"}) for frame in message.strips]
+            return message.model_copy(update={"strips": tuple(frames)})
         case _:
             return message
 
 
 anything: st.SearchStrategy[Message] = st.one_of([messages(kind) for kind in KINDS]).map(met)
-states = st.sampled_from(["localizing", "pointing"])
+cues: st.SearchStrategy[Literal["target", "started"]] = st.sampled_from(["target", "started"])
 names = st.sampled_from(["a", "b"])
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.tuples(anything, names, st.floats(-5.0, 5.0), st.booleans()), max_size=12),
-    st.sampled_from(["select", "strips"]),
-    states,
+    st.sampled_from(["select", "strips", "lamps", "random"]),
+    cues,
 )
 def test_no_message_ends_a_person(
-    seen: list[tuple[Message, str, float, bool]], behaviour: str, state: str
+    seen: list[tuple[Message, str, float, bool]], behaviour: str, cue: Literal["target", "started"]
 ) -> None:
     config = UserSimConfig.model_validate({"behaviour": behaviour, "target_kinds": ("red",)})
     person = Person(config, "a", np.random.default_rng(1))
     now_ns = 1_700_000_000 * S
-    person.see(now_ns, Interaction.model_validate({"stamp_ns": 0, "state": state}))
+    person.see(now_ns, Feedback(stamp_ns=0, cue=cue))
     for message, name, passed_s, is_now in seen:
         now_ns += round(passed_s * S)
         stamp_ns = now_ns if is_now else message.stamp_ns

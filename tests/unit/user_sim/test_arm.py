@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.aim import Aim
-from pointit.services.user_sim.arm import Arm, Unrest, fading
+from pointit.services.user_sim.arm import Arm, fading
 from pointit.services.user_sim.config import ArmConfig
+from pointit.services.user_sim.unrest import Unrest
 
 STILL = ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0)
 
@@ -93,8 +94,37 @@ def test_unrest_is_as_measured_whatever_the_rate(rate_hz: float) -> None:
     samples = np.degrees([unrest.at(round(i / rate_hz * NS_PER_S)) for i in range(int(400 * rate_hz))])
     assert samples.std(axis=0) == pytest.approx([0.25, 0.16], rel=0.1)
     lag = round(0.3 * rate_hz)
-    for axis in samples.T:
-        assert np.corrcoef(axis[:-lag], axis[lag:])[0, 1] == pytest.approx(math.exp(-1), abs=0.1)
+    for axis in samples.T:  # of two poles, 0.3 and 0.1 s
+        assert np.corrcoef(axis[:-lag], axis[lag:])[0, 1] == pytest.approx(0.53, abs=0.1)
+
+
+def test_most_of_the_unrest_is_slow() -> None:
+    """65 % of the variance below 0.5 Hz, 17 % up to 1, 14 % up to 2, < 4 % up to 4, < 1 % up to 8 Hz."""
+    unrest = Unrest(ArmConfig(tremor_rms_deg=0.0), np.random.default_rng(3))
+    samples = np.array([unrest.at(i * NS_PER_S // 50) for i in range(50 * 1000)])[:, 0]
+    power = np.abs(np.fft.rfft(samples - samples.mean())) ** 2
+    hz = np.fft.rfftfreq(len(samples), 0.02)
+    shares = [
+        power[(hz >= low) & (hz < high)].sum() / power.sum()
+        for low, high in ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
+    ]
+    assert shares == pytest.approx([0.65, 0.17, 0.14, 0.035, 0.005], abs=0.08)
+
+
+def test_some_holds_are_steadier_than_others_and_the_skilled_are_steadier() -> None:
+    def sds(skill: float) -> list[float]:
+        unrest = Unrest(ArmConfig(tremor_rms_deg=0.0), np.random.default_rng(5), skill)
+        found: list[float] = []
+        for hold in range(150):
+            unrest.draw()
+            at = [unrest.at((hold * 500 + i) * NS_PER_S // 50) for i in range(500)]
+            found.append(float(np.degrees(np.std([yaw for yaw, _ in at[150:]]))))
+        return found
+
+    usual = sds(0.0)
+    assert np.median(usual) == pytest.approx(0.25, abs=0.08)
+    assert 0.6 < np.quantile(usual, 0.9) < 1.3  # 1.07 in the recordings
+    assert np.median(sds(1.0)) == pytest.approx(0.5 * float(np.median(usual)), rel=0.1)
 
 
 def test_tremor_lies_between_6_and_12_hz() -> None:

@@ -1,11 +1,12 @@
 """What the person does when the localizer asks, and when they ask it to: open loop, at any time."""
 
 import math
+from typing import Literal
 
 import pytest
 
 from pointit.geometry import vector
-from pointit.schemas import NS_PER_S, Cursor
+from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import AimConfig, UserSimConfig
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
 
@@ -18,43 +19,37 @@ def changed(**fields: object) -> UserSimConfig:
 
 
 @pytest.mark.parametrize("state", ["idle", "localizing", "pointing"])
-def test_an_anchors_lamp_is_pointed_at_in_every_state(state: str) -> None:
-    life = Life(STRIPS)
-    life.state(state)
-    life.run(1.0)
-    life.localization("led_2", purpose="anchor")
-    assert life.error_rad(life.run(3.0), LED_2) < 1e-6
-    assert not life.person.goal.closed_loop
-    life.localization("led_2", phase="solved", purpose="anchor")
-    life.run(1.0)
-    assert life.person.goal.key == {"idle": "rest", "localizing": "lamp led_2", "pointing": "strips"}[state]
-
-
-@pytest.mark.parametrize(("state", "turns"), [("idle", True), ("localizing", True), ("pointing", False)])
-def test_a_robot_is_not_followed_for_ever_by_who_points_at_things_of_their_own(
-    *, state: str, turns: bool
+def test_an_anchors_lamp_is_pointed_at_in_every_state(
+    state: Literal["idle", "localizing", "pointing"],
 ) -> None:
     life = Life(STRIPS)
     life.state(state)
-    life.before_step = lambda: life.objects(thing("robot", "robot", 2.0))
-    life.localization("robot")
     life.run(1.0)
-    assert (life.person.goal.key == "object robot") is turns
-
-
-def test_a_lamp_that_the_own_localizer_lights_is_pointed_at_while_pointing() -> None:
-    life = Life(STRIPS)
-    life.state("pointing")
-    life.localization("led_2")
+    life.cue("target", target="led_2")
     assert life.error_rad(life.run(3.0), LED_2) < 1e-6
+    assert not life.person.goal.closed_loop
+    life.cue("localized")
+    life.run(1.0)
+    assert life.person.goal.key == {"idle": "rest", "localizing": "rest", "pointing": "strips 0"}[state]
+
+
+def test_a_moving_robot_is_followed_when_asked() -> None:
+    life = Life(STRIPS)
+    life.state("localizing")
+    life.before_step = lambda: life.objects(thing("robot", "robot", 2.0))
+    life.cue("target", target="robot")
+    life.run(1.0)
+    assert life.person.goal.key == "object robot"
+    assert not life.person.goal.closed_loop
 
 
 def test_who_does_not_mind_the_lamp_lets_the_arm_hang() -> None:
     life = Life(changed(points_when_asked=False))
     life.state("localizing")
-    life.localization("led_2")
+    life.cue("target", target="led_2")
     assert vector.elevation(life.ray(life.run(3.0))) < math.radians(-60.0)
-    life.localization("led_2", purpose="anchor")
+    life.state("pointing")
+    life.cue("target", target="led_2")
     life.run(1.0)
     assert life.person.goal.key == "rest"
 
@@ -62,19 +57,8 @@ def test_who_does_not_mind_the_lamp_lets_the_arm_hang() -> None:
 def show_cursor_off(life: Life, off_rad: float) -> None:
     """Show at every step the cursor `off_rad` to the left of where the person points."""
     target = thing("a", "red", 2.0)
-
-    def show() -> None:
-        life.objects(target)
-        if life.now_ns > NS_PER_S // 10:
-            assert life.last is not None
-            direction = vector.turn(life.ray(life.last), off_rad)
-            point = vector.add(life.eyes_m, vector.scale(direction, 3.0))
-            life.person.see(
-                life.now_ns,
-                Cursor(stamp_ns=life.now_ns, surface="strip", surface_id="0", point_m=point),
-            )
-
-    life.before_step = show
+    life.light(off_rad=off_rad)
+    life.before_step = lambda: life.objects(target)
 
 
 def test_what_a_cursor_taught_is_not_carried_to_a_lamp_without_one() -> None:
@@ -84,7 +68,7 @@ def test_what_a_cursor_taught_is_not_carried_to_a_lamp_without_one() -> None:
     azimuth = vector.azimuth(life.ray(life.run(6.0)))
     straight = vector.subtract(thing("a", "red", 2.0).position_m, life.eyes_m)
     assert math.degrees(azimuth - vector.azimuth(straight)) == pytest.approx(-15.0, abs=1.0)
-    life.localization("led_2", purpose="anchor")
+    life.cue("target", target="led_2")
     assert life.error_rad(life.run(3.0), LED_2) < 1e-6
 
 
@@ -132,9 +116,9 @@ def test_an_anchor_every_minute() -> None:
     life.run(4.0)
     for _ in range(3):
         life.run(56.5)
-        life.localization("led_2", purpose="anchor")
+        life.cue("target", target="led_2")
         life.run(3.5)
-        life.localization("", phase="solved", purpose="anchor")
+        life.cue("localized")
     assert [round(at_ns / NS_PER_S) for at_ns in life.doubles] == [90, 150, 210]
     assert life.now_ns == round(214.0 * NS_PER_S)
     assert life.presses == []
@@ -148,7 +132,7 @@ def test_an_anchor_every_minute() -> None:
 def test_no_second_anchor_is_asked_for_while_one_goes_on() -> None:
     life = Life(changed(anchor_every_s=5.0))
     life.state("pointing")
-    life.localization("led_2", purpose="anchor")
+    life.cue("target", target="led_2")
     life.run(20.0)
     assert life.doubles == []
 
@@ -164,7 +148,7 @@ def test_a_given_bias_is_the_persons_whatever_their_skill() -> None:
         )
         life = Life(changed(aim=aim))
         life.state("localizing")
-        life.localization("led_2")
+        life.cue("target", target="led_2")
         azimuth, elevation = life.error(life.run(3.0), LED_2)
         assert azimuth == pytest.approx(0.0, abs=0.01)
         assert elevation == pytest.approx(10.0, abs=0.01)
@@ -174,6 +158,6 @@ def test_an_anchor_may_be_a_thing_that_moves() -> None:
     life = Life(STRIPS)
     life.state("pointing")
     life.before_step = lambda: life.objects(thing("robot", "robot", 2.0))
-    life.localization("robot", purpose="anchor")
+    life.cue("target", target="robot")
     life.run(1.0)
     assert life.person.goal.key == "object robot"

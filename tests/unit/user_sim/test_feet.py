@@ -42,7 +42,7 @@ def test_no_step_is_a_jump() -> None:
 def test_the_person_points_from_where_they_stand() -> None:
     life = Life(PRECISE.model_copy(update={"stance_shift_sd_m": 0.3, "stance_shift_every_s": 2.0}))
     life.state("localizing")
-    life.localization("led_2")
+    life.cue("target", target="led_2")
     life.run(3.0)
     errors = [life.error_rad(life.run(0.5), ROOM.lamps[1].position_m) for _ in range(40)]
     assert np.degrees(np.ptp(errors)) > 1.0  # `life` reckons from the place itself

@@ -6,13 +6,15 @@ from pointit.schemas import (
     FARTHEST,
     Belt,
     Environment,
-    Interaction,
+    Feedback,
     Lamp,
     Strip,
+    StripFrame,
+    StripsFrame,
     TrackedObject,
     TrackedObjects,
 )
-from pointit.schemas.topics import IMU, INTERACTION, MAP, OBJECTS
+from pointit.schemas.topics import FEEDBACK, IMU, MAP, OBJECTS, STRIPS_FRAME
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.service import UserSim
 from pointit.services.user_sim.sight import Sight
@@ -20,7 +22,7 @@ from tests.support.bench import ManualClock, memory_bench, until
 
 HUGE = FARTHEST
 S = 1_000_000_000
-POINTING = Interaction(stamp_ns=0, state="pointing")
+POINTING = Feedback(stamp_ns=0, cue="started")
 
 
 def lamp_at(x_m: float) -> Environment:
@@ -48,6 +50,9 @@ async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_jumps(
     point = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     rooms = (
         Environment(stamp_ns=0, name="evil", strips=(Strip(id="s", line_m=point, pixels=1),)),
+        Environment(
+            stamp_ns=0, name="evil", strips=(Strip(id="s", line_m=((0, 0, 0), (HUGE, 0, 0)), pixels=1),)
+        ),
         Environment(stamp_ns=0, name="evil", belts=(Belt(id="s", line_m=((HUGE, 0, 0), (-HUGE, 0, 0))),)),
         lamp_at(HUGE),
     )
@@ -55,9 +60,11 @@ async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_jumps(
         samples = bench.collect(IMU, "anna")
         bench.start(UserSim, UserSimConfig(rate_hz=200.0, behaviour="select", target_kinds=("red",)), "anna")
         await bench.settle()
-        bench.put(INTERACTION, POINTING, "anna")
+        bench.put(FEEDBACK, POINTING, "anna")
         for room in rooms:
             bench.put(MAP, room)
+            frame = StripFrame(id="s", rgb=b"\xff\xff\xff")
+            bench.put(STRIPS_FRAME, StripsFrame(stamp_ns=0, strips=(frame, frame)))
             for surface in ("strip", "none"):
                 bench.put(OBJECTS, thing(surface, stamp_ns=clock.advance(0.5)), "foreign")
                 for jump_s in (0.5, 0.5, -3600.0, 0.1, 7200.0):

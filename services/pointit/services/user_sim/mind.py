@@ -44,7 +44,7 @@ class Mind:
         if now_ns < self._next_ns <= now_ns + self._period_ns:
             return
         self._next_ns = now_ns + self._period_ns
-        if goal.closed_loop:
+        if self.belief.state == "pointing":
             self._look(now_ns, goal)
 
     def _look(self, now_ns: int, goal: Goal) -> None:
@@ -53,19 +53,25 @@ class Mind:
             return
         self._frame_ns = frame_ns
         self._looks += 1
-        objects = self._sight.objects(now_ns)
-        expected_m = self._correction.expected_m(frame_ns, goal)
-        eyes = self._sight.eyes
-        self.cursor = eyes.cursor(goal.kind, expected_m, _spans(objects, frame_ns))
-        if self.cursor is not None:
-            self._cursor_ns = frame_ns
-            self._correction.see(self.cursor.point_m, frame_ns, goal)
         is_round = self._looks % ROUND == 0
+        if not is_round and not goal.closed_loop:
+            return
+        objects = self._sight.objects(now_ns)
+        eyes = self._sight.eyes
+        if goal.closed_loop:
+            self._find_cursor(frame_ns, goal, objects)
         for seen in objects:
             key = seen.key
             if key is not None and (is_round or seen.thing.id == goal.object_id):
                 looks = eyes.looks(seen.thing.kind, key, seen.along_m(frame_ns), seen.thing.length_m)
                 self.things.see(seen.thing.id, looks, now_ns)
+
+    def _find_cursor(self, frame_ns: int, goal: Goal, objects: list[SeenObject]) -> None:
+        expected_m = self._correction.expected_m(frame_ns, goal)
+        self.cursor = self._sight.eyes.cursor(goal.kind, expected_m, _spans(objects, frame_ns))
+        if self.cursor is not None:
+            self._cursor_ns = frame_ns
+            self._correction.see(self.cursor.point_m, frame_ns, goal)
 
     def _feel(self, cue: str, now_ns: int, goal: Goal) -> None:
         """Know what a cue of selecting was about: what the own cursor is on, else what is pointed at."""

@@ -1,0 +1,97 @@
+"""What the person takes to be going on, from cues alone; and when they press their button for it."""
+
+import pytest
+
+from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
+from pointit.services.user_sim.belief import Belief, State
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.press import Press
+from tests.unit.user_sim.life import PRECISE, Cue, Life
+
+WAIT = "Wait for the target to point at; press the button to cancel."
+Heard = tuple[Cue, str, str]
+STARTED: Heard = ("started", "Point with your arm straight.", "")
+WAITING: Heard = ("started", WAIT, "")
+AT_LED: Heard = ("target", "Point at led_1.", "led_1")
+
+
+def after(*heard: Heard) -> Belief:
+    belief = Belief()
+    for number, (cue, text, target) in enumerate(heard):
+        belief.hear(Feedback(stamp_ns=0, cue=cue, text=text, target_id=target), number * NS_PER_S)
+    return belief
+
+
+@pytest.mark.parametrize(
+    ("heard", "state", "target"),
+    [
+        ((), "idle", ""),
+        ((STARTED,), "pointing", ""),
+        ((WAITING,), "asked", ""),
+        ((WAITING, AT_LED), "asked", "led_1"),
+        ((AT_LED,), "asked", "led_1"),
+        ((WAITING, AT_LED, ("localized", "", "")), "idle", ""),
+        ((WAITING, AT_LED, ("localized", "", ""), STARTED), "pointing", ""),
+        ((WAITING, AT_LED, ("refused", "", "")), "idle", ""),
+        ((STARTED, WAITING, AT_LED, ("localized", "", "")), "pointing", ""),
+        ((STARTED, AT_LED, ("refused", "", "")), "pointing", ""),
+        ((STARTED, AT_LED, ("stopped", "", "")), "pointing", ""),
+        ((STARTED, ("stopped", "", "")), "idle", ""),
+        ((STARTED, ("selected", "", ""), ("refused", "", ""), ("deselected", "", "")), "pointing", ""),
+    ],
+)
+def test_cues_tell_where_one_is(heard: tuple[Heard, ...], state: State, target: str) -> None:
+    belief = after(*heard)
+    assert (belief.state, belief.target) == (state, target)
+
+
+def test_who_queues_knows_it_until_it_is_their_turn() -> None:
+    queuing = after(WAITING, ("target", "Wait: ben is pointing at the lamps, you are next.", ""))
+    assert queuing.is_queuing
+    assert queuing.state == "asked"
+    queuing.hear(Feedback(stamp_ns=0, cue="target", text="Point at led_1.", target_id="led_1"), 0)
+    assert not queuing.is_queuing
+
+
+def test_pointing_counts_from_its_start_through_anchors() -> None:
+    assert after(STARTED, AT_LED, ("localized", "", ""), STARTED).since_ns == 0
+    assert after(STARTED, ("stopped", "", ""), STARTED).since_ns == 2 * NS_PER_S
+
+
+def test_who_hears_of_nobody_presses_all_the_same_and_again() -> None:
+    life = Life(PRECISE)
+    life.run(15.0)
+    assert [round(at_ns / NS_PER_S) for at_ns in life.presses] == [4, 9, 14]
+
+
+def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
+    """Who came late has missed `started`: their press stops it, and the next one starts it again."""
+    life = Life(PRECISE)
+    life.run(4.5)
+    assert len(life.presses) == 1
+    life.cue("stopped")
+    life.run(6.0)
+    assert len(life.presses) == 2
+    life.cue("started")
+    life.run(20.0)
+    assert len(life.presses) == 2
+
+
+def pressed(press: Press, belief: Belief, from_s: float, to_s: float, *, lost: bool) -> list[ButtonEvent]:
+    events = [
+        press.step(round(step / 10 * NS_PER_S), belief, known_ns=0, lost=lost)
+        for step in range(round(from_s * 10), round(to_s * 10))
+    ]
+    return [event for event in events if event is not None]
+
+
+def test_no_cursor_for_long_makes_the_person_press_and_think_anew() -> None:
+    belief = after(STARTED)
+    press = Press(UserSimConfig())
+    assert pressed(press, belief, 0.0, 20.0, lost=False) == []
+    assert pressed(press, belief, 20.0, 31.8, lost=True) == []
+    (event,) = pressed(press, belief, 31.8, 33.0, lost=True)
+    assert event.gesture == "press"
+    assert belief.state == "idle"
+    never = Press(UserSimConfig(lost_press_s=0.0))
+    assert pressed(never, after(STARTED), 0.0, 100.0, lost=True) == []

@@ -1,0 +1,249 @@
+"""Which thing the person turns to next, what they take back, what they leave to others; lapses."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pointit.schemas import (
+    NS_PER_S,
+    Bay,
+    Belt,
+    BeltLink,
+    Environment,
+    Hover,
+    Lamp,
+    SelectedObject,
+    Selection,
+    TrackedObject,
+    TrackedObjects,
+    UserProfile,
+)
+from pointit.services.led_driver.lights import Lights
+from pointit.services.user_sim.config import MindConfig, UserSimConfig
+from pointit.services.user_sim.pace import Pace
+from pointit.services.user_sim.sight import SeenObject, Sight
+from tests.unit.user_sim.life import PRECISE, Life, thing
+
+GREEN, PINK = (0, 158, 115), (204, 121, 167)
+
+
+def at_work(*, lit: bool = False) -> Life:
+    life = Life(PRECISE)
+    life.state("pointing")
+    if lit:
+        life.light(profile=UserProfile(stamp_ns=0, cursor_color=GREEN))
+    return life
+
+
+def choice(life: Life, duration_s: float = 1.0) -> str:
+    life.run(duration_s)
+    return life.person.goal.key
+
+
+def select(life: Life, **owners: str) -> None:
+    assert life.lights is not None
+    life.lights.on_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
+    objects = tuple(SelectedObject(id=name, user=user, since_ns=0) for name, user in owners.items())
+    life.lights.on_selection(Selection(stamp_ns=0, objects=objects))
+
+
+def test_the_red_object_that_leaves_first_is_chosen_but_not_one_beyond_reach() -> None:
+    life = at_work()
+    life.before_step = lambda: life.objects(
+        thing("gone", "red", 4.9, 0.25),
+        thing("second", "red", 1.5, 0.25),
+        thing("first", "red", 2.5, 0.25),
+        thing("blue", "blue", 3.0, 0.25),
+    )
+    assert choice(life) == "object first"
+    life.cue("selected")  # felt, while pointing at it
+    assert choice(life) == "object second"
+    life.cue("selected")
+    assert choice(life) == "rest"
+    life.cue("deselected")
+
+
+@pytest.mark.parametrize(("along_m", "speed_mps"), [(0.0, 0.1), (5.0, -0.1)])
+def test_an_object_that_is_still_coming_in_is_waited_for(along_m: float, speed_mps: float) -> None:
+    life = at_work()
+    life.before_step = lambda: life.objects(
+        thing("a", "red", along_m + speed_mps * life.now_ns / NS_PER_S, speed_mps)
+    )
+    assert choice(life, 2.9) == "rest"
+    assert choice(life, 0.6) == "object a"
+
+
+def test_what_is_selected_already_is_seen_and_skipped() -> None:
+    life = at_work(lit=True)
+    life.before_step = lambda: life.objects(thing("r", "red", 1.0), thing("s", "red", 4.0))
+    first, other = {"object r": ("r", "s"), "object s": ("s", "r")}[choice(life)]
+    select(life, **{other: "ben"})
+    life.run(1.0)
+    select(life, **{other: "ben", first: "anna"})
+    life.cue("selected")
+    assert choice(life, 3.0) == "rest"
+    select(life, **{other: "ben"})
+    assert choice(life, 3.0) == f"object {first}"  # it was not selected after all
+
+
+def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_left() -> None:
+    life = at_work(lit=True)
+    life.before_step = lambda: life.objects(
+        thing("b", "blue", 2.0), thing("o", "blue", 3.0), thing("r", "red", 1.0), thing("t", "red", 4.5)
+    )
+    life.run(2.0)
+    select(life, r="ben", t="ben", b="anna", o="ben")
+    keys = {choice(life, 0.5) for _ in range(12)}
+    assert "object b" in keys
+    assert "object o" not in keys
+    assert choice(life, 4.0) == "object b"
+
+
+def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go() -> None:
+    life = at_work(lit=True)
+    life.before_step = lambda: life.objects(thing("r", "red", 1.0))
+    assert choice(life) == "object r"
+    assert life.lights is not None
+    lights: Lights = life.lights
+    lights.on_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
+
+    def ben_holds() -> None:
+        life.objects(thing("r", "red", 1.0))
+        hover = Hover(stamp_ns=life.now_ns, object_id="r", progress=0.1, action="select")
+        lights.on_hover("ben", hover, life.now_ns)
+
+    life.before_step = ben_holds
+    assert choice(life, 2.0) == "rest"
+    assert {choice(life, 0.2) for _ in range(5)} == {"rest"}
+
+
+def test_an_object_that_cannot_be_selected_is_given_up_for_a_while() -> None:
+    life = at_work()
+    life.before_step = lambda: life.objects(thing("a", "red", 2.0), thing("b", "red", 1.0))
+    first = choice(life)
+    second = choice(life, PRECISE.give_up_s + 0.2)
+    assert {first, second} == {"object a", "object b"}
+    assert choice(life, PRECISE.give_up_s + 0.2) == first
+
+
+def test_what_is_refused_is_somebody_elses() -> None:
+    life = at_work()
+    life.before_step = lambda: life.objects(thing("a", "red", 2.0))
+    assert choice(life) == "object a"
+    life.cue("refused", text="red is selected by ben")
+    assert choice(life) == "rest"
+
+
+HALL = Environment(
+    stamp_ns=0,
+    name="hall",
+    belts=(
+        Belt(id="in", line_m=((0.0, 0.0, 1.0), (4.0, 0.0, 1.0))),
+        Belt(id="on", line_m=((4.0, 0.0, 1.0), (4.0, 6.0, 1.0))),
+        Belt(id="off", line_m=((4.0, 2.0, 1.0), (2.0, 2.0, 1.0))),
+    ),
+    links=(
+        BeltLink(source="in", target="on"),
+        BeltLink(source="on", source_position_m=2.0, target="off"),
+    ),
+    bays=(Bay(id="1", belt="off"), Bay(id="3", belt="on")),
+)
+
+
+def on_belt(belt: str, along_m: float) -> SeenObject:
+    package = TrackedObject(
+        id="p",
+        kind="red",
+        position_m=(0.0, 0.0, 1.0),
+        length_m=0.4,
+        surface="belt",
+        surface_id=belt,
+        surface_position_m=along_m,
+        surface_speed_mps=0.5,
+    )
+    return SeenObject(package, 0)
+
+
+@pytest.mark.parametrize(
+    ("deadlines", "belt", "along_m", "left_s"),
+    [
+        ({}, "in", 1.0, (3.0 + 2.0) / 0.5),
+        ({}, "on", 1.0, 1.0 / 0.5),
+        ({}, "on", 3.0, -1.0 / 0.5),
+        ({}, "off", 0.5, 1.5 / 0.5),
+        ({"on": 1.2}, "in", 1.0, (3.0 + 1.2) / 0.5),
+        ({"in": 3.0}, "in", 1.0, 2.0 / 0.5),
+        ({"in": 3.0}, "on", 1.0, 5.0 / 0.5),
+    ],
+)
+def test_time_is_left_until_the_point_of_no_return(
+    deadlines: dict[str, float], belt: str, along_m: float, left_s: float
+) -> None:
+    sight = Sight(0.0, deadlines)
+    sight.show(0, HALL)
+    sight.look(0)
+    assert sight.time_left_s(on_belt(belt, along_m), 0) == pytest.approx(left_s)
+    assert sight.has_come(on_belt("on", 0.1), 0)  # it was on another belt before
+    assert not sight.has_come(on_belt("in", 0.1), 0)
+
+
+def clumsy(share: float, skill: float = 0.0) -> UserSimConfig:
+    mind = MindConfig(lapse_share=share)
+    aim = PRECISE.aim.model_copy(update={"skill": skill})
+    return PRECISE.model_copy(update={"mind": mind, "aim": aim})
+
+
+def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None:
+    keys: dict[float, str] = {}
+    for skill in (0.0, 1.0):
+        life = Life(clumsy(1.0, skill))
+        life.state("pointing")
+        life.before_step = lambda life=life: life.objects(thing("a", "red", 2.0), thing("b", "blue", 2.5))  # type: ignore[misc]
+        keys[skill] = choice(life, 1.3)
+    assert keys == {0.0: "object b", 1.0: "object a"}
+
+
+def test_finding_takes_longer_among_more_and_the_skilled_are_quicker() -> None:
+    def usual_s(items: int, choices: int, skill: float) -> float:
+        pace = Pace(UserSimConfig(), skill, np.random.default_rng(1))
+        return float(np.median([pace.find_s(items, choices) for _ in range(400)]))
+
+    assert usual_s(3, 1, 0.0) == pytest.approx(0.15 + 3 * 0.03 + 0.15, rel=0.1)
+    assert usual_s(9, 3, 0.0) == pytest.approx(0.15 + 9 * 0.03 + 0.30, rel=0.1)
+    assert usual_s(9, 3, 1.0) == pytest.approx(0.7 * usual_s(9, 3, 0.0), rel=0.05)
+
+
+def test_people_whose_skill_is_not_given_differ() -> None:
+    config = PRECISE.model_copy(update={"aim": PRECISE.aim.model_copy(update={"skill": None})})
+    assert len({Life(config, seed).person.skill for seed in range(6)}) == 6
+
+
+def test_lamp_by_lamp_round_and_round() -> None:
+    life = Life(PRECISE.model_copy(update={"behaviour": "lamps"}))
+    life.state("pointing")
+    keys = [choice(life, 0.5) for _ in range(40)]
+    changes = [after for before, after in pairwise(keys) if after not in (before, "rest")]
+    assert len(changes) > 4
+    assert all(before != after for before, after in pairwise(changes))
+    assert set(changes) == {"lamp led_1", "lamp led_2"}
+
+
+def test_at_random_means_at_things_lamps_and_strips() -> None:
+    life = Life(PRECISE.model_copy(update={"behaviour": "random", "lamp_hold_s": 0.2}))
+    life.state("pointing")
+    life.before_step = lambda: life.objects(thing("a", "red", 2.0))
+    kinds = {choice(life, 0.5).split()[0] for _ in range(120)}
+    assert {"object", "lamp", "strip"} <= kinds
+
+
+def test_in_an_empty_room_everybody_rests() -> None:
+    for behaviour in ("lamps", "strips", "select", "random"):
+        life = Life(PRECISE.model_copy(update={"behaviour": behaviour}))
+        life.person.see(0, Environment(stamp_ns=0, name="empty"))
+        life.state("pointing")
+        assert choice(life, 2.0) == "rest"
+        lamp = Lamp(id="l", position_m=(3.0, 0.0, 0.0))
+        life.person.see(life.now_ns, Environment(stamp_ns=0, name="a lamp", lamps=(lamp,)))
+        life.person.see(life.now_ns, TrackedObjects(stamp_ns=life.now_ns))
+        assert choice(life, 2.0) == ("lamp l" if behaviour in ("lamps", "random") else "rest")

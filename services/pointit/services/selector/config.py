@@ -25,6 +25,11 @@ class GaugeConfig(Config):
         le=1.5,
         description="an object is hovered this far beside its half width, degrees at the eyes",
     )
+    aim: Literal["cursor", "ray"] = Field(
+        default="cursor",
+        description="what angles are taken from: the cursor as it is shown on a strip or belt (people see "
+        "and correct no error across it), or always the ray itself",
+    )
     closer: float = Field(
         default=0.3,
         ge=0,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.services.selector.lines import Lines
-from pointit.services.selector.view import OnLine, Seen, View
+from pointit.services.selector.view import LINES, OnLine, Seen, View
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ class Scene:
         display_lag_s: float = 0.0,
         reach_rad: float = math.radians(10.0),
         leave: float = 1.5,
+        aim: Literal["cursor", "ray"] = "cursor",
     ) -> None:
         """Begin with an empty room.
 
@@ -48,11 +50,15 @@ class Scene:
             display_lag_s: at t people see an object where it was that much earlier.
             reach_rad: objects are near a ray within this beside `leave` times their half width.
             leave: see there.
+            aim: angles are taken from the ray; with `cursor`, where that is on a line, from the direction
+                in which it is shown. A line shows nothing of how far the ray passes beside it, so people
+                cannot correct that: their ray may pass by degrees while the light is on the object.
         """
         self._stale_s = stale_after_s
         self._lag_s = display_lag_s
         self._reach_rad = reach_rad
         self._leave = leave
+        self._aims_at_cursor = aim == "cursor"
         self._lines = Lines({})
         self._listings: dict[str, TrackedObjects] = {}
         self._set([], [])
@@ -94,7 +100,11 @@ class Scene:
             centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
         reach_m = centers_m - cursor.origin_m
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + NEAREST_M * NEAREST_M
-        angles = np.arccos(np.minimum(reach_m @ direction / ranges_m, 1.0))
+        aim = direction
+        if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
+            shown = vector.subtract(cursor.point_m, cursor.origin_m)
+            aim = vector.normalized(shown) if vector.norm(shown) > NEAREST_M else direction
+        angles = np.arccos(np.minimum(reach_m @ aim / ranges_m, 1.0))
         near = (angles <= self._leave * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
         if len(near) > MOST_SEEN:
             near = near[angles[near].argpartition(MOST_SEEN)[:MOST_SEEN]]

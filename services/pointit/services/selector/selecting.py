@@ -58,6 +58,7 @@ class Selecting:
                 max(config.gauge.sparse_deg, 4.0 * config.gauge.aim_sigma_deg, 4.0 * config.gauge.snap_deg)
             ),
             leave=config.gauge.leave,
+            aim=config.gauge.aim,
         )
         self._presences = Presences(config.ownerless_after_s)
         self._ledger = Ledger(self._presences.is_gone, undo_steps=config.undo_steps)
@@ -236,7 +237,7 @@ class Selecting:
             is_selected=object_id in self._ledger.entries,
             snapped_m=None if snapped is None else snapped[0],
             snapped_position_m=None if snapped is None else snapped[1],
-            miss_rad=None if view is None else view.miss_rad(object_id),
+            miss_rad=None if view is None else view.miss_rad(object_id, cursor),
         )
 
     def _act(self, user: str, object_id: str, now_ns: int, cause: Cause, view: View | None) -> list[Output]:

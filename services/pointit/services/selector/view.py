@@ -31,7 +31,7 @@ class Seen(NamedTuple):
 
     id: str
     angle_rad: float
-    """Between the ray and the direction to its centre."""
+    """To the direction to its centre, from the ray or from the direction in which the cursor is shown."""
     half_rad: float
     """Its half width: half its length along its line, as it appears from the eyes."""
     center_m: Vec3
@@ -82,10 +82,13 @@ class View:
         """Return whether at most one object is within `within_rad` of the ray."""
         return sum(one.angle_rad - one.half_rad < within_rad for one in self._seen.values()) <= 1
 
-    def miss_rad(self, object_id: str) -> float | None:
-        """Return the angle from the ray to the object, 0: on it; none: it is not near."""
+    def miss_rad(self, object_id: str, cursor: Cursor) -> float | None:
+        """Return the angle from the ray itself to the object, 0: on it; none: it is not near."""
         one = self._seen.get(object_id)
-        return None if one is None else max(0.0, one.angle_rad - one.half_rad)
+        if one is None or cursor.origin_m is None:
+            return None
+        reach = vector.subtract(one.center_m, cursor.origin_m)
+        return max(0.0, vector.angle_between(self._direction, reach) - one.half_rad)
 
     def relative_rate(self, object_id: str, rate: tuple[float, float]) -> float:
         """Return how fast a ray that turns at `rate` moves against the object, rad/s at the eyes.

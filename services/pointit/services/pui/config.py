@@ -15,7 +15,7 @@ class PuiConfig(Config):
     map: str = Field(
         default="lab",
         min_length=1,
-        description="name of a shipped map (lab, conveyor, vr_belts), or path of a YAML file from the current directory",
+        description="a shipped map (lab, conveyor, vr_belts), or path of a YAML file from where it is run",
     )
     surfaces: tuple[Kind, ...] = Field(
         default=("strip", "belt"),

@@ -1,14 +1,16 @@
 """The conveyor on a bus: waits for the map, reports objects, answers requests."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
-from pointit.runtime import Context, RefusedError, SimulatedClock
+from pointit.runtime import ConfigError, Context, RefusedError, SimulatedClock
 from pointit.runtime.health import ServiceBus
 from pointit.schemas import (
     AddPackage,
     Belt,
+    BeltLink,
     Environment,
     ResetConveyor,
     SelectedObject,
@@ -30,6 +32,7 @@ from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig
 from pointit.services.conveyor_sim.service import ConveyorSim
 from pointit.services.registry import process
 from tests.support.bench import START_NS, ManualClock, memory_bench, until
+from tests.unit.conveyor_sim.rooms import belt, room
 
 LAB = Environment(
     stamp_ns=1,
@@ -125,6 +128,83 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         assert done.message.startswith("1 ")
         assert lists[-1].objects == ()
         assert (states[-1].fed, states[-1].left, states[-1].speed_mps) == (0, 0, -1.0)
+
+
+FORK = room(
+    [belt("main", (0, 0), (6, 0)), belt("side", (3, 0.3), (3, 3))],
+    [BeltLink(source="main", source_position_m=3.0, target="side")],
+    b1="side",
+    b3="main",
+)
+
+
+async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
+        states = bench.collect(CONVEYOR_STATE)
+        bench.start(ConveyorSim, config(surface="belt", feeder={"sequence": []}))
+        bench.put(MAP, FORK)
+        await until(lambda: bool(lists))
+        names = [(await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red"))).object_id]
+
+        async def pass_time(seconds: int) -> None:
+            for _ in range(2 * seconds):
+                clock.advance(0.5)
+                await until(lambda: lists[-1].stamp_ns == clock.now_ns())
+
+        await pass_time(2)
+        names.append((await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red"))).object_id)
+        await pass_time(5)
+        chosen = tuple(SelectedObject(id=name, user="anna", since_ns=1) for name in names)
+        bench.put(SELECTION, Selection(stamp_ns=1, objects=chosen))
+        await until(lambda: len(events) == 1)
+        assert (events[0].event, events[0].object_id, events[0].user) == ("refused", names[0], "anna")
+        assert {tracked.id: tracked.bay for tracked in lists[-1].objects} == {names[0]: "3", names[1]: "1"}
+        await pass_time(9)
+        assert [(e.event, e.object_id, e.bay) for e in events[1:]] == [
+            ("dispatched", names[0], "3"),
+            ("dispatched", names[1], "1"),
+        ]
+        assert [event.seq for event in events] == [1, 2, 3]
+        assert [(bay.bay, bay.selected) for bay in states[-1].bays] == [("1", 1), ("3", 1)]
+        assert states[-1].refused == 1
+
+
+async def test_belts_get_speeds_of_their_own() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        states = bench.collect(CONVEYOR_STATE)
+        bench.start(ConveyorSim, config(surface="belt"))
+        bench.put(MAP, FORK)
+        await bench.settle()
+        done = await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
+        assert done.message == "side of the conveyor runs at 1.5 m/s"
+        await until(lambda: bool(states[-1].belts))
+        assert [(one.id, one.speed_mps) for one in states[-1].belts] == [("side", 1.5)]
+        assert states[-1].speed_mps == 0.5
+        with pytest.raises(RefusedError, match=r"no lane 'x'; the lanes are main, side"):
+            await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
+
+
+async def test_reports_are_as_bad_as_the_tracker_is_told_to_be() -> None:
+    clock = SimulatedClock(5.0)
+    async with memory_bench(clock) as bench:
+        ages_s: list[float] = []
+        bench.bus.subscribe(
+            OBJECTS, lambda message, _: ages_s.append((clock.now_ns() - message.stamp_ns) / 1e9)
+        )
+        bench.start(ConveyorSim, config(surface="belt", tracking={"latency_s": 0.3}))
+        bench.put(MAP, FORK)
+        await until(lambda: len(ages_s) >= 5)
+        assert min(ages_s) >= 0.3
+
+
+async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    path = tmp_path / "steps.yaml"
+    path.write_text("steps: {1: {speed: 1}}")
+    with pytest.raises(ConfigError, match=r"steps\.yaml.*duration"):
+        ConveyorSim.check(config(schedule=str(path)))
 
 
 async def test_the_same_map_again_changes_nothing_and_another_one_begins_anew() -> None:

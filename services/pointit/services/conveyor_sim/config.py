@@ -1,10 +1,14 @@
 """Parameters of the simulated conveyor."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from pointit.runtime.config import Config
+
+
+def _text(value: object) -> object:
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 class FeederConfig(Config):
@@ -106,7 +110,7 @@ class ConveyorSimConfig(Config):
     schedule_length_m: float = Field(
         default=0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
     )
-    kinds: dict[str, str] = Field(
+    kinds: dict[Annotated[str, BeforeValidator(_text)], str] = Field(
         default={"0": "blue", "1": "red"}, description="what a schedule's numbers of kinds mean"
     )
     feeder_belts: dict[str, str] = Field(
@@ -119,7 +123,6 @@ class ConveyorSimConfig(Config):
         le=86400,
         description="after a restart within this time it goes on with the packages it had, s; 0: never",
     )
-    site: str = Field(default="lab", description="name under which its packages are kept on this machine")
 
     @property
     def longest_fed_m(self) -> float:

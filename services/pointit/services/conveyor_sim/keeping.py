@@ -70,7 +70,7 @@ def forget(site: str) -> bool:
 def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
     """Return what tells maps and configurations apart on which other packages would move."""
     parts = environment.model_dump(include={"belts", "strips", "links", "bays"}, mode="json")
-    settings = config.model_dump(exclude={"rate_hz", "tracking", "resume_within_s", "site"}, mode="json")
+    settings = config.model_dump(exclude={"rate_hz", "tracking", "resume_within_s"}, mode="json")
     text = json.dumps([parts, settings], sort_keys=True)
     if config.schedule:
         with contextlib.suppress(OSError):
@@ -135,17 +135,10 @@ class Keeping:
         Raises:
             NotKeptError: the disk fails; names the file.
         """
+        row = (stamp_ns, seq, mark, json.dumps(snapshot, separators=(",", ":")))
+        untold = [(event.seq, event.model_dump_json(exclude_defaults=True)) for event in events]
         try:
-            with self._file:
-                self._file.execute("DELETE FROM outbox")
-                self._file.execute(
-                    "INSERT OR REPLACE INTO plant VALUES (1, ?, ?, ?, ?)",
-                    (stamp_ns, seq, mark, json.dumps(snapshot, separators=(",", ":"))),
-                )
-                self._file.executemany(
-                    "INSERT INTO outbox VALUES (?, ?)",
-                    [(event.seq, event.model_dump_json(exclude_defaults=True)) for event in events],
-                )
+            self._write(row, untold)
         except sqlite3.Error as error:
             raise self._failure(error) from error
 
@@ -165,6 +158,12 @@ class Keeping:
         """Let go of the file."""
         with contextlib.suppress(sqlite3.Error):
             self._file.close()
+
+    def _write(self, row: tuple[int, int, str, str], untold: Sequence[tuple[int, str]]) -> None:
+        with self._file:
+            self._file.execute("DELETE FROM outbox")
+            self._file.execute("INSERT OR REPLACE INTO plant VALUES (1, ?, ?, ?, ?)", row)
+            self._file.executemany("INSERT INTO outbox VALUES (?, ?)", untold)
 
     def _opened(self) -> sqlite3.Connection:
         try:

@@ -18,9 +18,10 @@ BACK_S = 5.0
 class Memory:
     """Keeps a plant on disk, before its events are told; a disk that fails is a warning, nothing more."""
 
-    def __init__(self, config: ConveyorSimConfig, warnings: Warnings) -> None:
+    def __init__(self, config: ConveyorSimConfig, site: str, warnings: Warnings) -> None:
         """Touch nothing yet."""
         self._config = config
+        self._site = site
         self._warnings = warnings
         self._file: Keeping | None = None
         self._kept_ns = 0
@@ -35,7 +36,7 @@ class Memory:
         if not config.resume_within_s:
             return ()
         try:
-            self._file = Keeping(config.site)
+            self._file = Keeping(self._site)
         except NotKeptError as error:
             self._warnings.warn("kept", str(error))
             return ()

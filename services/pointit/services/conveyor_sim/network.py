@@ -15,6 +15,8 @@ from pointit.schemas import BeltLink
 
 Array = NDArray[np.float64]
 
+APART = math.cos(math.radians(10.0))
+"""Ways that leave one place more apart than this part there."""
 SNAP_M = 1e-3
 """Places on a belt closer together than this are one; a gap shorter than this is none."""
 
@@ -38,6 +40,8 @@ class Piece:
     """Pieces that end where it begins."""
     bay: str = ""
     """The bay at its end."""
+    twins: list[int] = field(default_factory=list[int])
+    """Other pieces that begin where it begins, in its direction: as far as both go they are one way."""
     halves: tuple[float | None, float | None] = (None, None)
     """Of a bridge: arc length on its belt at its start where that is the belt's end, and on its target."""
 
@@ -101,6 +105,9 @@ class Network:
         for piece in self.pieces:
             for following in piece.nexts:
                 self.pieces[following].befores.append(piece.index)
+        for piece in self.pieces:
+            for a in piece.nexts:
+                self.pieces[a].twins = [b for b in piece.nexts if b != a and self._are_twins(a, b)]
         self.entries = [
             belt
             for belt in lines
@@ -167,6 +174,9 @@ class Network:
         )
         leaving.nexts.append(bridge.index)
         self.pieces.append(bridge)
+
+    def _are_twins(self, a: int, b: int) -> bool:
+        return float(self.pieces[a].direction(0.0) @ self.pieces[b].direction(0.0)) > APART
 
     def _front_first(self) -> list[int]:
         order: list[int] = []

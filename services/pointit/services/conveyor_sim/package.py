@@ -33,6 +33,8 @@ class Package:
     """Which way through the zone that is."""
     is_exclusive: bool = False
     """Whether nothing else may be in the zone; else others of the same lane may follow."""
+    turn: int = 0
+    """The last step of the conveyor in which it moved."""
 
     def leave_zone(self) -> None:
         """Be out of the zone."""

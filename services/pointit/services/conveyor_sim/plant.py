@@ -40,8 +40,8 @@ class Plant:
 
     Packages enter with their centre at a belt's start and leave when it passes the end of a belt that leads
     nowhere, or their bay. A belt without links that runs backwards is fed at its end and emptied at its
-    start; one with links holds back at its start what is on it, and is not fed. Without links, where a package is
-    depends on the time alone, not on how often the plant is stepped.
+    start; one with links holds back at its start what is on it, and is not fed. Without links, where a
+    package is depends on the time alone, not on how often the plant is stepped.
     """
 
     def __init__(
@@ -92,8 +92,13 @@ class Plant:
         """Return the time to which it was stepped."""
         return self._now_ns
 
+    @property
+    def speeds(self) -> Mapping[str, float]:
+        """Return how fast each belt runs."""
+        return self._traffic.speeds
+
     def step(self, now_ns: int) -> list[SelectionEvent]:
-        """Go on to `now_ns`; return what left, was dispatched or refused. Time that went back stands still."""
+        """Go on to `now_ns`; return what left, was dispatched, refused. Time that went back stands still."""
         rest_s = max(0, now_ns - self._now_ns) / NS_PER_S
         self._now_ns = now_ns
         events, self._pending = self._pending, []
@@ -237,6 +242,7 @@ class Plant:
         for feeder, (taken, due_s) in zip(self._all_feeders(), kept["feeders"], strict=True):
             feeder.taken, feeder.due_s = taken, due_s
         traffic.restore([Package.again(values) for values in kept["packages"]])
+        dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
 
     def _all_feeders(self) -> Sequence[Feeder]:
         return self._feeders if self._schedule is None else self._schedule.feeders

@@ -55,7 +55,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._plant: Plant | None = None
         self._tracker: Tracker | None = None
         self._mark = ""
-        self._memory = Memory(config, self.bus)
+        self._memory = Memory(config, self.bus.site, self.bus)
         self._is_resumed = False
         self._has_plant = asyncio.Event()
         self._owners: dict[str, str] | None = None

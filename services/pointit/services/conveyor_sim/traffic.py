@@ -107,7 +107,7 @@ class Traffic:
     def _ahead_m(self, piece: Piece, offset_m: float, length_m: float) -> float:
         """Return the room between a package there and the nearest ahead, whichever way it goes."""
         nearest_m = math.inf
-        for start_m, index in self._reach(piece, -offset_m, ahead=True):
+        for start_m, index in self._reach(piece, -offset_m, 0.0, ahead=True):
             for other in self.held[index]:
                 apart_m = start_m + other.offset_m
                 if index == piece.index and start_m == -offset_m and apart_m < 0.0:
@@ -139,6 +139,9 @@ class Traffic:
 
     def _go_on(self, package: Package, elapsed_s: float, passed: list[Package]) -> None:
         """Move `package`, the first of those of its piece that have not moved yet."""
+        if package.turn == self.guard.turn:  # round a ring it comes to a piece whose turn is yet to come
+            return
+        package.turn = self.guard.turn
         pieces = self.network.pieces
         while True:
             piece = pieces[package.piece]
@@ -180,16 +183,25 @@ class Traffic:
 
     def _limit(self, package: Package, piece: Piece, wanted_m: float) -> tuple[float, float]:
         """Return how far the next package on its way lets `package` go, and the speed of that one."""
-        held = self.held[piece.index]
-        following = held.index(package) + 1
-        if following < len(held):
-            ahead = held[following]
-            return ahead.offset_m - (package.length_m + ahead.length_m) / 2.0, ahead.speed_mps
+        if piece.twins:
+            limit = self._twin_limit(package, piece, package.offset_m, 0.0)
+            if limit is not None:
+                return limit
+        else:
+            held = self.held[piece.index]
+            following = held.index(package) + 1
+            if following < len(held):
+                ahead = held[following]
+                return ahead.offset_m - (package.length_m + ahead.length_m) / 2.0, ahead.speed_mps
         start_m = piece.length_m
         reach_m = wanted_m + (package.length_m + self._most_m) / 2.0
         for index in self._route(package):
             if start_m > reach_m:
                 break
+            if self.network.pieces[index].twins:
+                limit = self._twin_limit(package, self.network.pieces[index], -1.0, start_m)
+                if limit is not None:
+                    return limit
             for ahead in self.held[index]:
                 if ahead is package:  # round a ring: it follows itself
                     break
@@ -197,6 +209,22 @@ class Traffic:
                 return start_m + ahead.offset_m - apart_m, ahead.speed_mps
             start_m += self.network.pieces[index].length_m
         return math.inf, 0.0
+
+    def _twin_limit(
+        self, package: Package, piece: Piece, beyond_m: float, start_m: float
+    ) -> tuple[float, float] | None:
+        """Return the limit by the nearest one beyond `beyond_m` of `piece`, `start_m` ahead, or its twins."""
+        nearest: Package | None = None
+        for index in (piece.index, *piece.twins):
+            for other in self.held[index]:
+                if other is not package and other.offset_m > beyond_m:
+                    if nearest is None or other.offset_m < nearest.offset_m:
+                        nearest = other
+                    break
+        if nearest is None:
+            return None
+        apart_m = (package.length_m + nearest.length_m) / 2.0
+        return start_m + nearest.offset_m - apart_m, nearest.speed_mps
 
     def _gated(self, package: Package, piece: Piece, to_m: float) -> tuple[float, bool]:
         """Return how far zones let `package` go towards `to_m`, and whether one stops it."""
@@ -240,6 +268,9 @@ class Traffic:
 
     def _go_back(self, package: Package, distance_m: float, passed: list[Package]) -> None:
         """Move `package` back by the negative `distance_m`; those behind it have moved already."""
+        if package.turn == self.guard.turn:  # it has only just come, from a belt that runs forwards
+            return
+        package.turn = self.guard.turn
         while True:
             piece = self.network.pieces[package.piece]
             held = self.held[piece.index]
@@ -251,7 +282,7 @@ class Traffic:
                 behind = held[mine - 1]
                 room_m = package.offset_m - behind.offset_m - (package.length_m + behind.length_m) / 2.0
             else:
-                room_m = self._behind_m(piece, package.offset_m, package.length_m, package)
+                room_m = self._behind_m(piece, package.offset_m, package.length_m, package, -distance_m)
             to_m = max(wanted_m, package.offset_m - max(0.0, room_m))
             to_m = self._gated_back(package, piece, before, to_m)
             if to_m >= 0.0 or (before is None and piece.belt in self.network.linked):
@@ -286,11 +317,16 @@ class Traffic:
         return to_m
 
     def _behind_m(
-        self, piece: Piece, offset_m: float, length_m: float, package: Package | None = None
+        self,
+        piece: Piece,
+        offset_m: float,
+        length_m: float,
+        package: Package | None = None,
+        further_m: float = 0.0,
     ) -> float:
         """Return the room between a package there and the nearest behind, whichever way it came."""
         nearest_m = math.inf
-        for start_m, index in self._reach(piece, offset_m, ahead=False):
+        for start_m, index in self._reach(piece, offset_m, further_m, ahead=False):
             ending_m = self.network.pieces[index].length_m
             for other in reversed(self.held[index]):
                 is_here = index == piece.index and start_m == offset_m
@@ -301,12 +337,14 @@ class Traffic:
                 break
         return nearest_m
 
-    def _reach(self, piece: Piece, start_m: float, *, ahead: bool) -> list[tuple[float, int]]:
+    def _reach(
+        self, piece: Piece, start_m: float, further_m: float, *, ahead: bool
+    ) -> list[tuple[float, int]]:
         """Return the pieces that begin (or end) within reach of a place on `piece`, and how far from it.
 
         Of the first, `piece` itself, `start_m` as given.
         """
-        reach_m = self._most_m
+        reach_m = self._most_m + further_m
         pieces = self.network.pieces
         found = [(start_m, piece.index)]
         waiting = [(start_m + piece.length_m if ahead else start_m, piece.index)]

@@ -1,0 +1,138 @@
+"""Rooms with belts by hand, and what must hold in every one of them."""
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Bay, Belt, BeltLink, Environment, TrackedObject
+from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.plant import Plant
+
+S = 1_000_000_000
+CHORD_M = 2e-3
+"""How much nearer to each other packages in a curve are than along it."""
+
+
+def belt(name: str, *points: tuple[float, float]) -> Belt:
+    return Belt(id=name, line_m=tuple((x, y, 1.0) for x, y in points))
+
+
+def room(belts: Sequence[Belt], links: Sequence[BeltLink] = (), **bays: str) -> Environment:
+    return Environment(
+        stamp_ns=1,
+        name="hall",
+        belts=tuple(belts),
+        links=tuple(links),
+        bays=tuple(Bay(id=name[1:], belt=to) for name, to in bays.items()),
+    )
+
+
+def lanes(*lengths_m: float) -> Environment:
+    return room(
+        [belt(str(index), (0.0, 2.0 * index), (long, 2.0 * index)) for index, long in enumerate(lengths_m)]
+    )
+
+
+CHAIN = room(
+    [belt("a", (0, 0), (2, 0)), belt("b", (2.01, 0), (5, 0)), belt("c", (5.2, 0), (5.2, 3))],
+    [BeltLink(source="a", target="b"), BeltLink(source="b", target="c")],
+)
+"""One after the other, the last round a corner."""
+
+FORK = room(
+    [belt("main", (0, 0), (6, 0)), belt("side", (3, 0.3), (3, 3)), belt("late", (4.5, -0.3), (4.5, -3))],
+    [
+        BeltLink(source="main", source_position_m=3.0, target="side"),
+        BeltLink(source="main", source_position_m=4.5, target="late"),
+    ],
+    b1="side",
+    b2="late",
+    b3="main",
+)
+"""Two diverters on a straight belt."""
+
+MERGE = room(
+    [belt("main", (0, 0), (6, 0)), belt("left", (2, 3), (2, 0.3)), belt("slant", (1.5, -2.5), (4, -0.2))],
+    [
+        BeltLink(source="left", target="main", target_position_m=2.0),
+        BeltLink(source="slant", target="main", target_position_m=4.2),
+    ],
+    b3="main",
+)
+"""Three belts into one, one of them at a narrow angle."""
+
+RING = room(
+    [
+        belt("south", (0, 0), (4, 0)),
+        belt("east", (4.2, 0.2), (4.2, 4)),
+        belt("north", (4, 4.2), (0, 4.2)),
+        belt("west", (-0.2, 4), (-0.2, 0.2)),
+        belt("in", (2, -3), (2, -0.3)),
+        belt("out", (2, 4.5), (2, 7)),
+    ],
+    [
+        BeltLink(source="south", target="east"),
+        BeltLink(source="east", target="north"),
+        BeltLink(source="north", target="west"),
+        BeltLink(source="west", target="south"),
+        BeltLink(source="in", target="south", target_position_m=2.0),
+        BeltLink(source="north", source_position_m=2.0, target="out"),
+    ],
+    b1="out",
+)
+"""Round and round, with a way in and a way out."""
+
+CROSS = room(
+    [
+        belt("w", (0, 0), (3, 0)),
+        belt("e", (4, 0), (6, 0)),
+        belt("n", (3.5, 3), (3.5, -3)),
+    ],
+    [BeltLink(source="w", target="e"), BeltLink(source="w", target="n", target_position_m=3.0)],
+    b1="n",
+    b3="e",
+)
+"""A belt straight across another, onto which it leads too."""
+
+ROOMS = {"chain": CHAIN, "fork": FORK, "merge": MERGE, "ring": RING, "cross": CROSS}
+
+
+def config(**changes: object) -> ConveyorSimConfig:
+    return ConveyorSimConfig.model_validate(changes)
+
+
+def plant(environment: Environment, *, seed: int = 0, **changes: object) -> Plant:
+    return Plant(environment, config(**changes), seed=seed, start_ns=0)
+
+
+def halves(a: TrackedObject, b: TrackedObject) -> float:
+    return (a.length_m + b.length_m) / 2.0
+
+
+def check_apart(environment: Environment, objects: Sequence[TrackedObject], *, corners: bool = True) -> None:
+    """Fail where two packages overlap: on a belt, over a link, or anywhere in the room."""
+    lines = {line.id: Polyline(line.line_m) for line in environment.belts}
+    for a, b in combinations(objects, 2):
+        if a.surface_id == b.surface_id:
+            apart_m = abs(a.surface_position_m - b.surface_position_m)
+            assert apart_m >= halves(a, b) - 1e-6, (a, b)
+        if corners:
+            assert math.dist(a.position_m, b.position_m) >= halves(a, b) - CHORD_M, (a, b)
+    for link in environment.links:
+        source, target = lines[link.source], lines[link.target]
+        leaves_m = source.length_m if link.source_position_m is None else link.source_position_m
+        gap_m = math.dist(source.point_at(leaves_m), target.point_at(link.target_position_m))
+        for a in objects:
+            for b in objects:
+                if a.surface_id != link.source or b.surface_id != link.target or a is b:
+                    continue
+                before_m = leaves_m - a.surface_position_m
+                after_m = b.surface_position_m - link.target_position_m
+                if before_m >= 0.0 and after_m >= 0.0:
+                    assert before_m + gap_m + after_m >= halves(a, b) - 1e-6, (link, a, b)
+
+
+def position(objects: Sequence[TrackedObject], name: str) -> Vec3:
+    return next(tracked.position_m for tracked in objects if tracked.id == name)

@@ -1,0 +1,128 @@
+"""Selected packages to one bay, the rest to another, on the paper's conveyor."""
+
+from collections import Counter
+
+import pytest
+
+from pointit.schemas import SelectionEvent
+from pointit.services.conveyor_sim.plant import Plant, UnusableMapError
+from pointit.services.pui.map_file import load_map
+from tests.unit.conveyor_sim.rooms import FORK, S, plant
+
+SHIPPED = load_map("conveyor", 0)
+
+
+def go(belts: Plant, until_s: float, owners: dict[str, str] | None = None) -> list[SelectionEvent]:
+    events: list[SelectionEvent] = []
+    while belts.now_ns < round(until_s * S):
+        if owners is not None:
+            belts.select(owners, belts.now_ns)
+        events += belts.step(belts.now_ns + S // 25)
+    return events
+
+
+def bay_of(belts: Plant, name: str) -> str:
+    return next(tracked.bay for tracked in belts.tracked(0).objects if tracked.id == name)
+
+
+def test_every_entry_reaches_every_bay_that_it_should() -> None:
+    for entry, length_m, bays in [("part_e", 0.4, "1234"), ("part_h", 0.4, "1234")]:
+        for bay in bays:
+            belts = plant(SHIPPED, feeder={"sequence": []}, bay_rest=bay)
+            name = belts.add("red", entry, length_m)
+            assert bay_of(belts, name) == bay
+            (event,) = go(belts, 60.0)
+            assert (event.event, event.object_id, event.bay, event.user) == ("dispatched", name, bay, "")
+
+
+def test_selected_red_ones_leave_at_bay_1_and_all_others_at_bay_3() -> None:
+    feeders = {"in": {"belt": "part_e", "probabilities": {"red": 0.4, "blue": 0.6}, "length_m": 0.4}}
+    belts = plant(SHIPPED, feeders=feeders, seed=3)
+    events: list[SelectionEvent] = []
+    for second in range(1, 301):
+        events += go(belts, second)
+        reds = {t.id: "anna" for t in belts.tracked(0).objects if t.kind == "red"}
+        belts.select(reds, belts.now_ns)
+    assert {event.event for event in events} == {"dispatched"}
+    assert {(event.kind, event.bay, event.user) for event in events} == {
+        ("red", "1", "anna"),
+        ("blue", "3", ""),
+    }
+    counted = Counter((event.bay, event.kind) for event in events)
+    state = belts.state(belts.now_ns)
+    assert {(bay.bay, bay.kind): bay.count for bay in state.bays} == counted
+    assert {bay.kind: bay.selected for bay in state.bays} == {"red": counted["1", "red"], "blue": 0}
+    assert min(counted.values()) > 10
+    assert (state.left, state.fed) == (len(events), len(events) + belts.size)
+
+
+def test_who_deselects_in_time_sends_it_to_the_others() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    name = belts.add("red", "main", 0.3)
+    assert bay_of(belts, name) == "3"
+    belts.select({name: "anna"}, 0)
+    assert bay_of(belts, name) == "1"
+    go(belts, 3.0)
+    belts.select({}, belts.now_ns)
+    (event,) = go(belts, 20.0)
+    assert (event.event, event.bay, event.user) == ("dispatched", "3", "")
+
+
+def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    name = belts.add("red", "main", 0.3)
+    go(belts, 7.0)  # 3.5 m: bay 1 is 3 m along
+    events = go(belts, 20.0, {name: "anna"})
+    assert [(event.event, event.user) for event in events] == [("refused", "anna"), ("dispatched", "anna")]
+    assert events[0].reason == f"red {name} is past its last way to bay 1 and goes on to bay 3"
+    assert events[1].bay == "3"
+    assert belts.state(0).refused == 1
+    assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("3", 1, 1)]
+
+
+def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    name = belts.add("red", "main", 0.3)
+    belts.select({name: "anna"}, 0)
+    go(belts, 7.0)  # on the side belt
+    belts.select({}, belts.now_ns)
+    (refused,) = go(belts, 7.1)
+    assert (refused.event, refused.user) == ("refused", "anna")
+    belts.select({name: "anna"}, belts.now_ns)
+    (event,) = go(belts, 20.0)
+    assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
+
+
+def test_the_diverter_is_set_when_a_package_comes_to_it() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    name = belts.add("red", "main", 0.3)
+    go(belts, 5.5)  # 2.75 m: in the junction at 3 m, not past it
+    (refused, event) = go(belts, 20.0, {name: "anna"})
+    assert (refused.event, event.bay) == ("refused", "3")
+
+
+def test_on_the_papers_conveyor_there_is_a_way_round_for_who_is_late() -> None:
+    belts = plant(SHIPPED, feeder={"sequence": []})
+    name = belts.add("red", "part_e", 0.3)
+    go(belts, 18.5)  # 5.03 + 4.2 m: past the diverter of bay 1, on the way to bay 3
+    assert belts.tracked(0).objects[0].surface_position_m > 3.8
+    (event,) = go(belts, 60.0, {name: "anna"})
+    assert (event.event, event.bay) == ("dispatched", "1")
+
+
+def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
+    belts = plant(FORK, feeder={"sequence": []}, bay_rest="9")
+    assert bay_of(belts, belts.add("red", "main", 0.3)) == "1"
+
+
+def test_reset_forgets_the_counts() -> None:
+    belts = plant(FORK, feeder={"count": 2})
+    go(belts, 30.0)
+    assert belts.state(0).left == 2
+    belts.reset()
+    assert (belts.state(0).left, belts.state(0).bays, belts.state(0).refused) == (0, (), 0)
+
+
+def test_a_feeder_on_a_belt_that_is_not_there_is_said() -> None:
+    with pytest.raises(UnusableMapError, match=r"feeders\.in: map 'hall' has no belt 'x', there are main, "):
+        plant(FORK, feeders={"in": {"belt": "x", "sequence": ["red"]}})

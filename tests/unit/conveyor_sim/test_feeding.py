@@ -1,0 +1,215 @@
+"""Feeders by sequence, by probabilities and by the ROS toolkit's timed steps."""
+
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from pointit.runtime import ConfigError
+from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.conveyor_sim.schedule import check_schedule, read_schedule
+from pointit.services.pui.map_file import load_map
+from tests.support.data import data_file
+from tests.unit.conveyor_sim.rooms import S, config, lanes, plant
+
+VR = load_map("vr_belts", 0)
+
+SCHEDULE = """
+steps:
+  -1:
+    speed: 0.5
+    duration: 10.
+    feed: False
+    feeders:
+      a: &a
+        random: True
+        pack_proba: {0: 0.3, 1: 0.7}
+        kind_sequence: [0, 0, 1]
+        min_interval: 1.
+        max_interval: 2.
+  0:
+    speed: 1.0
+    duration: 20.
+    feed: True
+    feeders: {a: *a, b: {random: False, kind_sequence: [0, 0, 1], min_interval: 3., max_interval: 3.}}
+  7:
+    speed: 2
+    duration: 5
+    feed: False
+"""
+
+
+def written(tmp_path: Path, text: str = SCHEDULE) -> str:
+    path = tmp_path / "feeders.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def fed(belts: Plant, seconds: float, step_s: float = 0.1) -> list[tuple[float, str, str, str]]:
+    """Return time, belt, kind and id of everything that came."""
+    seen: dict[str, tuple[float, str, str, str]] = {}
+    while belts.now_ns < seconds * S:
+        belts.step(belts.now_ns + round(step_s * S))
+        for tracked in belts.tracked(0).objects:
+            seen.setdefault(tracked.id, (belts.now_ns / S, tracked.surface_id, tracked.kind, tracked.id))
+    return list(seen.values())
+
+
+def test_kinds_come_as_often_as_their_probabilities_say() -> None:
+    feeders = {
+        "f": {
+            "belt": "0",
+            "probabilities": {"red": 3.0, "blue": 1.0, "never": 0.0},
+            "min_interval_s": 1.0,
+            "max_interval_s": 2.0,
+        }
+    }
+    belts = plant(lanes(5.0), feeders=feeders)
+    came = fed(belts, 1500.0, 0.5)
+    kinds = Counter(kind for _, _, kind, _ in came)
+    assert set(kinds) == {"red", "blue"}
+    assert kinds["red"] / len(came) == pytest.approx(0.75, abs=0.05)
+    assert len(came) == pytest.approx(1000, rel=0.05)
+
+
+def test_intervals_are_between_the_shortest_and_the_longest() -> None:
+    feeders = {"f": {"belt": "0", "sequence": ["x"], "min_interval_s": 1.0, "max_interval_s": 2.0}}
+    came = fed(plant(lanes(50.0), feeders=feeders), 60.0, 0.02)
+    intervals_s = [b[0] - a[0] for a, b in pairwise(came)]
+    assert min(intervals_s) >= 1.0 - 0.021
+    assert max(intervals_s) <= 2.0 + 0.021
+    assert max(intervals_s) - min(intervals_s) > 0.7
+
+
+def test_what_is_fed_depends_on_the_seed_alone_not_on_the_steps() -> None:
+    feeders = {
+        "f": {"belt": "0", "probabilities": {"red": 1.0, "blue": 1.0}},
+        "g": {"belt": "1", "probabilities": {"red": 1.0, "blue": 1.0}},
+    }
+
+    def kinds(step_s: float, seed: int) -> list[tuple[str, str]]:
+        belts = plant(lanes(50.0, 50.0), feeders=feeders, seed=seed)
+        return [(belt, kind) for _, belt, kind, _ in fed(belts, 60.0, step_s)]
+
+    assert sorted(kinds(0.04, 5)) == sorted(kinds(3.0, 5))
+    assert sorted(kinds(0.04, 5)) != sorted(kinds(0.04, 6))
+
+
+def test_a_feeder_ends_with_its_count() -> None:
+    feeders = {
+        "f": {"belt": "0", "sequence": ["x"], "min_interval_s": 1.0, "max_interval_s": 1.0, "count": 4}
+    }
+    belts = plant(lanes(5.0), feeders=feeders)
+    belts.step(100 * S)
+    assert (belts.fed, belts.size) == (4, 0)
+
+
+@pytest.mark.parametrize(
+    "feeder",
+    [
+        {"belt": "0"},
+        {"belt": "0", "sequence": ["x"], "probabilities": {"x": 1.0}},
+        {"belt": "0", "probabilities": {"x": 0.0}},
+        {"belt": "0", "probabilities": {"x": 1.0, "y": -1.0}},
+        {"belt": "0", "sequence": ["x"], "min_interval_s": 2.0, "max_interval_s": 1.0},
+    ],
+)
+def test_feeders_that_make_no_sense_are_refused(feeder: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        config(feeders={"f": feeder})
+
+
+def test_the_steps_of_a_schedule_follow_each_other_with_their_speeds(tmp_path: Path) -> None:
+    belts = plant(VR, schedule=written(tmp_path))
+    assert (belts.state(0).step, belts.state(0).speed_mps) == ("-1", 0.5)
+    assert fed(belts, 9.9) == []
+    came = fed(belts, 29.9)
+    assert (belts.state(0).step, belts.state(0).speed_mps) == ("0", 1.0)
+    assert min(time_s for time_s, _, _, _ in came) >= 10.0
+    counts = Counter(belt for _, belt, _, _ in came)
+    assert 10 <= counts["a"] <= 20
+    assert counts["b"] == 7
+    sequence = [kind for _, belt, kind, _ in came if belt == "b"]
+    assert sequence == ["blue", "blue", "red"] * 2 + ["blue"]
+    belts.step(round(30.1 * S))
+    assert (belts.state(0).step, belts.state(0).speed_mps) == ("7", 2.0)
+    total = belts.fed
+    belts.step(60 * S)
+    assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("end", 2.0, total)
+    belts.reset()
+    assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("-1", 0.5, 0)
+
+
+def test_steps_change_at_their_very_time_whatever_the_steps_of_the_clock(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    often, once = plant(VR, schedule=path), plant(VR, schedule=path)
+    for second in range(1, 29):
+        often.step(round(second * 1.0001 * S))
+    once.step(round(28 * 1.0001 * S))
+    a, b = often.tracked(0).objects, once.tracked(0).objects
+    assert [t.kind for t in a] == [t.kind for t in b]
+    assert [t.surface_position_m for t in a] == pytest.approx([t.surface_position_m for t in b], abs=1e-6)
+    assert a
+
+
+@pytest.mark.parametrize(("name", "steps", "fastest_mps"), [("feeders_0", 9, 2.0), ("feeders_3", 13, 10.0)])
+def test_the_toolkits_schedules_run_as_they_are(name: str, steps: int, fastest_mps: float) -> None:
+    path = data_file(f"pointit-ros2/{name}.yaml")
+    assert len(read_schedule(path).steps) == steps
+    belts = plant(VR, schedule=str(path))
+    speeds: set[float] = set()
+    now_s = 0.0
+    while belts.state(0).step != "end":
+        now_s += 1.0
+        belts.step(round(now_s * S))
+        speeds.add(belts.state(0).speed_mps)
+    assert max(speeds) == fastest_mps
+    assert belts.fed > 50
+    belts.step(round((now_s + 100) * S))
+    assert belts.size == 0
+
+
+def test_belts_of_other_names_are_found_or_said(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with pytest.raises(
+        ConfigError,
+        match=r"feeders\.yaml: step -1, feeder 'a': the map has no belt a or belt_a or part_a, "
+        r"there are 0, 1; set feeder_belts: \{a: BELT\}",
+    ):
+        plant(lanes(5.0, 5.0), schedule=path)
+    belts = plant(lanes(50.0, 50.0), schedule=path, feeder_belts={"a": "1", "b": "0"})
+    belts.step(25 * S)
+    assert {tracked.surface_id for tracked in belts.tracked(0).objects} == {"0", "1"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("speed: 0.5", "speed: fast", "steps.-1.speed"),
+        ("duration: 20.", "duration: 0", "steps.0.duration"),
+        (
+            "{0: 0.3, 1: 0.7}",
+            "{0: 0.3, 2: 0.7}",
+            r"step -1, feeder 'a': kind 2 has no name; set kinds: \{2: NAME\}",
+        ),
+        ("{0: 0.3, 1: 0.7}", "{0: 0}", "pack_proba has no number above 0"),
+        ("min_interval: 1.", "min_interval: 4.", "min_interval 4 is above max_interval 2"),
+        ("random: True", "randm: True", "randm"),
+    ],
+)
+def test_a_schedule_that_cannot_be_used_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    path = written(tmp_path, SCHEDULE.replace(old, new))
+    with pytest.raises(ConfigError, match=sentence) as refused:
+        check_schedule(config(schedule=path))
+    assert str(refused.value).startswith(path)
+
+
+def test_a_schedule_that_is_not_there_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
+        check_schedule(config(schedule="nowhere.yaml"))
+
+
+def test_kinds_may_be_numbers_in_a_configuration() -> None:
+    assert config(kinds={0: "grey", 1: "pink"}).kinds == {"0": "grey", "1": "pink"}

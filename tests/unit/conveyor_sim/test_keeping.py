@@ -1,0 +1,157 @@
+"""What a conveyor keeps on disk, and how it goes on from there."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.runtime import ConfigError
+from pointit.schemas import SelectionEvent
+from pointit.services.conveyor_sim.keeping import Keeping, NotKeptError, fingerprint, forget, kept_path
+from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
+
+EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.sampled_from(sorted(ROOMS)),
+    st.floats(1.0, 40.0),
+    st.sampled_from([0.5, 1.0, -0.5, 0.0]),
+    st.floats(0.3, 3.0),
+)
+def test_one_that_was_restored_is_as_the_one_before(
+    name: str, until_s: float, speed_mps: float, interval_s: float
+) -> None:
+    feeder = {"interval_s": interval_s, "length_m": 0.3, "initial": 2}
+    before = plant(ROOMS[name], feeder=feeder)
+    before.step(round(until_s / 2 * S))
+    before.select({t.id: "anna" for t in before.tracked(0).objects[::2]}, before.now_ns)
+    before.set_speed(speed_mps, (ROOMS[name].belts[0].id,))
+    now_ns = round(until_s * S)
+    before.step(now_ns)
+    after = plant(ROOMS[name], feeder=feeder)
+    after.stand_still(now_ns)
+    after.restore(json.loads(json.dumps(before.snapshot())))
+    assert after.tracked(now_ns) == before.tracked(now_ns)
+    assert after.state(now_ns) == before.state(now_ns)
+    assert after.snapshot() == before.snapshot()
+    ids = {tracked.id for tracked in before.tracked(0).objects}
+    left = 0
+    for _ in range(50):
+        now_ns += S // 5
+        left += sum(event.event != "refused" for event in after.step(now_ns))
+        objects = after.tracked(now_ns).objects
+        check_apart(ROOMS[name], objects)
+        assert after.fed - before.fed == len(objects) + left - before.size
+        assert all(tracked.id in ids or int(tracked.id.split("-")[1]) > len(ids) for tracked in objects)
+
+
+def test_what_was_selected_stays_so_until_it_is_said_otherwise() -> None:
+    before, after = plant(FORK), plant(FORK)
+    before.step(S)
+    (package,) = before.tracked(0).objects
+    before.select({package.id: "anna"}, S)
+    after.restore(before.snapshot())
+    assert after.tracked(0).objects[0].bay == "1"
+    after.select({}, S)
+    assert after.tracked(0).objects[0].bay == "3"
+
+
+def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "steps.yaml"
+    feeder = "{random: False, kind_sequence: [0, 1], min_interval: 2.0, max_interval: 2.0}"
+    path.write_text(
+        f"steps: {{1: {{speed: 0.5, duration: 5, feeders: {{a: {feeder}}}}}, "
+        f"2: {{speed: 1, duration: 9, feeders: {{a: {feeder}}}}}}}"
+    )
+    before, after = (plant(CHAIN, schedule=str(path)) for _ in range(2))
+    before.step(8 * S)
+    after.stand_still(8 * S)
+    after.restore(json.loads(json.dumps(before.snapshot())))
+    assert after.state(0).step == before.state(0).step == "2"
+    before.step(30 * S)
+    after.step(30 * S)
+    assert after.tracked(0) == before.tracked(0)
+    assert after.state(0) == before.state(0)
+    assert after.state(0).step == "end"
+    again = plant(CHAIN, schedule=str(path))
+    again.restore(after.snapshot())
+    assert again.state(0).step == "end"
+
+
+def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
+    file = Keeping("lab")
+    assert file.read() is None
+    file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
+    file.close()
+    file = Keeping("lab")
+    kept = file.read()
+    assert kept is not None
+    assert (kept.stamp_ns, kept.seq, kept.fingerprint, kept.snapshot) == (5, 3, "mark", {"a": [1, 2.5]})
+    assert kept.events == (EVENT,)
+    file.told()
+    kept = file.read()
+    assert kept is not None
+    assert kept.events == ()
+    file.close()
+
+
+def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
+    file = Keeping("lab")
+    with pytest.raises(NotKeptError, match=r"plant\.sqlite: another conveyor of this site runs"):
+        Keeping("lab")
+    other = Keeping("hall")
+    other.close()
+    file.close()
+    Keeping("lab").close()
+
+
+def test_a_file_that_is_none_is_begun_anew() -> None:
+    path = kept_path("lab")
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"this is no database, " * 1000)
+    file = Keeping("lab")
+    assert file.read() is None
+    file.commit(5, "mark", {}, 0)
+    assert file.read() is not None
+    file.close()
+
+
+def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
+    own_state.write_text("a file where the folder should be")
+    with pytest.raises(NotKeptError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
+        Keeping("lab")
+
+
+def test_forgetting_says_whether_there_was_something() -> None:
+    assert not forget("lab")
+    file = Keeping("lab")
+    file.commit(5, "mark", {}, 0)
+    file.close()
+    assert forget("lab")
+    file = Keeping("lab")
+    assert file.read() is None
+    file.close()
+    assert forget("lab")
+    assert not kept_path("lab").exists()
+
+
+def test_what_cannot_be_forgotten_is_said() -> None:
+    kept_path("lab").mkdir(parents=True)  # a folder cannot be unlinked
+    with pytest.raises(ConfigError, match=r"plant\.sqlite: cannot be erased"):
+        forget("lab")
+
+
+def test_other_maps_and_configurations_have_other_marks(tmp_path: Path) -> None:
+    mark = fingerprint(CHAIN, config())
+    assert mark == fingerprint(CHAIN.model_copy(update={"stamp_ns": 9}), config(rate_hz=50.0))
+    assert mark != fingerprint(FORK, config())
+    assert mark != fingerprint(CHAIN, config(speed_mps=1.0))
+    path = tmp_path / "a.yaml"
+    path.write_text("steps: {}")
+    one = fingerprint(CHAIN, config(schedule=str(path)))
+    path.write_text("steps: {1: {}}")
+    assert one != fingerprint(CHAIN, config(schedule=str(path)))

@@ -1,0 +1,241 @@
+"""Belts that are linked: whatever happens, nothing overlaps, jumps, is lost, or stands for ever."""
+
+import contextlib
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.schemas import BeltLink, TrackedObject
+from pointit.services.conveyor_sim.plant import NoRoomError, Plant
+from pointit.services.pui.map_file import load_map
+from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, ROOMS, S, belt, check_apart, plant, room
+
+SHIPPED = load_map("conveyor", 0)
+EVERYWHERE = {**ROOMS, "conveyor": SHIPPED}
+
+speeds = st.sampled_from([0.0, 0.3, 0.5, 1.0, 2.0, 5.0, -0.5, -2.0])
+action = st.one_of(
+    st.tuples(st.just("step"), st.sampled_from([0.01, 0.04, 0.2, 1.0, 4.0])),
+    st.tuples(st.just("step"), st.floats(0.001, 2.0)),
+    st.tuples(st.just("speed"), speeds),
+    st.tuples(st.just("one"), speeds),
+    st.tuples(st.just("add"), st.floats(0.05, 0.4)),
+    st.tuples(st.just("select"), st.floats(0.0, 1.0)),
+)
+
+
+def check_moved(before: tuple[TrackedObject, ...], after: tuple[TrackedObject, ...], most_m: float) -> None:
+    places = {tracked.id: tracked for tracked in before}
+    for tracked in after:
+        assert math.hypot(*tracked.velocity_mps) == pytest.approx(abs(tracked.surface_speed_mps))
+        if tracked.id in places:
+            moved_m = math.dist(tracked.position_m, places[tracked.id].position_m)
+            assert moved_m <= most_m + 1e-6, (places[tracked.id], tracked)
+
+
+def check_order(before: tuple[TrackedObject, ...], after: tuple[TrackedObject, ...]) -> None:
+    """Fail where packages that stayed on a belt have passed each other."""
+    places = {tracked.id: tracked for tracked in before}
+    stayed = [t for t in after if t.id in places and places[t.id].surface_id == t.surface_id]
+    for a in stayed:
+        for b in stayed:
+            if a.surface_id == b.surface_id and a.surface_position_m < b.surface_position_m:
+                assert places[a.id].surface_position_m < places[b.id].surface_position_m, (a, b)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(sorted(EVERYWHERE)),
+    st.lists(action, min_size=10, max_size=60),
+    st.sampled_from([("1", "3"), ("2", "1"), ("3", "1"), ("9", "9")]),
+    st.fixed_dictionaries(
+        {
+            "interval_s": st.floats(0.3, 3.0),
+            "length_m": st.sampled_from([0.15, 0.3, 0.4]),
+            "initial": st.integers(0, 5),
+            "count": st.just(25),
+        }
+    ),
+)
+def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
+    name: str,
+    actions: list[tuple[str, float]],
+    bays: tuple[str, str],
+    feeder: dict[str, float],
+) -> None:
+    environment = EVERYWHERE[name]
+    belts = plant(environment, feeder=feeder, bay_selected=bays[0], bay_rest=bays[1])
+    ids = [line.id for line in environment.belts]
+    now_ns, left = 0, 0
+    for index, (what, value) in enumerate(actions):
+        before = belts.tracked(now_ns).objects
+        if what == "step":
+            now_ns += round(value * S)
+            gone = [event for event in belts.step(now_ns) if event.event != "refused"]
+            left += len(gone)
+            after = belts.tracked(now_ns).objects
+            assert {event.object_id for event in gone}.isdisjoint(tracked.id for tracked in after)
+            fastest_mps = max(abs(v) for v in belts.speeds.values())
+            check_moved(before, after, fastest_mps * value)
+            if name != "ring":  # where one comes back to the belt that it left
+                check_order(before, after)
+        elif what == "speed":
+            belts.set_speed(value)
+        elif what == "one":
+            belts.set_speed(value, (ids[index % len(ids)],))
+        elif what == "select":
+            belts.select({o.id: "anna" for i, o in enumerate(before) if i % 7 < 7 * value}, now_ns)
+        else:
+            with contextlib.suppress(NoRoomError):
+                belts.add("extra", ids[index % len(ids)], value)
+        check_apart(environment, belts.tracked(now_ns).objects)
+        assert belts.fed == belts.size + left == len(belts.tracked(now_ns).objects) + left
+    belts.set_speed(1.0)
+    for _ in range(20):
+        now_ns += 20 * S
+        belts.step(now_ns)
+    assert belts.size == 0, belts.tracked(now_ns)
+    assert belts.state(now_ns).left == belts.fed
+
+
+def run(belts: Plant, until_s: float, *, step_s: float = 0.04) -> list[tuple[TrackedObject, ...]]:
+    """Return what is there at every step from where `belts` is until `until_s`."""
+    seen: list[tuple[TrackedObject, ...]] = []
+    while belts.now_ns < until_s * S:
+        belts.step(belts.now_ns + round(step_s * S))
+        seen.append(belts.tracked(belts.now_ns).objects)
+    return seen
+
+
+def test_gaps_are_travelled_with_a_place_on_either_belt() -> None:
+    belts = plant(CHAIN, feeder={"sequence": ["red"], "count": 1})
+    path = [objects[0] for objects in run(belts, 15.0) if objects]
+    for a, b in pairwise(path):
+        assert math.dist(a.position_m, b.position_m) <= 0.02 + 1e-9
+    bridge = [tracked for tracked in path if 5.0 < tracked.position_m[0] < 5.2]
+    assert len(bridge) >= 8
+    assert {(tracked.surface_id, tracked.surface_position_m > 2.99) for tracked in bridge} == {
+        ("b", True),
+        ("c", False),
+    }
+    assert all(t.surface_position_m < 0.0 for t in bridge if t.surface_id == "c")
+    assert {tracked.surface_id for tracked in path} == {"a", "b", "c"}
+
+
+def test_a_fork_off_the_middle_counts_on_the_belt_that_it_leads_to() -> None:
+    belts = plant(FORK, feeder={"sequence": ["red"], "count": 1}, bay_rest="1")
+    path = [objects[0] for objects in run(belts, 7.5)]
+    bridge = [tracked for tracked in path if 0.0 < tracked.position_m[1] < 0.3]
+    assert bridge
+    for tracked in bridge:
+        assert tracked.surface_id == "side"
+        assert tracked.surface_position_m == pytest.approx(tracked.position_m[1] - 0.3)
+
+
+def test_packages_behind_a_belt_that_stands_queue_up_and_go_on_with_it() -> None:
+    belts = plant(CHAIN, feeder={"sequence": ["red"], "interval_s": 1.5, "length_m": 0.3})
+    run(belts, 12.0)
+    belts.set_speed(0.0, ("c",))
+    run(belts, 60.0)
+    waiting = [t for t in belts.tracked(0).objects if t.surface_id in {"a", "b"}]
+    assert len(waiting) >= 13
+    assert {tracked.surface_speed_mps for tracked in waiting} == {0.0}
+    fed = belts.fed
+    run(belts, 70.0)
+    assert belts.fed == fed, "a feeder waits for room"
+    belts.set_speed(0.5)
+    run(belts, 75.0)
+    assert all(t.surface_speed_mps == 0.5 for t in belts.tracked(0).objects if t.surface_id == "c")
+    assert belts.fed > fed
+
+
+def test_a_slower_belt_ahead_slows_those_that_touch() -> None:
+    straight = room(
+        [belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [BeltLink(source="a", target="b")]
+    )
+    belts = plant(straight, feeder={"sequence": ["red"], "interval_s": 0.1, "length_m": 0.3})
+    belts.set_speed(0.2, ("b",))
+    run(belts, 20.0)
+    on_a = [t.surface_speed_mps for t in belts.tracked(0).objects if t.surface_id == "a"]
+    assert on_a
+    assert on_a == pytest.approx([0.2] * len(on_a))
+
+
+@pytest.mark.parametrize(("after_s", "held"), [(1.6, "left"), (2.4, "main")])
+def test_who_comes_first_to_a_junction_goes_first(after_s: float, held: str) -> None:
+    belts = plant(MERGE, feeder={"sequence": []})
+    names = {belts.add("x", "left", 0.4): "left"}  # 2.6 m before the junction
+    run(belts, after_s)
+    names[belts.add("x", "main", 0.4)] = "main"  # 1.6 m before it: 2 s less
+    assert {names[t.id] for objects in run(belts, 9.0) for t in objects if not t.surface_speed_mps} == {held}
+    assert belts.size == 2
+
+
+def test_one_that_waits_at_a_junction_does_not_touch_those_that_pass() -> None:
+    belts = plant(
+        CROSS,
+        feeders={
+            "w": {"belt": "w", "sequence": ["red"], "min_interval_s": 1.0, "max_interval_s": 2.0},
+            "n": {"belt": "n", "sequence": ["blue"], "min_interval_s": 1.0, "max_interval_s": 2.0},
+        },
+    )
+    held = 0
+    for objects in run(belts, 60.0):
+        check_apart(CROSS, objects)
+        held += any(tracked.surface_speed_mps == 0.0 for tracked in objects)
+    assert held, "nobody ever had to wait: this tests nothing"
+    counts = {(count.bay, count.kind): count.count for count in belts.state(0).bays}
+    assert counts["3", "red"] >= 10
+    assert counts["1", "blue"] >= 10
+
+
+def test_a_linked_belt_that_runs_backwards_holds_at_its_start() -> None:
+    belts = plant(CHAIN, feeder={"sequence": ["red"], "interval_s": 2.0, "count": 3})
+    run(belts, 5.0)
+    belts.set_speed(-0.5)
+    run(belts, 30.0)
+    assert belts.size == 3
+    assert [t.surface_speed_mps for t in belts.tracked(0).objects] == [0.0] * 3
+    with pytest.raises(NoRoomError, match="backwards"):
+        belts.add("red", "a", 0.3)
+    belts.set_speed(0.5)
+    run(belts, 60.0)
+    assert belts.size == 0
+
+
+def test_what_is_too_long_for_the_junctions_is_not_taken() -> None:
+    with pytest.raises(NoRoomError, match=r"2 m do not fit .* at most 0\.4 m do; set longest_m"):
+        plant(FORK).add("tree", "main", 2.0)
+
+
+def test_the_same_seed_gives_the_same_packages_and_another_one_others() -> None:
+    feeders = {
+        "in": {"belt": "part_e", "probabilities": {"red": 0.5, "blue": 0.5}, "min_interval_s": 1.0},
+    }
+
+    def kinds(seed: int) -> list[tuple[str, str, float]]:
+        belts = plant(SHIPPED, seed=seed, feeders=feeders)
+        run(belts, 20.0)
+        return [(t.id, t.kind, t.surface_position_m) for t in belts.tracked(0).objects]
+
+    assert kinds(1) == kinds(1)
+    assert kinds(1) != kinds(2)
+
+
+def test_links_of_belts_that_are_left_out_do_not_count() -> None:
+    belts = plant(FORK, lanes=["main"], feeder={"sequence": ["red"], "count": 1})
+    assert [event.bay for event in belts.step(20 * S)] == ["3"]
+
+
+def test_without_bays_things_go_straight_on_and_leave_at_the_last_end() -> None:
+    hall = room(
+        [belt("a", (0, 0), (2, 0)), belt("b", (1, 0.3), (1, 2))],
+        [BeltLink(source="a", source_position_m=1.0, target="b")],
+    )
+    belts = plant(hall, feeder={"sequence": ["red"], "count": 1})
+    path = run(belts, 5.0)
+    assert {t.surface_id for objects in path for t in objects} == {"a"}
+    assert (belts.size, belts.state(0).left) == (0, 1)

@@ -1,0 +1,226 @@
+"""The conveyor is killed or ended, and another one goes on with its packages."""
+
+import asyncio
+import contextlib
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import AsyncGenerator
+from pathlib import Path
+
+import pytest
+
+from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed, TrackedObjects
+from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
+from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.keeping import Keeping, forget
+from pointit.services.conveyor_sim.service import ConveyorSim
+from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
+from tests.unit.conveyor_sim.rooms import CHAIN, FORK, config
+
+FEEDER = {"interval_s": 0.5, "length_m": 0.2}
+SITE = "memory"
+"""What the bus of the bench calls its site."""
+
+
+class Shift:
+    """One life of a conveyor."""
+
+    def __init__(self, bench: Bench, clock: ManualClock) -> None:
+        self.bench = bench
+        self.clock = clock
+        self.lists: list[TrackedObjects] = bench.collect(OBJECTS)
+        self.events: list[SelectionEvent] = bench.collect(SELECTION_EVENTS)
+        self.states: list[ConveyorState] = bench.collect(CONVEYOR_STATE)
+        self.health = bench.collect(HEALTH)
+
+    @property
+    def ids(self) -> list[str]:
+        return [tracked.id for tracked in self.lists[-1].objects]
+
+    async def go(self, seconds: float) -> None:
+        for _ in range(round(seconds * 5)):
+            self.clock.advance(0.2)
+            await until(lambda: bool(self.lists) and self.lists[-1].stamp_ns == self.clock.now_ns())
+
+
+@contextlib.asynccontextmanager
+async def shift(
+    clock: ManualClock, settings: ConveyorSimConfig, room: Environment = FORK
+) -> AsyncGenerator[Shift]:
+    async with memory_bench(clock) as bench:
+        one = Shift(bench, clock)
+        bench.start(ConveyorSim, settings)
+        bench.put(MAP, room)
+        await until(lambda: bool(one.lists))
+        yield one
+
+
+def setting(**changes: object) -> ConveyorSimConfig:
+    return config(**{"rate_hz": 200.0, "feeder": FEEDER, **changes})
+
+
+async def test_after_a_clean_end_the_next_one_goes_on_with_the_same_packages() -> None:
+    clock = ManualClock()
+    async with shift(clock, setting()) as first:
+        await first.go(8.0)
+        await first.bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0, belts=("main",)))
+        await first.go(8.0)
+        told = [event.seq for event in first.events]
+    assert first.states[-1].left > 0
+    clock.advance(30.0)
+    async with shift(clock, setting()) as second:
+        assert second.ids == first.ids
+        last = first.lists[-1].objects
+        assert [t.surface_position_m for t in second.lists[0].objects] == [t.surface_position_m for t in last]
+        assert second.states[-1].model_copy(update={"stamp_ns": 0, "seq": 0}) == first.states[-1].model_copy(
+            update={"stamp_ns": 0, "seq": 0}
+        )
+        await second.go(20.0)
+        gone = [event.object_id for event in (*first.events, *second.events)]
+        assert len(gone) == len(set(gone)) == second.states[-1].left
+        assert set(gone).isdisjoint(second.ids)
+        assert second.states[-1].fed == len(gone) + len(second.ids)
+        seqs = told + [event.seq for event in second.events]
+        assert seqs == list(range(1, len(seqs) + 1))
+
+
+@pytest.mark.parametrize(
+    ("later_s", "changes", "room"),
+    [
+        (61.0, {}, FORK),
+        (1.0, {"resume_within_s": 0.0}, FORK),
+        (1.0, {"speed_mps": 0.7}, FORK),
+        (1.0, {}, CHAIN),
+        (-10.0, {}, FORK),
+    ],
+)
+async def test_too_late_or_elsewhere_it_begins_anew(
+    later_s: float, changes: dict[str, object], room: Environment
+) -> None:
+    clock = ManualClock()
+    async with shift(clock, setting()) as first:
+        await first.go(3.0)
+    clock.advance(later_s)
+    async with shift(clock, setting(**changes), room) as second:
+        assert set(first.ids).isdisjoint(second.ids)
+        assert second.states[-1].fed == 1
+
+
+async def test_who_forgets_begins_anew() -> None:
+    clock = ManualClock()
+    async with shift(clock, setting()) as first:
+        await first.go(3.0)
+    assert forget(SITE)
+    clock.advance(1.0)
+    async with shift(clock, setting()) as second:
+        assert set(first.ids).isdisjoint(second.ids)
+
+
+async def test_an_event_that_was_kept_but_perhaps_not_told_is_told_again() -> None:
+    clock = ManualClock()
+    async with shift(clock, setting()) as first:
+        await first.go(3.0)
+    file = Keeping(SITE)
+    kept = file.read()
+    assert kept is not None
+    event = SelectionEvent(stamp_ns=START_NS, seq=kept.seq + 1, event="dispatched", object_id="x", bay="3")
+    file.commit(kept.stamp_ns, kept.fingerprint, kept.snapshot, event.seq, [event])
+    file.close()
+    async with shift(clock, setting()) as second:
+        await until(lambda: second.events == [event])
+        await second.go(14.0)
+        assert [e.seq for e in second.events[1:3]] == [event.seq + 1, event.seq + 2]
+
+
+async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
+    clock = ManualClock()
+    file = Keeping(SITE)
+    async with shift(clock, setting()) as second:
+        await until(lambda: any("another conveyor" in w for h in second.health for w in h.warnings))
+        await second.go(2.0)
+        assert len(second.ids) > 2
+    file.close()
+
+
+async def test_a_disk_that_fails_is_a_warning_until_it_works_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = ManualClock()
+    is_full = False
+    write = Keeping._write
+
+    def full(self: Keeping, *rest: object) -> None:
+        if is_full:
+            raise sqlite3.OperationalError("database or disk is full")
+        write(self, *rest)  # type: ignore[arg-type]  # passed on as they came
+
+    monkeypatch.setattr(Keeping, "_write", full)
+    async with shift(clock, setting()) as one:
+        await one.go(1.0)
+        is_full = True
+        await one.go(1.0)
+        await until(lambda: any("disk is full" in w for w in one.health[-1].warnings))
+        is_full = False
+        await one.go(1.0)
+        await until(lambda: not one.health[-1].warnings)
+
+
+LIFE = """
+import asyncio, sys
+from pointit.runtime import SimulatedClock
+from pointit.schemas.topics import MAP, OBJECTS, SELECTION_EVENTS
+from pointit.services.conveyor_sim.service import ConveyorSim
+from tests.support.bench import memory_bench
+from tests.unit.conveyor_sim.rooms import FORK, config
+
+async def main():
+    async with memory_bench(SimulatedClock(10.0)) as bench:
+        bench.bus.subscribe(SELECTION_EVENTS, lambda e, _: print("event", e.seq, e.object_id, flush=True))
+        bench.bus.subscribe(
+            OBJECTS, lambda m, _: print("objects", *(t.id for t in m.objects), flush=True)
+        )
+        bench.start(ConveyorSim, config(rate_hz=100.0, feeder={"interval_s": 0.5, "length_m": 0.2}))
+        bench.put(MAP, FORK)
+        await asyncio.sleep(60)
+
+asyncio.run(main())
+"""
+
+
+async def test_killed_without_a_word_it_loses_and_doubles_nothing() -> None:
+    life = subprocess.Popen(  # noqa: ASYNC220 - it is killed below
+        [sys.executable, "-c", LIFE], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3]
+    )
+    assert life.stdout is not None
+    told: list[str] = []
+    there: set[str] = set()
+    for line in life.stdout:
+        word, *rest = line.split()
+        if word == "event":
+            told.append(rest[1])
+        else:
+            there = set(rest)
+        if len(told) >= 8:
+            life.send_signal(signal.SIGKILL)
+            break
+    for line in life.stdout:  # what it said before it was dead
+        word, *rest = line.split()
+        if word == "event" and len(rest) == 2:
+            told.append(rest[1])
+    life.wait(5)
+    life.stdout.close()
+    file = Keeping(SITE)
+    kept = file.read()
+    file.close()
+    assert kept is not None
+    async with shift(ManualClock(kept.stamp_ns + 10**9), setting(rate_hz=100.0)) as second:
+        await second.bench.settle()
+        again = [event.object_id for event in second.events]
+        assert set(told) | set(again) == set(told + again)
+        assert second.states[-1].left == len(set(told) | set(again))
+        assert set(told).isdisjoint(second.ids), "one that came out is there again"
+        assert there - set(told) - set(again) <= set(second.ids), "one that was there is lost"
+        assert second.states[-1].fed == second.states[-1].left + len(second.ids)
+        await second.go(3.0)
+        await asyncio.sleep(0)
+        assert len(second.ids) == len(set(second.ids))

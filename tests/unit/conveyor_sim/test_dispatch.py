@@ -5,7 +5,8 @@ from collections import Counter
 import pytest
 
 from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.plant import Plant, UnusableMapError
+from pointit.services.conveyor_sim.from_map import UnusableMapError
+from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.map_file import load_map
 from tests.unit.conveyor_sim.rooms import FORK, S, plant
 

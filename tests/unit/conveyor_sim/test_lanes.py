@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, Belt, TrackedObject
-from pointit.services.conveyor_sim.plant import NoRoomError, Plant, UnknownLaneError
+from pointit.services.conveyor_sim.intake import NoRoomError, UnknownLaneError
+from pointit.services.conveyor_sim.plant import Plant
 from tests.unit.conveyor_sim.rooms import S, lanes, plant, room
 
 FEEDER: dict[str, object] = {"interval_s": 2.0, "length_m": 0.3, "sequence": ["red", "green", "blue"]}

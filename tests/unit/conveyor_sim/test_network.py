@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import BeltLink, TrackedObject
-from pointit.services.conveyor_sim.plant import NoRoomError, Plant
+from pointit.services.conveyor_sim.intake import NoRoomError
+from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.map_file import load_map
 from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, ROOMS, S, belt, check_apart, plant, room
 

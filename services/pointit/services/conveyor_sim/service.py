@@ -27,9 +27,11 @@ from pointit.schemas.topics import (
     SET_SPEED,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.from_map import UnusableMapError
+from pointit.services.conveyor_sim.intake import NoRoomError, UnknownLaneError
 from pointit.services.conveyor_sim.keeping import fingerprint
 from pointit.services.conveyor_sim.memory import Memory
-from pointit.services.conveyor_sim.plant import NoRoomError, Plant, UnknownLaneError, UnusableMapError
+from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.schedule import check_schedule
 from pointit.services.conveyor_sim.tracking import Tracker
 

@@ -1,0 +1,39 @@
+"""What of a map is the conveyor."""
+
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import Environment
+from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.network import Network
+
+
+class UnusableMapError(Exception):
+    """The map does not have what the configuration needs; its text is one sentence for a person."""
+
+
+def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
+    """Return the belts or strips of `environment` that `config` names as a network.
+
+    Raises:
+        UnusableMapError: one is missing, or is no line.
+    """
+    surface = config.surface
+    there = environment.strips if surface == "strip" else environment.belts
+    lines = {line.id: line.line_m for line in there}
+    wanted = config.lanes or tuple(lines)
+    missing = [lane for lane in wanted if lane not in lines]
+    if missing or not wanted:
+        what = f"no {surface} {missing[0]!r}" if missing else f"no {surface}s"
+        listed = ", ".join(lines) or "none"
+        raise UnusableMapError(
+            f"lanes: map {environment.name!r} has {what}, there are {listed}; set surface and lanes"
+        )
+    try:
+        chosen = {lane: Polyline(lines[lane]) for lane in wanted}
+    except ValueError as error:
+        raise UnusableMapError(
+            f"lanes: a {surface} of map {environment.name!r} is no lane: {error}"
+        ) from error
+    if surface == "strip":
+        return Network(chosen, surface=surface)
+    bays = {bay.id: bay.belt for bay in environment.bays}
+    return Network(chosen, environment.links, bays, surface=surface)

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from pointit.cli.link import PATIENCE_S, telling
 from pointit.cli.whereabouts import missing
@@ -72,7 +72,8 @@ class Anchoring:
 
         Args:
             lamp: its id; empty: the localizer's choice.
-            timeout_s: after so long it is called off, as it is when this is cancelled.
+            timeout_s: after so long, not counting others' turns at the lamps, it is called off, as it is
+                when this is cancelled.
             tell: shown what to do now.
 
         Raises:
@@ -88,8 +89,12 @@ class Anchoring:
         except RefusedError as error:
             raise NotBegunError(str(error), is_busy=was_busy or self.is_busy) from error
         try:
-            async with asyncio.timeout(timeout_s):
-                return await self._result(before_ns, tell)
+            async with asyncio.timeout(timeout_s) as limit:
+
+                def wait_in_turn() -> None:  # the time counts from when the lamps are this person's
+                    limit.reschedule(asyncio.get_running_loop().time() + timeout_s)
+
+                return await self._result(before_ns, tell, wait_in_turn)
         except TimeoutError:
             await self._call_off()
             raise NoAnswerError(
@@ -113,7 +118,9 @@ class Anchoring:
             )
         return self._news.stamp_ns
 
-    async def _result(self, before_ns: int, tell: Callable[[str], None]) -> Anchor:
+    async def _result(
+        self, before_ns: int, tell: Callable[[str], None], wait_in_turn: Callable[[], None]
+    ) -> Anchor:
         reason = None
         while self._anchor is None and reason is None:
             news = self._news
@@ -121,7 +128,11 @@ class Anchoring:
                 reason = _ending(news)
                 if reason is not None:
                     break
-                tell(f"point at {news.target_id or 'the lamp that is lit'} and stay on it")
+                if news.ahead:
+                    wait_in_turn()
+                    tell(f"wait: {news.ahead[0]} points at the lamps{_more(news.ahead[1:])}")
+                else:
+                    tell(f"point at {news.target_id or 'the lamp that is lit'} and stay on it")
             await self._change()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LATE_S):
@@ -148,6 +159,10 @@ class Anchoring:
     def _on_anchor(self, anchor: Anchor, _user: str) -> None:
         self._anchor = anchor
         self._changed.set()
+
+
+def _more(waiting: Sequence[str]) -> str:
+    return f", then {', '.join(waiting)}" if waiting else ""
 
 
 def _ending(news: Localization) -> str | None:

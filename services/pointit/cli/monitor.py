@@ -158,6 +158,8 @@ class Monitor:
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         before = self.interactions.get(user)
         self.interactions[user] = interaction
+        if before is not None and before.state == "idle" != interaction.state:
+            self._try_again(user)
         if self.person and user != self.person:
             return
         begins = before is None and interaction.state == "idle" and not interaction.reason
@@ -191,8 +193,7 @@ class Monitor:
             self.solved[user] = news.stamp_ns
             self._take_found(user)
         if news.phase in {"sampling", "solved"}:
-            self.refusals.pop(user, None)
-            self.cues.pop(user, None)
+            self._try_again(user)
         elif news.phase == "refused" and news.reason:
             self.refusals[user] = news.reason
 
@@ -209,9 +210,12 @@ class Monitor:
     def _on_feedback(self, feedback: Feedback, user: str) -> None:
         if feedback.cue == "refused":
             self.cues[user] = feedback.text
-        elif feedback.cue in {"started", "localized"}:
-            self.refusals.pop(user, None)
-            self.cues.pop(user, None)
+        elif feedback.cue == "localized":
+            self._try_again(user)
+
+    def _try_again(self, user: str) -> None:
+        self.refusals.pop(user, None)
+        self.cues.pop(user, None)
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         self.colors[user] = profile.cursor_color

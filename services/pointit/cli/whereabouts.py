@@ -29,6 +29,8 @@ def localizing(user: str, news: Localization | None) -> str:
     """Return that a person is being localized, as far as that is; empty when they are not."""
     if news is None or news.phase != "sampling":
         return ""
+    if news.ahead:
+        return f"{user} waits for the lamps, which {news.ahead[0]} points at; wait until it is their turn"
     if news.purpose == "anchor":
         return f"{user} is pointing at {news.target_id or 'a lamp'} to have the pose set right; wait"
     lamp = f", lamp {news.target_index + 1} of {news.target_count}" if news.target_count > 1 else ""

@@ -203,7 +203,11 @@ async def test_refusals_stay_until_the_next_attempt() -> None:
     interactions.put(Interaction(stamp_ns=1, state="idle", reason="There is no map."))
     cues.put(Feedback(stamp_ns=1, cue="refused", text="There is no map."))
     await until(lambda: monitor.refusal("anna") == "There is no map.")
-    cues.put(Feedback(stamp_ns=2, cue="started", text="Wait."))
+    cues.put(Feedback(stamp_ns=2, cue="started", text="Point."))  # after an anchor's refusal it goes on
+    interactions.put(Interaction(stamp_ns=2, state="idle", reason="There is no map.", next_step="Press."))
+    await until(lambda: monitor.interactions["anna"].next_step == "Press.")
+    assert monitor.refusal("anna") == "There is no map."
+    interactions.put(Interaction(stamp_ns=3, state="localizing"))
     await until(lambda: not monitor.refusal("anna"))
     # what the selector refuses is news, not a person's state
     cues.put(Feedback(stamp_ns=3, cue="refused", text="it is ben's"))

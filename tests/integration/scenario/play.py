@@ -3,6 +3,8 @@
 import asyncio
 import contextlib
 import math
+import os
+import tempfile
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -125,9 +127,10 @@ def watched_people(people: list[Person]) -> Generator[None]:
 
 
 def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = None) -> Outcome:
-    """Run `scenario` for one person; the same choices give the same outcome."""
+    """Run `scenario` for one person, on nothing kept before; the same choices give the same outcome."""
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
-    return run_virtually(_play(plan, choices, duration_s or plan.duration_s))
+    with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
+        return run_virtually(_play(plan, choices, duration_s or plan.duration_s))
 
 
 def _words(monitor: Monitor, width: int) -> str:

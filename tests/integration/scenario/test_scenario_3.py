@@ -40,6 +40,16 @@ def test_without_corrections_the_errors_would_show() -> None:
     assert sum(missed + wrong for _, missed, wrong in (o.final("red") for o in outcomes)) > 0
 
 
+def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:
+    """Frames are the only feedback: with the strips dark nobody corrects anything."""
+    dark = "led-driver.brightness=0"
+    outcome = play("scenario_3", Choices(seed=1, settings=(dark,)), 40.0)
+    assert "pointing" in outcome.states
+    assert outcome.states.count("idle") > 3  # they press: perhaps nobody knows that they point
+    selected, missed, _ = outcome.final("red")
+    assert missed > selected
+
+
 def test_the_same_seed_gives_the_same_run() -> None:
     first, second = (play("scenario_3", Choices(seed=5), 15.0) for _ in range(2))
     assert first.cursors == second.cursors

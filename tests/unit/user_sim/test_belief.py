@@ -77,9 +77,11 @@ def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
     assert len(life.presses) == 2
 
 
-def pressed(press: Press, belief: Belief, from_s: float, to_s: float, *, lost: bool) -> list[ButtonEvent]:
+def pressed(
+    press: Press, belief: Belief, from_s: float, to_s: float, *, sees: bool | None
+) -> list[ButtonEvent]:
     events = [
-        press.step(round(step / 10 * NS_PER_S), belief, known_ns=0, lost=lost)
+        press.step(round(step / 10 * NS_PER_S), belief, known_ns=0, sees=sees)
         for step in range(round(from_s * 10), round(to_s * 10))
     ]
     return [event for event in events if event is not None]
@@ -88,10 +90,12 @@ def pressed(press: Press, belief: Belief, from_s: float, to_s: float, *, lost: b
 def test_no_cursor_for_long_makes_the_person_press_and_think_anew() -> None:
     belief = after(STARTED)
     press = Press(UserSimConfig())
-    assert pressed(press, belief, 0.0, 20.0, lost=False) == []
-    assert pressed(press, belief, 20.0, 31.8, lost=True) == []
-    (event,) = pressed(press, belief, 31.8, 33.0, lost=True)
+    assert pressed(press, belief, 0.0, 20.0, sees=True) == []
+    assert pressed(press, belief, 20.0, 26.0, sees=False) == []
+    assert pressed(press, belief, 26.0, 60.0, sees=None) == []  # resting meanwhile
+    assert pressed(press, belief, 60.0, 65.7, sees=False) == []
+    (event,) = pressed(press, belief, 65.7, 67.0, sees=False)
     assert event.gesture == "press"
     assert belief.state == "idle"
     never = Press(UserSimConfig(lost_press_s=0.0))
-    assert pressed(never, after(STARTED), 0.0, 100.0, lost=True) == []
+    assert pressed(never, after(STARTED), 0.0, 100.0, sees=False) == []

@@ -97,7 +97,7 @@ class Person:
             self._mind.belief,
             known_ns=self._sight.profile_ns,
             off_rad=correction.off_rad if closed else 0.0,
-            lost=closed and correction.is_lost and self._sight.frame_ns is not None,
+            sees=self._mind.cursor is not None if closed and self._sight.frame_ns is not None else None,
         )
         return self._band.sample(now_ns, orientation), press
 

@@ -32,12 +32,19 @@ class Press:
         self._anchored_ns: int | None = None
         self._on_ns = 0
         """When the cursor was last where it should be."""
-        self._there_ns = 0
-        """When it was last to be seen, or not looked for."""
+        self._in_vain_ns = 0
+        """How long it has been looked for since it was seen last."""
+        self._before_ns = 0
         self._presses = 0
 
     def step(
-        self, now_ns: int, belief: Belief, *, known_ns: int | None, off_rad: float = 0.0, lost: bool = False
+        self,
+        now_ns: int,
+        belief: Belief,
+        *,
+        known_ns: int | None,
+        off_rad: float = 0.0,
+        sees: bool | None = None,
     ) -> ButtonEvent | None:
         """Return what the person does now.
 
@@ -46,12 +53,13 @@ class Press:
             belief: what they take to be going on.
             known_ns: since when they know that the system knows them; none: they do not.
             off_rad: how far the cursor is from where they feel to point.
-            lost: they look for their cursor in vain.
+            sees: whether they see their cursor; none: they do not look for it.
         """
         if self._born_ns is None or now_ns < self._born_ns:
             self._born_ns = now_ns
-        if not lost or now_ns < self._there_ns:
-            self._there_ns = now_ns
+        passed_ns, self._before_ns = now_ns - self._before_ns, now_ns
+        if sees is not None:
+            self._in_vain_ns = 0 if sees else self._in_vain_ns + max(0, min(passed_ns, NS_PER_S))
         if belief.state == "pointing":
             return self._anchor(now_ns, belief, off_rad) or self._look_for(now_ns, belief)
         self._on_ns = now_ns
@@ -72,9 +80,10 @@ class Press:
 
     def _look_for(self, now_ns: int, belief: Belief) -> ButtonEvent | None:
         """Press when no cursor was seen for long: perhaps nobody thinks that they point."""
-        if self._lost_ns == 0 or now_ns - self._there_ns <= self._lost_ns:
+        if self._lost_ns == 0 or self._in_vain_ns <= self._lost_ns:
             return None
-        self._there_ns = self._pressed_ns = now_ns
+        self._in_vain_ns = 0
+        self._pressed_ns = now_ns
         belief.doubt(now_ns)
         return self._event(now_ns, "press")
 
@@ -89,7 +98,8 @@ class Press:
         may_again = asked_ns is None or now_ns - asked_ns > PATIENCE_S * NS_PER_S
         if not is_old and not (is_off and may_again):
             return None
-        self._anchored_ns = self._on_ns = self._there_ns = now_ns
+        self._anchored_ns = self._on_ns = now_ns
+        self._in_vain_ns = 0
         return self._event(now_ns, "double")
 
     def _event(self, now_ns: int, gesture: Gesture) -> ButtonEvent:

@@ -12,7 +12,19 @@ from pointit.schemas import BeltLink, TrackedObject
 from pointit.services.conveyor_sim.intake import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.map_file import load_map
-from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, ROOMS, S, belt, check_apart, plant, room
+from tests.unit.conveyor_sim.rooms import (
+    CHAIN,
+    CROSS,
+    FORK,
+    MERGE,
+    RING,
+    ROOMS,
+    S,
+    belt,
+    check_apart,
+    plant,
+    room,
+)
 
 SHIPPED = load_map("conveyor", 0)
 EVERYWHERE = {**ROOMS, "conveyor": SHIPPED}
@@ -102,6 +114,17 @@ def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
     assert belts.state(now_ns).left == belts.fed
 
 
+def every(belt: str, interval_s: float, *, kind: str = "red") -> dict[str, object]:
+    """Return a feeder that does not leave anything to chance."""
+    return {
+        "belt": belt,
+        "sequence": [kind],
+        "min_interval_s": interval_s,
+        "max_interval_s": interval_s,
+        "length_m": 0.3,
+    }
+
+
 def run(belts: Plant, until_s: float, *, step_s: float = 0.04) -> list[tuple[TrackedObject, ...]]:
     """Return what is there at every step from where `belts` is until `until_s`."""
     seen: list[tuple[TrackedObject, ...]] = []
@@ -175,12 +198,86 @@ def test_who_comes_first_to_a_junction_goes_first(after_s: float, held: str) -> 
     assert belts.size == 2
 
 
+def test_a_stream_that_never_ends_lets_one_from_the_side_in_when_it_is_its_turn() -> None:
+    belts = plant(MERGE, feeders={"main": every("main", 0.1)})
+    run(belts, 15.0)
+    name = belts.add("late", "left", 0.3)
+    run(belts, 25.0)
+    assert next(t.surface_id for t in belts.tracked(0).objects if t.id == name) == "main"
+
+
+@pytest.mark.parametrize("bays", [("1", "3"), ("4", "1"), ("3", "4")])
+def test_however_much_is_fed_it_never_comes_to_a_standstill(bays: tuple[str, str]) -> None:
+    feeders = {name: every(f"part_{name}", 0.4) for name in "eh"}
+    belts = plant(SHIPPED, feeders=feeders, bay_selected=bays[0], bay_rest=bays[1], speed_mps=1.0)
+    left: list[int] = []
+    for second in range(180):
+        belts.step(second * S)
+        belts.select({t.id: "anna" for t in belts.tracked(0).objects if int(t.id[2:]) % 4 < 2}, second * S)
+        left.append(belts.state(0).left)
+    for minute in (60, 120, 179):
+        assert left[minute] - left[minute - 50] >= 10, left
+
+
+@pytest.mark.parametrize("offset_m", [0.41, 0.45, 0.5, 0.55, 0.6])
+def test_running_backwards_it_stops_behind_what_stands_on_the_belt_before(offset_m: float) -> None:
+    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [BeltLink(source="a", target="b")])
+    belts = plant(hall, feeder={"sequence": []}, speed_mps=1.0)
+    belts.add("x", "a", 0.4)
+    belts.step(round((2.1 + offset_m) * S))
+    belts.set_speed(-5.0, ("b",))
+    belts.set_speed(0.0, ("a",))
+    other = plant(hall, feeder={"sequence": []}, speed_mps=1.0)
+    other.add("x", "a", 0.4)
+    other.step(round(1.99 * S))
+    kept = other.snapshot()
+    kept["packages"] += belts.snapshot()["packages"]
+    kept["packages"][1][0] = "second"
+    both = plant(hall, feeder={"sequence": []})
+    both.restore({**belts.snapshot(), "packages": kept["packages"]})
+    for objects in run(both, 2.0):
+        check_apart(hall, objects)
+    assert both.tracked(0).objects[1].surface_position_m == pytest.approx(0.29)
+
+
+def test_one_that_waits_between_belts_holds_those_behind_wherever_they_go() -> None:
+    belts = plant(CROSS, feeder={"sequence": []})
+    blocking = belts.add("blue", "n", 0.3)
+    run(belts, 6.0)
+    belts.set_speed(0.0, ("n",))
+    names: list[str] = []
+    for number in range(4):
+        names.append(belts.add("red", "w", 0.3))
+        belts.select(dict.fromkeys(names[1::2], "anna"), belts.now_ns)
+        for objects in run(belts, 8.0 + 2 * number):
+            check_apart(CROSS, objects)
+    for objects in run(belts, 20.0):
+        check_apart(CROSS, objects)
+    waiting = [t.position_m[0] for t in belts.tracked(0).objects if t.id != blocking]
+    assert sorted(waiting) == pytest.approx([2.2, 2.5, 2.8, 3.1])
+    belts.set_speed(0.5)
+    for objects in run(belts, 60.0):
+        check_apart(CROSS, objects)
+    counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
+    assert counts == {("1", "blue"): 1, ("1", "red"): 2, ("3", "red"): 2}
+
+
+def test_round_a_ring_things_move_at_the_speed_of_the_belts() -> None:
+    belts = plant(RING, feeder={"sequence": []}, bay_rest="none", lanes=["south", "east", "north", "west"])
+    belts.add("x", "south", 0.3)
+    path = [objects[0] for objects in run(belts, 90.0)]
+    for a, b in pairwise(path):
+        assert math.dist(a.position_m, b.position_m) <= 0.5 * 0.04 + 1e-9
+    assert sum(t.surface_id == "west" and n.surface_id == "south" for t, n in pairwise(path)) == 2
+    assert all(tracked.surface_speed_mps == 0.5 for tracked in path)
+
+
 def test_one_that_waits_at_a_junction_does_not_touch_those_that_pass() -> None:
     belts = plant(
         CROSS,
         feeders={
-            "w": {"belt": "w", "sequence": ["red"], "min_interval_s": 1.0, "max_interval_s": 2.0},
-            "n": {"belt": "n", "sequence": ["blue"], "min_interval_s": 1.0, "max_interval_s": 2.0},
+            "w": every("w", 1.0, kind="red"),
+            "n": every("n", 1.3, kind="blue"),
         },
     )
     held = 0

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 from pointit.services.conveyor_sim.network import Network
 from pointit.services.conveyor_sim.package import Package
+from pointit.services.conveyor_sim.rings import NO_RING, Rings
 from pointit.services.conveyor_sim.routes import END, Routes
 from pointit.services.conveyor_sim.zones import SHARP, Gate, Zones
 
+NOTHING = -1
 PAST_M = 1e-6
 
 
@@ -18,9 +20,10 @@ class _Waiting:
     turn: int
     """When it asked last; who does not ask any more does not wait."""
     lane: tuple[str | int, ...]
-    is_exclusive: bool
     is_ready: bool
     """Whether there is room behind the zone."""
+    claims: int
+    """The piece behind the zone whose next room is its own, before those who came later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +40,14 @@ class _Passage:
 class CrossingGuard:
     """Lets packages into zones."""
 
-    def __init__(self, network: Network, routes: Routes, zones: Zones, held: list[list[Package]]) -> None:
+    def __init__(
+        self, network: Network, routes: Routes, zones: Zones, rings: Rings, held: list[list[Package]]
+    ) -> None:
         """Look at the packages by piece in `held`, which others move."""
         self._pieces = network.pieces
         self._routes = routes
         self._zones = zones
+        self._rings = rings
         self._held = held
         self._inside: list[dict[str, Package]] = [{} for _ in range(zones.count)]
         self._waiting: list[dict[str, _Waiting]] = [{} for _ in range(zones.count)]
@@ -77,22 +83,27 @@ class CrossingGuard:
     def admits(self, package: Package, gate: Gate, piece: int) -> bool:
         """Let `package` pass the zone of `gate` on `piece`, which it is about to enter, or not yet."""
         passage = self._passage(package, gate, piece)
-        return self._decide(package, gate.zone, passage, is_ready=self._has_room(package, gate, passage))
+        exit_piece = passage.way[-1] if passage.way else package.piece
+        is_taken = self._ring_takes(package, gate.zone, passage)
+        is_ready = is_taken and self._has_room(package, gate, passage)
+        claims = exit_piece if is_taken else NOTHING  # who is on a ring must go on, whoever waits outside
+        return self._decide(package, gate.zone, passage, is_ready=is_ready, claims=claims)
 
     def admits_back(self, package: Package, gate: Gate) -> bool:
         """Let `package`, whose belt runs backwards, into the zone of `gate` on its piece, or not yet."""
         lane = ("belt", self._pieces[package.piece].belt)
-        return self._decide(package, gate.zone, _Passage((), lane, False, gate.end_m), is_ready=True)
+        return self._decide(
+            package, gate.zone, _Passage((), lane, False, gate.end_m), is_ready=True, claims=NOTHING
+        )
 
-    def _decide(self, package: Package, zone: int, passage: _Passage, *, is_ready: bool) -> bool:
+    def _decide(self, package: Package, zone: int, passage: _Passage, *, is_ready: bool, claims: int) -> bool:
         waiting = self._waiting[zone]
         mine = waiting.get(package.id)
         if mine is None or mine.turn < self.turn - 1:
             self._arrivals += 1
-            mine = _Waiting(self._arrivals, self.turn, passage.lane, passage.is_exclusive, is_ready)
+            mine = _Waiting(self._arrivals, self.turn, passage.lane, is_ready, claims)
             waiting[package.id] = mine
-        mine.turn, mine.lane, mine.is_exclusive = self.turn, passage.lane, passage.is_exclusive
-        mine.is_ready = is_ready
+        mine.turn, mine.lane, mine.is_ready, mine.claims = self.turn, passage.lane, is_ready, claims
         if not is_ready:
             return False
         for other in self._inside[zone].values():
@@ -101,7 +112,9 @@ class CrossingGuard:
         for name, rival in list(waiting.items()):
             if rival.turn < self.turn - 1:
                 del waiting[name]
-            elif rival.arrival < mine.arrival and rival.is_ready and rival.lane != passage.lane:
+                continue
+            is_before = rival.arrival < mine.arrival and rival.lane != passage.lane
+            if is_before and (rival.is_ready or rival.claims == claims != NOTHING):
                 return False
         del waiting[package.id]
         self._enter(package, zone, passage)
@@ -133,6 +146,23 @@ class CrossingGuard:
         is_straight_on = len(belts) == 1 and not any(self._pieces[i].is_bridge for i in (piece, *way))
         lane: tuple[str | int, ...] = ("belt", first.belt) if is_straight_on else (piece, *way)
         return _Passage(tuple(way), lane, not is_straight_on and float(along) < SHARP, exit_m)
+
+    def _ring_takes(self, package: Package, zone: int, passage: _Passage) -> bool:
+        """Return whether the ring to which `passage` leads, if it does from outside, takes one more."""
+        ring = self._rings.of[passage.way[-1]] if passage.way else NO_RING
+        if ring == NO_RING or self._rings.of[package.piece] == ring:
+            return True
+        coming = sum(self._rings.of[other.piece] != ring for other in self._inside[zone].values())
+        return self.on_ring(ring) + coming <= self._rings.most[ring]
+
+    def on_ring(self, ring: int) -> int:
+        """Return how many packages are on `ring`."""
+        return sum(len(self._held[piece]) for piece in self._rings.pieces[ring])
+
+    def takes(self, piece: int) -> bool:
+        """Return whether one more may be put on `piece`; a ring is never filled."""
+        ring = self._rings.of[piece]
+        return ring == NO_RING or self.on_ring(ring) <= self._rings.most[ring]
 
     def _has_room(self, package: Package, gate: Gate, passage: _Passage) -> bool:
         """Return whether all that is on its way out of the zone, and `package`, fit before the next zone."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from pointit.services.conveyor_sim.crossing_guard import CrossingGuard
 from pointit.services.conveyor_sim.network import Network, Piece
 from pointit.services.conveyor_sim.package import NO_ZONE, Package
+from pointit.services.conveyor_sim.rings import Rings
 from pointit.services.conveyor_sim.routes import END, Routes
 from pointit.services.conveyor_sim.zones import Zones
 
@@ -32,7 +33,9 @@ class Traffic:
         self.held: list[list[Package]] = [[] for _ in network.pieces]
         """By piece, in the order of their offsets."""
         self.zones = Zones(network, longest_m)
-        self.guard = CrossingGuard(network, routes, self.zones, self.held)
+        self.guard = CrossingGuard(
+            network, routes, self.zones, Rings(network, self.zones, longest_m), self.held
+        )
         self.speeds = dict.fromkeys(network.lines, 0.0)
         self._most_m = longest_m
         """The longest that ever was there."""
@@ -96,7 +99,8 @@ class Traffic:
         if not is_reverse:
             missing_m = max(missing_m, -self._ahead_m(piece, offset_m, length_m))
             gate = self.zones.at(piece.index, offset_m)
-            if gate is not None and not self.guard.is_free(gate.zone):
+            is_busy = gate is not None and not self.guard.is_free(gate.zone)
+            if is_busy or not self.guard.takes(piece.index):
                 missing_m = max(missing_m, RETRY_M)
         return missing_m if missing_m > TOLERANCE_M else 0.0
 

@@ -37,7 +37,7 @@ class Carousel:
         """
         self._ids = [strip.id for strip in environment.strips]
         self._lines = [Polyline(strip.line_m) for strip in environment.strips]
-        self._starts_m = np.concatenate(([0.0], np.cumsum([line.length_m for line in self._lines])))
+        self._starts_m: Array = np.cumsum([0.0, *(line.length_m for line in self._lines)])
         self._positions_m = positions_m
         self._kinds = kinds
         self._length_m = length_m
@@ -58,8 +58,8 @@ class Carousel:
         """Return where they are at `now_ns`."""
         self._seq += 1
         passed_s = (now_ns - self._start_ns) / NS_PER_S
-        around_m = (self._positions_m + self._speed_mps * passed_s) % self._starts_m[-1]
-        strips: NDArray[np.intp] = np.searchsorted(self._starts_m, around_m, side="right") - 1
+        around_m: Array = (self._positions_m + self._speed_mps * passed_s) % self._starts_m[-1]
+        strips = np.searchsorted(self._starts_m, around_m, side="right") - 1
         return TrackedObjects(
             stamp_ns=now_ns,
             seq=self._seq,

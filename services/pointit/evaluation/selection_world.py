@@ -65,7 +65,9 @@ class Rates:
     objects_hz: float = 10.0
     """A tracker's reports; in between all reckon on with the speed."""
     eyes_hz: float = 10.0
-    """So often somebody takes a look at the lights; at most 30."""
+    """So often the lights are looked at by who points at something; at most 30."""
+    rest_hz: float = 5.0
+    """The same while nobody does: they look around."""
 
 
 USUAL = Rates()
@@ -124,6 +126,7 @@ class World:
         self._step_ns = round(NS_PER_S / rates.imu_hz)
         self._objects_every_ns = round(NS_PER_S / rates.objects_hz)
         self._look_every_ns = round(NS_PER_S / rates.eyes_hz)
+        self._rest_every_ns = round(NS_PER_S / rates.rest_hz)
         self._objects_ns = self._look_ns = START_NS
         for present in self._people:
             present.person.see(START_NS, environment, "")
@@ -150,18 +153,18 @@ class World:
             self._point(present, events)
         self._route(self._selecting.pass_time(now_ns), events)
         if now_ns >= self._look_ns:
-            self._look_ns += self._look_every_ns
             self._look()
         return events
 
     def _look(self) -> None:
-        """Show the lights to those who look at them: who points at something."""
-        looking = [present.person for present in self._people if present.person.goal.closed_loop]
-        frame = self._lights.frame(self.now_ns) if looking else None
+        """Show everybody the lights, and say when they are due again."""
+        frame = self._lights.frame(self.now_ns)
         if frame is not None:
             self.frames += 1
-            for person in looking:
-                person.see(self.now_ns, frame, "")
+            for present in self._people:
+                present.person.see(self.now_ns, frame, "")
+        is_pointed = any(present.person.goal.closed_loop for present in self._people)
+        self._look_ns += self._look_every_ns if is_pointed else self._rest_every_ns
 
     def _point(self, present: "_Present", events: list[SelectionEvent]) -> None:
         now_ns = self.now_ns

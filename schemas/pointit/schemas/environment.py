@@ -23,6 +23,9 @@ from pointit.schemas.pointing import SurfaceKind
 Line = Annotated[Many[Vec3], Field(min_length=2)]
 """A polyline, vertices in {W}, metres."""
 
+BESIDE_BELT_M = 0.1
+"""A pixel of a strip shows what is on a belt when it is no farther beside the belt's edge."""
+
 
 class Lamp(Part):
     """A single light at a known place; target of localizations."""

@@ -17,7 +17,6 @@ from pointit.cli.map_ink import CLOUD, INK, LAMP, ON_TOP, SOLID, Axes
 from pointit.cli.map_solids_picture import draw_solids
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Environment
-from pointit.services.pui.map_lanes import nearest_on
 
 MAX_CLOUD_POINTS = 20_000
 MARGIN_M = 0.6
@@ -145,7 +144,7 @@ def _grid(axes: Axes, side_m: float) -> None:
 def on_belt(room: Environment, x: float, y: float) -> bool:
     """Return whether the place lies on a belt, as seen from above."""
     return any(
-        nearest_on(Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m]), np.array([[x, y, 0.0]]))[0][0]
+        Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m]).nearest_to(np.array([[x, y, 0.0]]))[1][0]
         <= belt.width_m / 2
         for belt in room.belts
         if len({vertex[:2] for vertex in belt.line_m}) > 1

@@ -8,13 +8,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 
 from pointit.cli.map_ink import ON_TOP, SOLID, SOLID_FILL, Axes
-from pointit.geometry.vector import Vec3, cross, dot, normalized, scale, subtract
+from pointit.geometry.plane import plane_axes
+from pointit.geometry.vector import Vec3, scale
 from pointit.schemas import Environment
 from pointit.schemas.environment import Plane
 
 _FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
 LEVEL = 0.999
-"""A plane whose normal rises so much has no side that rises most."""
+"""A plane whose normal rises so much is drawn as a floor, which is everywhere if it has no end."""
 
 
 def draw_solids(axes: Axes, room: Environment) -> list[Any]:
@@ -51,7 +52,7 @@ def _draw_plane(axes: Axes, plane: Plane) -> None:
             axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
             _name(axes, f"{plane.id} (without end)", plane.center_m)
         return
-    u, v = _axes(plane.normal)
+    u, v = plane_axes(plane.normal)
     half_u, half_v = scale(u, plane.size_m[0] / 2), scale(v, plane.size_m[1] / 2)
     corners = [
         (x + a * half_u[0] + b * half_v[0], y + a * half_u[1] + b * half_v[1])
@@ -60,13 +61,6 @@ def _draw_plane(axes: Axes, plane: Plane) -> None:
     look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
     axes.add_patch(Polygon(corners, **look))
     _name(axes, plane.id, plane.center_m)
-
-
-def _axes(normal: Vec3) -> tuple[Vec3, Vec3]:
-    """Return the plane's u and v axis: v rises most, y where it is level; u is v x normal."""
-    up: Vec3 = (0.0, 1.0, 0.0) if abs(normal[2]) > LEVEL else (0.0, 0.0, 1.0)
-    v = normalized(subtract(up, scale(normal, dot(up, normal))))
-    return cross(v, normal), v
 
 
 def _name(axes: Axes, text: str, center_m: Vec3) -> None:

@@ -13,6 +13,8 @@ FARTHEST_M = 1e6
 """Vertices beyond are mistakes."""
 SAME_M = 1e-9
 """Vertices closer together than this are one: a step so short has no direction."""
+AT_ONCE = 500_000
+"""Pairs of a point and a segment that are held in memory together."""
 
 
 class Polyline:
@@ -63,3 +65,19 @@ class Polyline:
         return np.column_stack(
             [np.interp(positions_m, self.starts_m, self.vertices_m[:, axis]) for axis in range(3)]
         )
+
+    def nearest_to(self, points_m: Array) -> tuple[Array, Array]:
+        """Return the arc length nearest to each of `points_m` (k x 3), and its distance, m (k each)."""
+        steps_m = np.diff(self.starts_m)
+        positions_m, apart_m = np.zeros(len(points_m)), np.zeros(len(points_m))
+        rows = max(AT_ONCE // len(steps_m), 1)
+        for start in range(0, len(points_m), rows):
+            part = slice(start, start + rows)
+            reach_m = points_m[part, None, :] - self.vertices_m[None, :-1, :]
+            along_m = np.clip(np.einsum("psk,sk->ps", reach_m, self.tangents), 0.0, steps_m)
+            apart = np.linalg.norm(reach_m - along_m[..., None] * self.tangents, axis=2)
+            segment = np.argmin(apart, axis=1)
+            each = np.arange(len(segment))
+            apart_m[part] = apart[each, segment]
+            positions_m[part] = self.starts_m[segment] + along_m[each, segment]
+        return positions_m, apart_m

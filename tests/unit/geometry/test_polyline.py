@@ -1,10 +1,16 @@
-"""Lines that are none."""
+"""Lines that are none, and what of a line is nearest."""
 
 import math
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from pointit.geometry import polyline
 from pointit.geometry.polyline import Polyline
+
+places = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
 
 @pytest.mark.parametrize("far_m", [1.1e6, 1e308, -1e308, math.inf, math.nan])
@@ -23,3 +29,31 @@ def test_repeated_vertices_are_dropped() -> None:
     line = Polyline(((0.0, 0.0, 0.0), (0.0, 5e-324, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 0.0)))
     assert line.length_m == 2.0
     assert line.tangent_at(1.0) == (1.0, 0.0, 0.0)
+
+
+@given(
+    st.lists(places, min_size=2, max_size=6, unique=True),
+    st.lists(places, min_size=1, max_size=5),
+)
+def test_no_sample_of_the_line_is_nearer_than_the_nearest(
+    vertices_m: list[tuple[float, float, float]], points_m: list[tuple[float, float, float]]
+) -> None:
+    try:
+        line = Polyline(vertices_m)
+    except ValueError:
+        return
+    positions_m, apart_m = line.nearest_to(np.array(points_m))
+    feet_m = line.points_at(positions_m)
+    assert np.linalg.norm(feet_m - points_m, axis=1) == pytest.approx(apart_m, abs=1e-9)
+    samples_m = line.points_at(np.linspace(0.0, line.length_m, 200))
+    gaps_m = np.linalg.norm(samples_m[None] - np.array(points_m)[:, None], axis=2).min(axis=1)
+    assert (apart_m <= gaps_m + 1e-9).all()
+
+
+def test_many_points_at_once_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = Polyline(((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 2.0, 0.0)))
+    points_m = np.column_stack([np.linspace(-1.0, 3.0, 31), np.linspace(2.0, -1.0, 31), np.ones(31)])
+    whole = line.nearest_to(points_m)
+    monkeypatch.setattr(polyline, "AT_ONCE", 8)
+    for parts, all_at_once in zip(line.nearest_to(points_m), whole, strict=True):
+        assert parts.tolist() == all_at_once.tolist()

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Belt, Strip
-from pointit.services.led_driver.layout import BESIDE_M, Layout
+from pointit.schemas.environment import BESIDE_BELT_M
+from pointit.services.led_driver.layout import Layout
 from tests.unit.led_driver.stage import BLACK, RED, WHITE, Stage, item
 
 WIDTH_M = 0.5
@@ -43,7 +44,7 @@ def places(strip: Strip) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return x[::-1] if strip.direction == -1 else x
 
 
-offsets = st.floats(-WIDTH_M / 2 - BESIDE_M + 1e-6, WIDTH_M / 2 + BESIDE_M - 1e-6)
+offsets = st.floats(-WIDTH_M / 2 - BESIDE_BELT_M + 1e-6, WIDTH_M / 2 + BESIDE_BELT_M - 1e-6)
 spans = st.tuples(st.floats(-1.0, 3.5), st.floats(0.2, 2.0))
 
 

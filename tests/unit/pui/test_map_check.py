@@ -151,8 +151,11 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         [("error", "links.0", "s at 1 m and t at 0 m are 2.00 m apart")],
     ),
     "a strip off its belt": (
-        f"belts: {{a: {A}}}\nstrips: {{near: {strip((0, 0.5), (1, 0.5))}, far: {strip((0, 0.6), (1, 0.6))}}}",
-        [("warning", "strips.far", "lies beside no belt, its pixels are up to 0.35 m from the edge of a")],
+        (
+            f"belts: {{a: {A}}}\n"
+            f"strips: {{near: {strip((0, 0.34), (1, 0.34))}, far: {strip((0, 0.36), (1, 0.36))}}}"
+        ),
+        [("warning", "strips.far", "lies beside no belt, its pixels are up to 0.11 m from the edge of a")],
     ),
     "a strip above its belt": (
         f"belts: {{a: {A}}}\nstrips: {{s: {{line: [[0, 0, 2], [1, 0, 2]], pixels: 30, direction: 1}}}}",
@@ -160,7 +163,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "a strip beyond its belt": (
         f"belts: {{a: {A}}}\nstrips: {{s: {strip((0, 0.3), (4, 0.3), pixels=120)}}}",
-        [("warning", "strips.s", "38% of it lies beside no belt|1.77 m from the edge of a")],
+        [("warning", "strips.s", "46% of it lies beside no belt|1.77 m from the edge of a")],
     ),
     "too many pixels": (
         f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=37)}}}",

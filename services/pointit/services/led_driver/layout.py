@@ -1,9 +1,9 @@
 """Which pixels belong to which line: once per map, so that drawing on any line is a look-up.
 
 Every pixel belongs to its own strip, and to each belt that it lies beside: within half the belt's width and
-`BESIDE_M` of its centre line, not beyond its ends; there it belongs to the nearest arc length. For each line
-the pixels are sorted by arc length, whatever strips they are of: curves, gaps, reversed strips, strips on
-both sides and clipping all come down to where an arc length falls into that order.
+`BESIDE_BELT_M` of its centre line, not beyond its ends; there it belongs to the nearest arc length. For each
+line the pixels are sorted by arc length, whatever strips they are of: curves, gaps, reversed strips, strips
+on both sides and clipping all come down to where an arc length falls into that order.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Strip
+from pointit.schemas.environment import BESIDE_BELT_M
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-BESIDE_M = 0.1
-"""How far beside a belt's edge a pixel still shows what is on the belt."""
 
 END_M = 1e-3
 """How far beyond a belt's end a pixel still belongs to it: maps are measured no better."""
@@ -33,9 +31,6 @@ _ROUNDING = 1e-6
 
 _APART_M = 1.0
 """Between lines on the axis on which all lie one after the other; nothing is looked for further beyond."""
-
-_AT_ONCE = 500_000
-"""Distances between pixels and segments that are held in memory together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +85,7 @@ class Layout:
         for belt in belts:
             line = Polyline(belt.line_m)
             self._lines["belt", belt.id] = len(runs)
-            runs.append(list(_runs_beside(line, belt.width_m / 2.0 + BESIDE_M, own)))
+            runs.append(list(_runs_beside(line, belt.width_m / 2.0 + BESIDE_BELT_M, own)))
             lengths_m.append(line.length_m)
         self._lay(runs, np.array(lengths_m))
 
@@ -190,8 +185,8 @@ def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]
     low_m, high_m = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
     for run, places_m in strips:
         near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
-        at_m, apart_m, beyond = _nearest(line, places_m[near])
-        beside = (apart_m <= reach_m) & ~beyond
+        at_m, apart_m = line.nearest_to(places_m[near])
+        beside = (apart_m <= reach_m) & ~_beyond(line, places_m[near], at_m)
         order = np.argsort(at_m[beside], kind="stable")
         pixels, along_m = run.pixels[near[beside][order]], at_m[beside][order]
         gaps = np.flatnonzero(np.diff(along_m) > 2.0 * run.pitch_m) + 1
@@ -211,24 +206,13 @@ def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
     return _Run(pixels, at_m, pitch_m, max(float(steps_m.max(initial=0.0)), pitch_m), from_m, to_m)
 
 
-def _nearest(line: Polyline, places_m: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return of each place (n x 3) the nearest arc length, the distance, and whether it is beyond an end."""
-    steps_m = np.diff(line.starts_m)
-    at_m, apart_m = np.zeros(len(places_m)), np.zeros(len(places_m))
-    rows = max(_AT_ONCE // len(steps_m), 1)
-    for start in range(0, len(places_m), rows):
-        part = slice(start, start + rows)
-        from_start_m = places_m[part, None, :] - line.vertices_m[None, :-1, :]
-        along_m = np.clip(np.einsum("psk,sk->ps", from_start_m, line.tangents), 0.0, steps_m)
-        apart = np.linalg.norm(from_start_m - along_m[..., None] * line.tangents, axis=2)
-        nearest = np.argmin(apart, axis=1)
-        each = np.arange(len(nearest))
-        apart_m[part] = apart[each, nearest]
-        at_m[part] = line.starts_m[nearest] + along_m[each, nearest]
+def _beyond(line: Polyline, places_m: Array, at_m: Array) -> NDArray[np.bool_]:
+    """Tell which of the places (n x 3), whose nearest arc lengths are `at_m`, are beyond an end of `line`."""
     before_m = (places_m - line.vertices_m[0]) @ line.tangents[0]
     after_m = (places_m - line.vertices_m[-1]) @ line.tangents[-1]
-    beyond = ((at_m <= 0.0) & (before_m < -END_M)) | ((at_m >= line.length_m) & (after_m > END_M))
-    return at_m, apart_m, beyond
+    is_before: NDArray[np.bool_] = (at_m <= 0.0) & (before_m < -END_M)
+    is_after: NDArray[np.bool_] = (at_m >= line.length_m) & (after_m > END_M)
+    return is_before | is_after
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

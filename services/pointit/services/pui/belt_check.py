@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from pointit.geometry.vector import Vec3
 from pointit.runtime.complaint import listed
 from pointit.services.pui.finding import Finding, error, warning
-from pointit.services.pui.map_lanes import Lane, enters_at, leaves_at, nearest_on
+from pointit.services.pui.map_lanes import Lane, enters_at, leaves_at
 from pointit.services.pui.map_model import LinkEntry, MapFile
 
 AT_END_M = 0.05
@@ -68,7 +68,7 @@ def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
     places = np.linspace(a, b, SAMPLES)
     covered = np.zeros(SAMPLES, dtype=bool)
     for lane in others:
-        covered |= nearest_on(lane.line, places)[0] <= lane.width_m / 2
+        covered |= lane.line.nearest_to(places)[1] <= lane.width_m / 2
     return math.dist(a, b) * (1.0 - float(covered.mean()))
 
 
@@ -136,7 +136,7 @@ def _beside(place: Vec3, lane: Lane, lanes: Lanes, *, at_start: bool) -> tuple[L
     for other in lanes.values():
         if other.name == lane.name:
             continue
-        distances, positions = nearest_on(other.line, np.array([place]))
+        positions, distances = other.line.nearest_to(np.array([place]))
         distance, position = float(distances[0]), float(positions[0])
         neighbour = position < AT_END_M if at_start else position > other.line.length_m - AT_END_M
         if not neighbour and distance <= max(lane.width_m, other.width_m) and distance < best[0]:

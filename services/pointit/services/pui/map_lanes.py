@@ -4,9 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pointit.geometry.polyline import Polyline
 from pointit.runtime.complaint import listed
 from pointit.services.pui.map_model import LinkEntry, MapFile
@@ -43,21 +40,6 @@ def leaves_at(link: LinkEntry, source: Lane) -> float:
 def enters_at(link: LinkEntry, target: Lane) -> float:
     """Return the arc length on `target` where `link` enters it."""
     return min(max(link.to_position, 0.0), target.line.length_m)
-
-
-def nearest_on(
-    line: Polyline, points_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the distance of each of `points_m` (n x 3) from `line`, and the arc length nearest to it."""
-    distances, positions = np.empty(len(points_m)), np.empty(len(points_m))
-    lengths = np.diff(line.starts_m)
-    for index, point in enumerate(points_m):
-        off = point - line.vertices_m[:-1]
-        along = np.clip(np.einsum("ij,ij->i", off, line.tangents), 0.0, lengths)
-        squares = np.square(off - along[:, None] * line.tangents).sum(axis=1)
-        best = int(np.argmin(squares))
-        distances[index], positions[index] = math.sqrt(squares[best]), line.starts_m[best] + along[best]
-    return distances, positions
 
 
 def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:

@@ -7,12 +7,11 @@ import numpy as np
 
 from pointit.geometry.polyline import SAME_M, Polyline
 from pointit.geometry.vector import Vec3
+from pointit.schemas.environment import BESIDE_BELT_M
 from pointit.services.pui.finding import Finding, warning
-from pointit.services.pui.map_lanes import Lane, lanes_of, nearest_on
+from pointit.services.pui.map_lanes import Lane, lanes_of
 from pointit.services.pui.map_model import MapFile
 
-BESIDE_M = 0.3
-"""A strip may be this far beside the belt's edge."""
 DENSITY_SPREAD = 0.2
 LENGTH_SPREAD = 0.01
 LENGTH_M = 0.01
@@ -54,8 +53,8 @@ def check_lines(file: MapFile) -> Iterator[Finding]:
 
 def _check_beside(name: str, line: Polyline, belts: Mapping[str, Lane]) -> Iterator[Finding]:
     places = line.points_at(np.linspace(0.0, line.length_m, SAMPLES))
-    beyond = {belt: nearest_on(lane.line, places)[0] - lane.width_m / 2 for belt, lane in belts.items()}
-    off = np.min(list(beyond.values()), axis=0) > BESIDE_M
+    beyond = {belt: lane.line.nearest_to(places)[1] - lane.width_m / 2 for belt, lane in belts.items()}
+    off = np.min(list(beyond.values()), axis=0) > BESIDE_BELT_M
     share = float(off.mean())
     if share <= OFF_SHARE:
         return
@@ -65,7 +64,7 @@ def _check_beside(name: str, line: Polyline, belts: Mapping[str, Lane]) -> Itera
     yield warning(
         f"strips.{name}",
         f"{how_much} beside no belt, its pixels are up to {far:.2f} m from the edge of {nearest}; "
-        f"correct its line (a strip shows what is on belts up to {BESIDE_M:g} m beside it)",
+        f"correct its line (a strip shows what is on belts up to {BESIDE_BELT_M:g} m beside it)",
     )
 
 

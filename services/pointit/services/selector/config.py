@@ -30,7 +30,7 @@ class GaugeConfig(Config):
         description="what angles are taken from: the cursor as it is shown on a strip or belt (people see "
         "and correct no error across it), or always the ray itself",
     )
-    closer: float = Field(
+    hysteresis: float = Field(
         default=0.3,
         ge=0,
         lt=1,
@@ -45,10 +45,13 @@ class GaugeConfig(Config):
     speed_window_s: float = Field(
         default=0.15, ge=0.02, le=1, description="time over which that speed is estimated, s"
     )
-    drain: float = Field(
-        default=0.5, ge=0, le=10, description="gauges of objects not hovered drain at this share of filling"
+    drain_share: float = Field(
+        default=0.5,
+        ge=0,
+        le=10,
+        description="gauges of objects not hovered drain at this share of the rate of filling",
     )
-    leave: float = Field(
+    leave_factor: float = Field(
         default=1.5,
         ge=1,
         le=10,

@@ -3,9 +3,9 @@
 from typing import Literal, NamedTuple
 
 from pointit.schemas import Feedback
+from pointit.schemas.base import Rgb
 
 Kind = Literal["selected", "deselected", "refused"]
-Rgb = tuple[int, int, int]
 
 
 class _Cue(NamedTuple):

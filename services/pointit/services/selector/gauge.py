@@ -9,15 +9,20 @@ class Gauges:
     """Fills, drains and fires.
 
     In the time between two cursors the gauge of the object that the later one hovers fills by its share of
-    the time to fill it, all others drain at `drain` of that rate. So it fires within one cursor of the same
-    time whatever the rate of cursors is. In a gap longer than `longest_gap_s` everything drains.
+    the time to fill it, all others drain at `drain_share` of that rate. So it fires within one cursor of the
+    same time whatever the rate of cursors is. In a gap longer than `longest_gap_s` everything drains.
     A full gauge fires once: its object is latched until it was left for `leave_s` without a break.
     """
 
     def __init__(
-        self, *, drain: float = 0.5, leave_s: float = 0.3, longest_gap_s: float = 0.25, full_s: float = 0.8
+        self,
+        *,
+        drain_share: float = 0.5,
+        leave_s: float = 0.3,
+        longest_gap_s: float = 0.25,
+        full_s: float = 0.8,
     ) -> None:
-        self._drain_per_s = drain / full_s
+        self._drain_per_s = drain_share / full_s
         self._leave_ns = round(leave_s * NS_PER_S)
         self._gap_s = longest_gap_s
         self._fill: dict[str, float] = {}

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from pointit.schemas import SelectedObject
 from pointit.services.selector.outputs import Cause, Owned, Record
@@ -144,21 +145,10 @@ class Ledger:
 
     def drop(self, object_ids: Iterable[str], now_ns: int) -> list[Record]:
         """Close the entries of `object_ids`, which have left."""
-        records: list[Record] = []
-        for object_id in object_ids:
-            entry = self._entries.pop(object_id)
-            records.append(
-                Record(
-                    stamp_ns=now_ns,
-                    event="left",
-                    object_id=object_id,
-                    kind=entry.kind,
-                    user=entry.user,
-                    owner=entry.user,
-                    since_ns=entry.since_ns,
-                )
-            )
-        return records
+        left = [(object_id, self._entries.pop(object_id)) for object_id in object_ids]
+        return [
+            _record("left", object_id, entry, user=entry.user, now_ns=now_ns) for object_id, entry in left
+        ]
 
     def _still(self, change: _Change, present: Container[str]) -> bool:
         entry = self._entries.get(change.object_id)
@@ -193,30 +183,39 @@ class Ledger:
 
     def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, cause: Cause) -> Record:
         self._entries[object_id] = entry
-        return Record(
-            stamp_ns=now_ns,
-            event="selected",
-            object_id=object_id,
-            kind=entry.kind,
-            user=user,
-            owner=entry.user,
-            since_ns=entry.since_ns,
-            cause=cause,
-            confidence=entry.confidence,
+        confidence = entry.confidence
+        return _record(
+            "selected", object_id, entry, user=user, now_ns=now_ns, cause=cause, confidence=confidence
         )
 
     def _deselect(
         self, object_id: str, user: str, now_ns: int, cause: Cause, confidence: float | None = None
     ) -> Record:
         entry = self._entries.pop(object_id)
-        return Record(
-            stamp_ns=now_ns,
-            event="deselected",
-            object_id=object_id,
-            kind=entry.kind,
-            user=user,
-            owner=entry.user,
-            since_ns=entry.since_ns,
-            cause=cause,
-            confidence=confidence,
+        return _record(
+            "deselected", object_id, entry, user=user, now_ns=now_ns, cause=cause, confidence=confidence
         )
+
+
+def _record(
+    event: Literal["selected", "deselected", "left"],
+    object_id: str,
+    entry: Owned,
+    *,
+    user: str,
+    now_ns: int,
+    cause: Cause = "",
+    confidence: float | None = None,
+) -> Record:
+    """Return that `event` happened to what is, or was, an `entry`."""
+    return Record(
+        stamp_ns=now_ns,
+        event=event,
+        object_id=object_id,
+        kind=entry.kind,
+        user=user,
+        owner=entry.user,
+        since_ns=entry.since_ns,
+        cause=cause,
+        confidence=confidence,
+    )

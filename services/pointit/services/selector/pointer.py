@@ -44,7 +44,7 @@ class Pointer:
         self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
         self._gauges = Gauges(
-            drain=gauge.drain,
+            drain_share=gauge.drain_share,
             leave_s=gauge.leave_s,
             longest_gap_s=config.longest_gap_s,
             full_s=gauge.full_s,
@@ -145,10 +145,10 @@ class Pointer:
         if cursor.direction is not None:
             self._steadiness.add(cursor.stamp_ns, cursor.direction)
         if view is not None:
-            hovered = view.pick(self.hovered, self._snap_rad, gauge.closer)
+            hovered = view.pick(self.hovered, self._snap_rad, gauge.hysteresis)
             latched = gauges.latched
             if latched:
-                near = view.near(latched, self._snap_rad, gauge.leave)
+                near = view.near(latched, self._snap_rad, gauge.leave_factor)
         elif under is not None:
             near = {under}
         if hovered is not None and view is not None:

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 NEAREST_M = 1e-3
 """Nothing is nearer to the eyes."""
 
+HAIR_M = 1e-6
+
 MOST_SEEN = 32
 """Of more objects near a ray, those at the smallest angles are seen."""
 
@@ -40,7 +42,7 @@ class Scene:
         stale_after_s: float = 1.0,
         display_lag_s: float = 0.0,
         reach_rad: float = math.radians(10.0),
-        leave: float = 1.5,
+        leave_factor: float = 1.5,
         aim: Literal["cursor", "ray"] = "cursor",
     ) -> None:
         """Begin with an empty room.
@@ -48,8 +50,8 @@ class Scene:
         Args:
             stale_after_s: objects whose list is farther from a ray in time are not seen.
             display_lag_s: at t people see an object where it was that much earlier.
-            reach_rad: objects are near a ray within this beside `leave` times their half width.
-            leave: see there.
+            reach_rad: objects are near a ray within this beside `leave_factor` times their half width.
+            leave_factor: see there; who is farther from an object has left it.
             aim: angles are taken from the ray; with `cursor`, where that is on a line, from the direction
                 in which it is shown. A line shows nothing of how far the ray passes beside it, so people
                 cannot correct that: their ray may pass by degrees while the light is on the object.
@@ -57,7 +59,7 @@ class Scene:
         self._stale_s = stale_after_s
         self._lag_s = display_lag_s
         self._reach_rad = reach_rad
-        self._leave = leave
+        self._leave_factor = leave_factor
         self._aims_at_cursor = aim == "cursor"
         self._lines = Lines({})
         self._listings: dict[str, TrackedObjects] = {}
@@ -99,13 +101,14 @@ class Scene:
         else:
             centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
         reach_m = centers_m - cursor.origin_m
-        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + NEAREST_M * NEAREST_M
+        # a hair more than it is: nothing is divided by zero, and cosines stay above -1
+        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
         aim = direction
         if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
             shown = vector.subtract(cursor.point_m, cursor.origin_m)
             aim = vector.normalized(shown) if vector.norm(shown) > NEAREST_M else direction
         angles = np.arccos(np.minimum(reach_m @ aim / ranges_m, 1.0))
-        near = (angles <= self._leave * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
+        near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
         if len(near) > MOST_SEEN:
             near = near[angles[near].argpartition(MOST_SEEN)[:MOST_SEEN]]
         seen = [

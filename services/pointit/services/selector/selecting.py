@@ -17,7 +17,6 @@ from pointit.schemas import (
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.cues import cue
 from pointit.services.selector.departures import Departures
-from pointit.services.selector.hover import Whereabouts
 from pointit.services.selector.ledger import Ledger
 from pointit.services.selector.outputs import Cause, Output, Owned, Record, event_of
 from pointit.services.selector.pointer import Pointed, Pointer
@@ -25,6 +24,7 @@ from pointit.services.selector.presences import Presences
 from pointit.services.selector.reservations import Reservations
 from pointit.services.selector.scene import Scene
 from pointit.services.selector.view import View
+from pointit.services.selector.whereabouts import Whereabouts
 
 __all__ = ["Output", "Selecting"]
 
@@ -57,7 +57,7 @@ class Selecting:
             reach_rad=math.radians(
                 max(config.gauge.sparse_deg, 4.0 * config.gauge.aim_sigma_deg, 4.0 * config.gauge.snap_deg)
             ),
-            leave=config.gauge.leave,
+            leave_factor=config.gauge.leave_factor,
             aim=config.gauge.aim,
         )
         self._presences = Presences(config.ownerless_after_s)
@@ -65,13 +65,13 @@ class Selecting:
         self._reservations = Reservations(config.reserve_s)
         self._departures = Departures(config.left_after_s, config.unseen_after_s)
         self._people: dict[str, Pointer] = {}
-        self._sent: Counter[str] = Counter()
+        self._sent: Counter[tuple[str, str]] = Counter()
         """Messages by kind and person."""
 
     def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
         """Take up what was selected before a restart, and go on counting from `events`."""
         self._ledger.restore(entries)
-        self._sent["event "] = events
+        self._sent["event", ""] = events
         for entry in entries.values():
             self._presences.hear(entry.user, now_ns)
         self._departures.await_(entries, now_ns)
@@ -318,6 +318,5 @@ class Selecting:
                 pointer.latch(object_id)
 
     def _count(self, kind: str, user: str = "") -> int:
-        key = f"{kind} {user}"
-        self._sent[key] += 1
-        return self._sent[key]
+        self._sent[kind, user] += 1
+        return self._sent[kind, user]

@@ -11,7 +11,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import Cursor
 
 LINES = ("strip", "belt")
-"""Surfaces with an arc length."""
+"""Surfaces with an arc length; on all others places are compared in space."""
 
 SAME_M = 1e-9
 """Places nearer to each other are one."""
@@ -52,10 +52,10 @@ class View:
         self._direction = direction
         self._seen = {one.id: one for one in seen}
 
-    def pick(self, kept: str | None, snap_rad: float, closer: float) -> str | None:
+    def pick(self, kept: str | None, snap_rad: float, hysteresis: float) -> str | None:
         """Return the object at the smallest angle, of those within half width and `snap_rad`.
 
-        `kept` is preferred until another one's angle is smaller by the share `closer`.
+        `kept` is preferred until another one's angle is smaller by the share `hysteresis`.
         """
         best: Seen | None = None
         for one in self._seen.values():
@@ -66,16 +66,16 @@ class View:
         before = self._seen.get(kept)
         if before is None or before.angle_rad > before.half_rad + snap_rad:
             return best.id
-        return kept if best.angle_rad >= (1.0 - closer) * before.angle_rad else best.id
+        return kept if best.angle_rad >= (1.0 - hysteresis) * before.angle_rad else best.id
 
-    def near(self, object_ids: Iterable[str], snap_rad: float, leave: float) -> set[str]:
-        """Return those that the ray passes within `leave` times their half width and `snap_rad`."""
+    def near(self, object_ids: Iterable[str], snap_rad: float, leave_factor: float) -> set[str]:
+        """Return those that the ray passes within `leave_factor` times their half width and `snap_rad`."""
         seen = self._seen
         return {
             object_id
             for object_id in object_ids
             if object_id in seen
-            and seen[object_id].angle_rad <= leave * (seen[object_id].half_rad + snap_rad)
+            and seen[object_id].angle_rad <= leave_factor * (seen[object_id].half_rad + snap_rad)
         }
 
     def is_lone(self, within_rad: float) -> bool:

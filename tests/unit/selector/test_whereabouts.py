@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Cursor, TrackedObject, TrackedObjects
-from pointit.services.selector.hover import MAX_TRACKERS, Whereabouts
+from pointit.services.selector.whereabouts import MAX_TRACKERS, Whereabouts
 
 S = 1_000_000_000
 
@@ -124,7 +124,7 @@ def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
 
 
 def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
-    whereabouts = Whereabouts(stale_after_s=1.0)
+    whereabouts = Whereabouts(stale_after_s=1.0, ended_after_s=5.0)
     whereabouts.update("one", listing(on_strip("a", 1.0)))
     assert under(whereabouts, cursor(1.0, stamp_ns=2 * S)) == "a"
     assert whereabouts.silent(2 * S) == []

@@ -8,14 +8,9 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, TrackedObject, TrackedObjects
+from pointit.services.selector.view import LINES
 
 Array = NDArray[np.float64]
-
-LINES = ("strip", "belt")
-"""Surfaces with an arc length; everything else is compared in space."""
-
-ENDED_PERIODS = 5
-"""A tracker silent for so many times what makes its objects stale has ended: they are gone."""
 
 MAX_TRACKERS = 64
 """Of more, the one longest unheard is forgotten."""
@@ -75,7 +70,7 @@ class Whereabouts:
         margin_m: float = 0.05,
         stale_after_s: float = 1.0,
         display_lag_s: float = 0.0,
-        ended_after_s: float | None = None,
+        ended_after_s: float = 30.0,
     ) -> None:
         """Begin without trackers.
 
@@ -83,10 +78,10 @@ class Whereabouts:
             margin_m: how far beside an object a cursor still counts.
             stale_after_s: objects not heard of for longer cannot be hovered.
             display_lag_s: at t people see an object where it was that much earlier.
-            ended_after_s: a tracker silent for longer has ended; none: `ENDED_PERIODS` times stale.
+            ended_after_s: a tracker silent for longer has ended.
         """
         self._lag_s = display_lag_s
-        self._ended_ns = int((ended_after_s or ENDED_PERIODS * stale_after_s) * NS_PER_S)
+        self._ended_ns = int(ended_after_s * NS_PER_S)
         self._margin_m = margin_m
         self._stale_ns = int(stale_after_s * NS_PER_S)
         self._trackers: dict[str, _Listing] = {}

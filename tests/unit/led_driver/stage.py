@@ -15,7 +15,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.config import LedDriverConfig, PointerConfig, StyleConfig
+from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig, StyleConfig
 from pointit.services.led_driver.lights import Lights
 
 Color = tuple[int, int, int]
@@ -50,20 +50,20 @@ class Stage:
         self,
         *strips: Strip,
         belts: tuple[Belt, ...] = (),
-        edge_m: float = 0.1,
+        margin_m: float = 0.1,
         tail_s: float = 0.0,
-        pointer: PointerConfig | None = None,
+        cursors: CursorsConfig | None = None,
     ) -> None:
         style = StyleConfig(
             kind_colors={"red": RED},
             default_color=(8, 8, 8),
             idle_level=0.25,
             gap_level=0.1,
-            edge_m=edge_m,
+            margin_m=margin_m,
             tail_s=tail_s,
             tail_level=0.5,
         )
-        self.lights = Lights(LedDriverConfig(style=style, pointer=pointer or PointerConfig()))
+        self.lights = Lights(LedDriverConfig(style=style, cursors=cursors or CursorsConfig()))
         self.lights.on_map(Environment(stamp_ns=0, name="stage", strips=strips or (FORTH, BACK), belts=belts))
         self.now_ns = NOW_NS
 

@@ -96,7 +96,7 @@ def test_in_a_curve_the_inner_and_the_outer_strip_show_the_same_stretch(at_m: fl
 def test_margins_are_as_long_on_the_inner_strip_of_a_curve_as_elsewhere() -> None:
     belt = Belt(id="belt", line_m=arc(1.0), width_m=WIDTH_M)
     inner = Strip(id="s", line_m=arc(0.7), pixels=round(0.7 * math.pi / 2 * PER_M))
-    stage = Stage(inner, belts=(belt,), edge_m=0.1).put(item(0.8, 0.6, surface="belt", surface_id="belt"))
+    stage = Stage(inner, belts=(belt,), margin_m=0.1).put(item(0.8, 0.6, surface="belt", surface_id="belt"))
     shown = [color for color in stage.select("anna").shown("s") if color != BLACK]
     # a pixel of it is 0.048 m of the belt: two of them are a margin, three would be too much
     assert shown == [WHITE] * 2 + [RED] * (len(shown) - 4) + [WHITE] * 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
-from pointit.services.led_driver.config import LedDriverConfig, PointerConfig
+from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig
 from pointit.services.led_driver.layout import Layout
 from pointit.services.led_driver.lights import Lights
 from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
@@ -84,7 +84,7 @@ def margins(stage: Stage) -> list[tuple[int, int, int]]:
 
 
 def wide() -> Stage:
-    people = Stage(edge_m=0.2).profile("anna", GREEN).profile("ben", BLUE).profile("cleo", (9, 9, 9))
+    people = Stage(margin_m=0.2).profile("anna", GREEN).profile("ben", BLUE).profile("cleo", (9, 9, 9))
     return people.put(item(0.95, 0.9))
 
 
@@ -120,7 +120,7 @@ PATTERNS = ["solid", "dashed", "dotted", "striped", "hollow", "tailed"]
 def test_owners_are_told_by_their_patterns_even_in_nine_pixels(pixels: int) -> None:
     seen: set[tuple[str, ...]] = set()
     for pattern in PATTERNS:
-        stage = Stage(edge_m=0.2).profile("anna", GREEN, pattern=pattern)
+        stage = Stage(margin_m=0.2).profile("anna", GREEN, pattern=pattern)
         shown = stage.put(item(0.5 + pixels / 20 - 0.001, pixels / 10)).select("anna").shown()
         signs = tuple({GREEN: "M", RED: "B", GAP: ".", BLACK: " "}[color] for color in shown[5 : 5 + pixels])
         assert signs[:2] == signs[-2:] == ("M", "M")
@@ -131,7 +131,7 @@ def test_owners_are_told_by_their_patterns_even_in_nine_pixels(pixels: int) -> N
 
 def test_the_patterns_of_nine_pixels() -> None:
     def signs(pattern: str, speed_mps: float = 0.0) -> str:
-        stage = Stage(edge_m=0.2).profile("anna", GREEN, pattern=pattern)
+        stage = Stage(margin_m=0.2).profile("anna", GREEN, pattern=pattern)
         shown = stage.put(item(0.95, 0.9, surface_speed_mps=speed_mps)).select("anna").shown()
         return "".join({GREEN: "M", RED: "B", GAP: "."}[color] for color in shown[5:14])
 
@@ -235,11 +235,11 @@ def test_where_many_cursors_meet_everybody_is_seen(count: int) -> None:
 
 
 def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
-    def color(pointer: PointerConfig, **miss: Any) -> tuple[int, int, int]:
-        stage = Stage(pointer=pointer).profile("anna", GREEN, cursor_colormap="viridis")
+    def color(cursors: CursorsConfig, **miss: Any) -> tuple[int, int, int]:
+        stage = Stage(cursors=cursors).profile("anna", GREEN, cursor_colormap="viridis")
         return stage.point("anna", 0.55, **miss).shown()[5]
 
-    angle, metres = PointerConfig(range_deg=10.0), PointerConfig(distance="metres", range_m=2.0)
+    angle, metres = CursorsConfig(range_deg=10.0), CursorsConfig(distance="metres", range_m=2.0)
     viridis = colormap("viridis")
     assert color(angle, miss_rad=0.0, miss_m=9.0) == viridis.rgb(1.0)
     assert color(angle, miss_rad=np.radians(2.5), miss_m=9.0) == viridis.rgb(0.75)
@@ -255,13 +255,13 @@ def test_an_unknown_colormap_is_refused_and_the_colour_shown() -> None:
 
 
 def test_the_true_cursor_is_drawn_unless_the_snapped_one_is_asked_for() -> None:
-    def lit(pointer: PointerConfig) -> list[int]:
-        stage = Stage(pointer=pointer).profile("anna").point("anna", 0.55)
+    def lit(cursors: CursorsConfig) -> list[int]:
+        stage = Stage(cursors=cursors).profile("anna").point("anna", 0.55)
         return stage.hover("anna", snapped_position_m=0.85).lit()
 
-    assert lit(PointerConfig()) == [4, 5, 6]
-    assert lit(PointerConfig(draw_snapped=True)) == [7, 8, 9]
-    stage = Stage(pointer=PointerConfig(draw_snapped=True)).profile("anna").point("anna", 0.55)
+    assert lit(CursorsConfig()) == [4, 5, 6]
+    assert lit(CursorsConfig(draw_snapped=True)) == [7, 8, 9]
+    stage = Stage(cursors=CursorsConfig(draw_snapped=True)).profile("anna").point("anna", 0.55)
     assert stage.hover("anna").lit() == [4, 5, 6]  # drawn to nothing
 
 

@@ -6,13 +6,12 @@ from pydantic import Field, field_validator, model_validator
 
 from pointit.geometry.colormap import colormap
 from pointit.runtime.config import Config
+from pointit.schemas.base import Rgb
 
 Board = Literal["v1", "v2", "v3"]
 Level = Annotated[float, Field(ge=0.0, le=1.0)]
-Byte = Annotated[int, Field(ge=0, le=255)]
-Color = tuple[Byte, Byte, Byte]
 
-KIND_COLORS: dict[str, Color] = {
+KIND_COLORS: dict[str, Rgb] = {
     "red": (255, 30, 0),
     "green": (0, 158, 80),
     "blue": (0, 80, 220),
@@ -79,16 +78,14 @@ class OutputConfig(Config):
 class StyleConfig(Config):
     """How things look on a strip."""
 
-    kind_colors: dict[str, Color] = Field(
-        default=KIND_COLORS, description="red, green, blue by kind of object"
-    )
-    default_color: Color = Field(default=(200, 200, 200), description="of objects of any other kind")
+    kind_colors: dict[str, Rgb] = Field(default=KIND_COLORS, description="red, green, blue by kind of object")
+    default_color: Rgb = Field(default=(200, 200, 200), description="of objects of any other kind")
     idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
-    edge_m: float = Field(
-        default=0.07, ge=0, le=1, description="length of the margins of a selected or hovered object, m"
+    margin_m: float = Field(
+        default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"
     )
-    selected_edge_color: Color = Field(
-        default=(255, 255, 255), description="of the margins of what somebody unknown has selected"
+    unknown_owner_color: Rgb = Field(
+        default=(255, 255, 255), description="of the margins of what somebody without a profile has selected"
     )
     gap_level: Level = Field(
         default=0.12, description="brightness of the dark pixels in the patterns of what is selected"
@@ -102,7 +99,7 @@ class StyleConfig(Config):
     )
 
 
-class PointerConfig(Config):
+class CursorsConfig(Config):
     """How cursors look; their colour, width and colormap are in each person's profile."""
 
     draw_snapped: bool = Field(
@@ -139,9 +136,9 @@ class LampsConfig(Config):
 class StateLampConfig(Config):
     """How the state lamp looks."""
 
-    idle_color: Color = Field(default=(40, 40, 40), description="while nobody points")
-    pointing_color: Color = Field(default=(0, 120, 60), description="while anybody points")
-    localizing_color: Color = Field(default=(0, 60, 255), description="pulses while anybody localizes")
+    idle_color: Rgb = Field(default=(40, 40, 40), description="while nobody points")
+    pointing_color: Rgb = Field(default=(0, 120, 60), description="while anybody points")
+    localizing_color: Rgb = Field(default=(0, 60, 255), description="pulses while anybody localizes")
     pulse_hz: float = Field(default=1.0, gt=0, le=2, description="pulses a second while localizing")
     flash_s: float = Field(default=0.4, ge=0.1, le=5, description="length of a cue's flash, s")
 
@@ -161,7 +158,7 @@ class LedDriverConfig(Config):
         default=1.0, gt=0, le=60, description="objects without news for so long vanish, s"
     )
     style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
-    pointer: PointerConfig = Field(default=PointerConfig(), description="cursors")
+    cursors: CursorsConfig = Field(default=CursorsConfig(), description="how cursors look")
     lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
     state_lamp: Annotated[str, Field(pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.\-]{0,63})?$")] = Field(
         default="", description="id of a lamp that shows the state of the site; empty: none does"

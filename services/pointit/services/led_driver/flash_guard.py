@@ -3,7 +3,7 @@
 from collections import deque
 
 from pointit.schemas import NS_PER_S
-from pointit.services.led_driver.config import Color
+from pointit.schemas.base import Rgb
 
 FLASHES = 3
 """In any second; a flash is two changes of brightness or of a colour, there and back (WCAG 2, 2.3.1)."""
@@ -19,12 +19,12 @@ class FlashGuard:
 
     def __init__(self) -> None:
         """Begin with a dark lamp."""
-        self.shown: Color = (0, 0, 0)
+        self.shown: Rgb = (0, 0, 0)
         self._signals = [_Signal() for _ in range(4)]
         self.free_ns: int | None = None
         """When the colour that is held back may be shown; none: it is."""
 
-    def show(self, color: Color, now_ns: int) -> Color:
+    def show(self, color: Rgb, now_ns: int) -> Rgb:
         """Return what the lamp may show of `color` at `now_ns`: that colour, or what it showed before."""
         values = [value / 255.0 for value in color]
         values.append(sum(weight * value for weight, value in zip(_LUMINANCE, values, strict=True)))

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Feedback, Localization
-from pointit.services.led_driver.config import Color, LedDriverConfig, StateLampConfig
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.flash_guard import FlashGuard
 
-DARK: Color = (0, 0, 0)
+DARK: Rgb = (0, 0, 0)
 
 HANDOVER_NS = NS_PER_S // 5
 """After a localization its lamps are left alone for so long: its own last word may still be on the way."""
@@ -72,10 +73,10 @@ class Lamps:
         if feedback.color is not None and self._id:
             self._state.flash(feedback.color)
 
-    def colors(self, now_ns: int) -> dict[str, Color]:
+    def colors(self, now_ns: int) -> dict[str, Rgb]:
         """Return the colours at `now_ns` of the lamps that it has a say in then."""
         self._forget(now_ns)
-        wanted: dict[str, Color] = {}
+        wanted: dict[str, Rgb] = {}
         if self._localized_ns is None:
             wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in sorted(self._near)}
         if self._id and all(each.target_id != self._id for each in self._localizing.values()):
@@ -98,7 +99,7 @@ class Lamps:
             times += [] if change_ns is None else [change_ns]
         return min(times, default=None)
 
-    def _by_angle(self, lamp_id: str) -> Color:
+    def _by_angle(self, lamp_id: str) -> Rgb:
         """Return the colour of the nearest ray; dark when nobody points."""
         if not self._cursors:
             return DARK
@@ -135,16 +136,16 @@ class _StateLamp:
         self._config = config
         self._flash_ns = int(config.flash_s * NS_PER_S)
         self._colors = {"idle": config.idle_color, "pointing": config.pointing_color}
-        self._waiting: Color | None = None
-        self._flashing: tuple[int, Color] | None = None
+        self._waiting: Rgb | None = None
+        self._flashing: tuple[int, Rgb] | None = None
         self._pulse_ns: int | None = None
         """When the pulse began."""
 
-    def flash(self, color: Color) -> None:
+    def flash(self, color: Rgb) -> None:
         """Show `color` for a moment, after the flash that is shown now; of several the newest."""
         self._waiting = color
 
-    def color(self, state: str, now_ns: int) -> Color:
+    def color(self, state: str, now_ns: int) -> Rgb:
         """Return what the lamp shows in `state` at `now_ns`."""
         if self._waiting is not None and not self._busy(now_ns, 2 * self._flash_ns):
             self._flashing, self._waiting = (now_ns, self._waiting), None

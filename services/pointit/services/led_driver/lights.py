@@ -14,7 +14,8 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.config import Color, LedDriverConfig
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.lamps import Lamps
 from pointit.services.led_driver.layout import Layout
 from pointit.services.led_driver.render import Renderer
@@ -113,7 +114,7 @@ class Lights:
         """Whether there is any lamp that it has a say in."""
         return self._lamps.any
 
-    def lamp_colors(self, now_ns: int) -> dict[str, Color]:
+    def lamp_colors(self, now_ns: int) -> dict[str, Rgb]:
         """Return the colours at `now_ns` of the lamps that it has a say in then; others are left alone."""
         return self._lamps.colors(now_ns)
 

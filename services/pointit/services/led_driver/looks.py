@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pointit.schemas import Hover, Selection, UserProfile
-from pointit.services.led_driver.config import Color, StyleConfig
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import StyleConfig
 from pointit.services.led_driver.layout import Array, Indices
 from pointit.services.led_driver.render import (
     BODY,
@@ -23,7 +24,7 @@ from pointit.services.led_driver.render import (
 NOBODY = UserProfile(stamp_ns=0)
 """Who has said nothing about themselves: a white cursor, solid."""
 
-WHITE: Color = (255, 255, 255)
+WHITE: Rgb = (255, 255, 255)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ class Wardrobe:
         colors = [profiles.get(user, NOBODY).cursor_color for user in sorted(state.hovers)]
         if state.owner is not None:
             owner = profiles.get(state.owner)
-            color = self._style.selected_edge_color if owner is None else owner.cursor_color
+            color = self._style.unknown_owner_color if owner is None else owner.cursor_color
             palette[OWNER] = color
             looks.patterns[index] = 0 if owner is None else PATTERNS.index(owner.pattern)
             colors = _with_owner(color, colors, _color(self._gap[kind]))
@@ -114,7 +115,7 @@ class Wardrobe:
         )
 
 
-def _with_owner(color: Color, hoverers: list[Color], dark: Color) -> list[Color]:
+def _with_owner(color: Rgb, hoverers: list[Rgb], dark: Rgb) -> list[Rgb]:
     """Return the margins of what is selected: the owner's colour first, so that it is the outermost."""
     others = [each for each in hoverers if each != color]
     if others or not hoverers:
@@ -123,7 +124,7 @@ def _with_owner(color: Color, hoverers: list[Color], dark: Color) -> list[Color]
     return [color, dark if color == WHITE else WHITE]
 
 
-def _color(values: Bytes) -> Color:
+def _color(values: Bytes) -> Rgb:
     red, green, blue = values.tolist()
     return (red, green, blue)
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.services.led_driver.config import Color, StyleConfig
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import StyleConfig
 from pointit.services.led_driver.layout import Array, Indices, Layout
 
 Bytes = NDArray[np.uint8]
@@ -65,7 +66,7 @@ class CursorMark:
     line: int
     at_m: float
     width_m: float
-    color: Color
+    color: Rgb
 
 
 def tails(
@@ -87,8 +88,9 @@ class Renderer:
         self._style = style if style is not None else StyleConfig()
         self._layout = layout
         self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
-        edge = np.clip(np.rint(self._style.edge_m / layout.pitch_m), 1, 4096).astype(np.intp)
-        self._edge: Indices = edge[layout.run]
+        margin = np.clip(np.rint(self._style.margin_m / layout.pitch_m), 1, 4096).astype(np.intp)
+        self._margin: Indices = margin[layout.run]
+        """Pixels of a margin, for every entry of the layout."""
 
     def render(self, segments: Segments, cursors: list[CursorMark]) -> Bytes:
         """Return all pixels (n x 3, red green blue) in the layout's order; the next call changes them."""
@@ -127,7 +129,7 @@ class Renderer:
         if len(stated):
             those, these = whose[stated], entries[stated]
             first, last = self._counted(segments, those, these, start_m, end_m)
-            roles[stated] = self._roles(segments, those, self._edge[these], first, last)
+            roles[stated] = self._roles(segments, those, self._margin[these], first, last)
         self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
 
     def _counted(
@@ -152,13 +154,13 @@ class Renderer:
         return number - low + before, high - number + after
 
     @staticmethod
-    def _roles(segments: Segments, whose: Indices, edge: Indices, first: Indices, last: Indices) -> Indices:
+    def _roles(segments: Segments, whose: Indices, widest: Indices, first: Indices, last: Indices) -> Indices:
         """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
         nearer = np.minimum(first, last)
         count = first + last + 1
         roles = np.zeros(len(whose), dtype=np.intp)
         roles[nearer < np.rint(segments.progress[whose] * count / 2.0)] = FILL
-        margin = np.minimum(edge, count // 3)
+        margin = np.minimum(widest, count // 3)
         patterns = segments.patterns[whose]
         if patterns.any():
             trailing = np.where(segments.forth[whose], first, last)

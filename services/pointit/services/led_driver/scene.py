@@ -18,7 +18,8 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.config import Color, LedDriverConfig
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.layout import Array, Indices, Layout
 from pointit.services.led_driver.looks import NOBODY, Looks, Wardrobe
 from pointit.services.led_driver.render import CursorMark, Segments, tails
@@ -49,7 +50,7 @@ class Scene:
 
     def __init__(self, config: LedDriverConfig) -> None:
         """Begin with nothing heard, and no layout."""
-        self._pointer = config.pointer
+        self._cursor_looks = config.cursors
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
         self._style = config.style
@@ -142,19 +143,19 @@ class Scene:
         return marks
 
     def _drawn_at_m(self, user: str, cursor: Cursor) -> float:
-        if self._pointer.draw_snapped and user in self._hovers:
+        if self._cursor_looks.draw_snapped and user in self._hovers:
             snapped_m = self._hovers[user][1].snapped_position_m
             if snapped_m is not None:
                 return snapped_m
         return cursor.position_m
 
-    def _color(self, profile: UserProfile, cursor: Cursor) -> Color:
+    def _color(self, profile: UserProfile, cursor: Cursor) -> Rgb:
         if not profile.cursor_colormap:
             return profile.cursor_color
-        if self._pointer.distance == "angle":
-            share = cursor.miss_rad / math.radians(self._pointer.range_deg)
+        if self._cursor_looks.distance == "angle":
+            share = cursor.miss_rad / math.radians(self._cursor_looks.range_deg)
         else:
-            share = cursor.miss_m / self._pointer.range_m
+            share = cursor.miss_m / self._cursor_looks.range_m
         return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
 
     def segments(self, now_ns: int) -> Segments:

@@ -22,6 +22,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
+from pointit.schemas.base import Rgb
 from pointit.schemas.topics import (
     CURSOR,
     FEEDBACK,
@@ -35,7 +36,7 @@ from pointit.schemas.topics import (
     SET_BRIGHTNESS,
     STRIPS_FRAME,
 )
-from pointit.services.led_driver.config import Color, LedDriverConfig
+from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.expander import ExpanderOutput
 from pointit.services.led_driver.lamps import DARK
 from pointit.services.led_driver.lights import Lights
@@ -66,7 +67,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamp_timer: asyncio.TimerHandle | None = None
         self._lamps_s = -LAMP_PERIOD_S
         self._lamps: dict[str, Publisher[LampColor]] = {}
-        self._lit: dict[str, Color] = {}
+        self._lit: dict[str, Rgb] = {}
         """What lamps were last told; those that others have a say in now are not among them."""
         self._lamp_seqs = Counter[str]()
         self._ended = False
@@ -217,7 +218,7 @@ class LedDriver(Service[LedDriverConfig]):
         if change_ns is not None:
             self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
 
-    def _light(self, colors: dict[str, Color]) -> None:
+    def _light(self, colors: dict[str, Rgb]) -> None:
         for lamp_id, color in colors.items():
             if self._lit.get(lamp_id) == color:
                 continue

@@ -12,7 +12,7 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime import ConfigError
 from pointit.schemas import decode, encode
 from pointit.schemas.environment import Environment
-from pointit.services.pui.map_file import load_map, read_map, shipped_maps
+from pointit.services.pui.map_file import load_map, shipped_maps
 from tests.support.data import data_file
 
 WHOLE = """
@@ -55,8 +55,12 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
+def loaded(path: Path, stamp_ns: int) -> Environment:
+    return load_map(str(path), stamp_ns)
+
+
 def test_every_part_of_a_map_is_read(tmp_path: Path) -> None:
-    read = read_map(write(tmp_path, WHOLE), 17)
+    read = loaded(write(tmp_path, WHOLE), 17)
     assert (read.stamp_ns, read.name) == (17, "site")
     assert [(lamp.id, lamp.position_m) for lamp in read.lamps] == [("lamp-a", (1.0, 2.5, 3.0))]
     strip = read.strips[0]
@@ -71,7 +75,7 @@ def test_every_part_of_a_map_is_read(tmp_path: Path) -> None:
 
 
 def test_solids_are_read(tmp_path: Path) -> None:
-    read = read_map(write(tmp_path, SOLIDS), 0)
+    read = loaded(write(tmp_path, SOLIDS), 0)
     (box,), (wall, floor) = read.boxes, read.planes
     assert (box.id, box.center_m, box.size_m) == ("desk", (1.0, 2.0, 0.4), (1.6, 0.8, 0.8))
     assert math.isclose(box.yaw_rad, math.pi / 2)
@@ -88,9 +92,9 @@ def test_links_lead_from_anywhere_to_anywhere(tmp_path: Path) -> None:
     text = WHOLE.replace(
         "{from: main, to: side}", "{from: main, from_position: 0.5, to: side, to_position: 1}"
     )
-    (link,) = read_map(write(tmp_path, text + "bays: {1: side}"), 0).links
+    (link,) = loaded(write(tmp_path, text + "bays: {1: side}"), 0).links
     assert (link.source_position_m, link.target_position_m) == (0.5, 1.0)
-    (link,) = read_map(write(tmp_path, WHOLE), 0).links
+    (link,) = loaded(write(tmp_path, WHOLE), 0).links
     assert (link.source_position_m, link.target_position_m) == (None, 0.0)
 
 
@@ -98,19 +102,19 @@ def test_positions_that_were_rounded_beyond_an_end_are_at_it(tmp_path: Path) -> 
     text = WHOLE.replace(
         "{from: main, to: side}", "{from: main, from_position: 2.009, to: side, to_position: -0.009}"
     )
-    (link,) = read_map(write(tmp_path, text), 0).links
+    (link,) = loaded(write(tmp_path, text), 0).links
     assert (link.source_position_m, link.target_position_m) == (2.0, 0.0)
 
 
 def test_bays_are_named_as_people_count(tmp_path: Path) -> None:
-    read = read_map(write(tmp_path, WHOLE + "bays: {1: side, left: main}"), 0)
+    read = loaded(write(tmp_path, WHOLE + "bays: {1: side, left: main}"), 0)
     assert [(bay.id, bay.belt) for bay in read.bays] == [("1", "side"), ("left", "main")]
 
 
 def test_the_shipped_conveyor_is_the_papers() -> None:
     """Its lines keep within a millimetre of the published ones, whose vertices are a centimetre apart."""
     ours = load_map("conveyor", 0)
-    theirs = read_map(data_file("pointit-ros2/tutorial_scenario_4.yaml"), 0)
+    theirs = loaded(data_file("pointit-ros2/tutorial_scenario_4.yaml"), 0)
     assert ours.lamps == theirs.lamps
     assert [(belt.id, belt.width_m) for belt in ours.belts] == [
         (belt.id, belt.width_m) for belt in theirs.belts
@@ -170,14 +174,14 @@ def test_the_shipped_lab_is_the_papers() -> None:
     assert "lab" in shipped_maps()
     lab = load_map("lab", 0)
     assert lab.name == "lab"
-    theirs = read_map(data_file("pointit-ros2/tutorial_scenario_1_2_3.yaml"), 0)
+    theirs = loaded(data_file("pointit-ros2/tutorial_scenario_1_2_3.yaml"), 0)
     assert (lab.lamps, lab.strips, lab.belts) == (theirs.lamps, theirs.strips, theirs.belts)
     assert [strip.pixels for strip in lab.strips] == [150, 150]
 
 
 @pytest.mark.parametrize("name", ["belt", "tutorial_scenario_4"])
 def test_the_toolkits_conveyor(name: str) -> None:
-    conveyor = read_map(data_file(f"pointit-ros2/{name}.yaml"), 0)
+    conveyor = loaded(data_file(f"pointit-ros2/{name}.yaml"), 0)
     assert (len(conveyor.lamps), len(conveyor.strips), len(conveyor.belts)) == (3, 22, 8)
     assert sum(strip.pixels for strip in conveyor.strips) == 1228
     raw = yaml.safe_load(data_file(f"pointit-ros2/{name}.yaml").read_text(encoding="utf-8"))
@@ -192,7 +196,7 @@ def test_the_toolkits_maps_are_read_with_any_line_ends(tmp_path: Path, name: str
     original = data_file(f"pointit-ros2/{name}.yaml")
     path = tmp_path / original.name
     path.write_bytes(b"\n".join(original.read_bytes().splitlines()).replace(b"\n", ends))
-    assert read_map(path, 0) == read_map(original, 0)
+    assert loaded(path, 0) == loaded(original, 0)
 
 
 def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -314,7 +318,7 @@ BROKEN = [
 def test_a_broken_map_is_one_sentence(tmp_path: Path, text: str, parts: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
-        read_map(path, 0)
+        loaded(path, 0)
     said = str(caught.value)
     assert said.startswith(f"{path}: ")
     assert "\n" not in said
@@ -327,11 +331,11 @@ def test_a_map_too_large_to_travel_is_refused(tmp_path: Path, monkeypatch: pytes
     line = [[0.5, number / 7, 1.5] for number in range(200)]
     path = write(tmp_path, json.dumps({"strips": {"long": {"line": line, "pixels": 60, "direction": 1}}}))
     with pytest.raises(ConfigError, match=r"site.yaml: the map has \d+ bytes as it travels and at most 4096"):
-        read_map(path, 0)
+        loaded(path, 0)
 
 
 def test_numbers_that_yaml_takes_for_text_are_numbers(tmp_path: Path) -> None:
-    read = read_map(write(tmp_path, "leds: {a: {position: [1e-3, 2, 3]}}"), 0)
+    read = loaded(write(tmp_path, "leds: {a: {position: [1e-3, 2, 3]}}"), 0)
     assert read.lamps[0].position_m == (0.001, 2.0, 3.0)
 
 
@@ -342,5 +346,5 @@ strips:
   1: {line: [[1, 0, 0], [1, 2, 0]], pixels: 9, direction: 1}
 links: [{from: 0, to: 1}]
 """
-    links = read_map(write(tmp_path, text), 0).links
+    links = loaded(write(tmp_path, text), 0).links
     assert [(link.source, link.target) for link in links] == [("0", "1")]

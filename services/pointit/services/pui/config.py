@@ -5,8 +5,8 @@ from typing import Literal
 from pydantic import Field
 
 from pointit.runtime.config import Config
-
-Kind = Literal["strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points"]
+from pointit.services.pui.shapes import Kind, SolidKind
+from pointit.services.pui.surfaces import OPAQUE
 
 
 class PuiConfig(Config):
@@ -27,8 +27,8 @@ class PuiConfig(Config):
         description="by id or kind; of all within the tolerance, the highest is pointed at; where nothing is "
         "said, strips, belts and lamps have 2, points 1, all else 0",
     )
-    opaque: tuple[Literal["box", "plane", "cylinder", "sphere"], ...] = Field(
-        default=("box", "cylinder", "sphere"),
+    opaque: tuple[SolidKind, ...] = Field(
+        default=OPAQUE,
         description="kinds that hide what is behind them, be they among the surfaces or not; [] for none",
     )
     method: Literal["exact", "kd_tree"] = Field(

@@ -80,25 +80,12 @@ def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, 
         ConfigError: one sentence with file, key, value and what to do.
     """
     with map_path(name_or_path) as path:
-        return _read_map_and_clouds(path, stamp_ns)
-
-
-def read_map(path: Path, stamp_ns: int) -> Environment:
-    """Return the map in the file at `path`, named as the file.
-
-    Raises:
-        ConfigError: one sentence with file, key, value and what to do.
-    """
-    return _read_map_and_clouds(path, stamp_ns)[0]
-
-
-def _read_map_and_clouds(path: Path, stamp_ns: int) -> tuple[Environment, Clouds]:
-    file = read_map_file(path)
-    broken = [f"{where}: {text}" for where, text in broken_references(file)]
-    if broken:
-        raise ConfigError(f"{path}: {broken[0]}{more_mistakes(len(broken) - 1)}")
-    clouds = read_clouds(path, file)
-    return travelling(path, file, clouds, stamp_ns), clouds
+        file = read_map_file(path)
+        broken = [f"{where}: {text}" for where, text in broken_references(file)]
+        if broken:
+            raise ConfigError(f"{path}: {broken[0]}{more_mistakes(len(broken) - 1)}")
+        clouds = read_clouds(path, file)
+        return travelling(path, file, clouds, stamp_ns), clouds
 
 
 def read_map_file(path: Path) -> MapFile:

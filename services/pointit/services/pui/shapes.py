@@ -1,7 +1,7 @@
 """The things of a map as geometry: lines, points, solids, clouds, each with its kind and id."""
 
 from collections.abc import Collection, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 from numpy.typing import NDArray
 
@@ -18,8 +18,7 @@ Clouds = Mapping[str, NDArray[Any]]
 SolidKind = Literal["box", "plane", "cylinder", "sphere"]
 Kind = Literal["strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points"]
 
-
-ALL_KINDS: tuple[Kind, ...] = ("strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "points")
+ALL_KINDS: tuple[Kind, ...] = get_args(Kind)
 
 PRIORITY: Mapping[str, int] = {"lamp": 2, "strip": 2, "belt": 2, "points": 1}
 """Of kinds that are not mentioned; 0 for others. Thin things come first, an area is seldom missed."""

@@ -1,0 +1,11 @@
+"""What holds for every unit test: nobody waits a second for the next word of a service's health."""
+
+import pytest
+
+from pointit.runtime import service
+
+
+@pytest.fixture(autouse=True)
+def frequent_health(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have services report often, so that who waits for a report waits for the report alone."""
+    monkeypatch.setattr(service, "HEALTH_PERIOD_S", 0.05)

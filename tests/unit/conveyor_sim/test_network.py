@@ -22,6 +22,7 @@ from tests.unit.conveyor_sim.rooms import (
     S,
     belt,
     check_apart,
+    cross,
     plant,
     room,
 )
@@ -89,6 +90,7 @@ def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
             now_ns += round(value * S)
             gone = [event for event in belts.step(now_ns) if event.event != "refused"]
             left += len(gone)
+            assert {event.event for event in gone} <= {"left" if name == "chain" else "dispatched"}
             after = belts.tracked(now_ns).objects
             assert {event.object_id for event in gone}.isdisjoint(tracked.id for tracked in after)
             fastest_mps = max(abs(v) for v in belts.speeds.values())
@@ -206,17 +208,38 @@ def test_a_stream_that_never_ends_lets_one_from_the_side_in_when_it_is_its_turn(
     assert next(t.surface_id for t in belts.tracked(0).objects if t.id == name) == "main"
 
 
-@pytest.mark.parametrize("bays", [("1", "3"), ("4", "1"), ("3", "4")])
-def test_however_much_is_fed_it_never_comes_to_a_standstill(bays: tuple[str, str]) -> None:
-    feeders = {name: every(f"part_{name}", 0.4) for name in "eh"}
-    belts = plant(SHIPPED, feeders=feeders, bay_selected=bays[0], bay_rest=bays[1], speed_mps=1.0)
+def test_a_ring_is_never_filled_so_it_never_comes_to_a_standstill() -> None:
+    """All from one side want to go on where all from the other side stand."""
+    feeders = {"e": every("part_e", 0.4, kind="blue"), "h": every("part_h", 0.4, kind="red")}
+    belts = plant(SHIPPED, feeders=feeders, bay_selected="1", bay_rest="4", speed_mps=1.0)
     left: list[int] = []
-    for second in range(180):
-        belts.step(second * S)
-        belts.select({t.id: "anna" for t in belts.tracked(0).objects if int(t.id[2:]) % 4 < 2}, second * S)
+    for tenth in range(1200):
+        belts.step(tenth * S // 10)
+        belts.select({t.id: "anna" for t in belts.tracked(0).objects if t.kind == "red"}, belts.now_ns)
         left.append(belts.state(0).left)
-    for minute in (60, 120, 179):
-        assert left[minute] - left[minute - 50] >= 10, left
+    assert [left[-1] - left[-300], left[-300] - left[-600]] >= [20, 20], left[::100]
+
+
+def test_a_ring_takes_no_more_by_hand_either() -> None:
+    belts = plant(RING, feeder={"sequence": []}, bay_rest="none", lanes=["south", "east", "north", "west"])
+    added = 0
+    for _ in range(1000):
+        with contextlib.suppress(NoRoomError):
+            belts.add("x", "south", 0.3)
+            added += 1
+        belts.step(belts.now_ns + S // 5)
+    assert added >= 5
+    moving = {t.id for objects in run(belts, 260.0) for t in objects if t.surface_speed_mps}
+    assert len(moving) == belts.size == added
+
+
+def test_who_could_not_leave_a_junction_again_does_not_block_it() -> None:
+    belts = plant(CROSS, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
+    belts.set_speed(0.0, ("e",))
+    run(belts, 60.0)
+    counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
+    assert counts[("1", "blue")] >= 25
+    assert ("3", "red") not in counts
 
 
 @pytest.mark.parametrize("offset_m", [0.41, 0.45, 0.5, 0.55, 0.6])
@@ -240,8 +263,12 @@ def test_running_backwards_it_stops_behind_what_stands_on_the_belt_before(offset
     assert both.tracked(0).objects[1].surface_position_m == pytest.approx(0.29)
 
 
-def test_one_that_waits_between_belts_holds_those_behind_wherever_they_go() -> None:
-    belts = plant(CROSS, feeder={"sequence": []})
+@pytest.mark.parametrize(("gap_m", "waiting_m"), [(1.0, [2.2, 2.5, 2.8, 3.1]), (2.6, [2.2, 2.5, 2.8, 3.1])])
+def test_one_that_waits_between_belts_holds_those_behind_wherever_they_go(
+    gap_m: float, waiting_m: list[float]
+) -> None:
+    wide = cross(gap_m)
+    belts = plant(wide, feeder={"sequence": []})
     blocking = belts.add("blue", "n", 0.3)
     run(belts, 6.0)
     belts.set_speed(0.0, ("n",))
@@ -250,16 +277,43 @@ def test_one_that_waits_between_belts_holds_those_behind_wherever_they_go() -> N
         names.append(belts.add("red", "w", 0.3))
         belts.select(dict.fromkeys(names[1::2], "anna"), belts.now_ns)
         for objects in run(belts, 8.0 + 2 * number):
-            check_apart(CROSS, objects)
+            check_apart(wide, objects)
     for objects in run(belts, 20.0):
-        check_apart(CROSS, objects)
+        check_apart(wide, objects)
     waiting = [t.position_m[0] for t in belts.tracked(0).objects if t.id != blocking]
-    assert sorted(waiting) == pytest.approx([2.2, 2.5, 2.8, 3.1])
+    assert sorted(waiting) == pytest.approx(waiting_m)
     belts.set_speed(0.5)
     for objects in run(belts, 60.0):
-        check_apart(CROSS, objects)
+        check_apart(wide, objects)
     counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
     assert counts == {("1", "blue"): 1, ("1", "red"): 2, ("3", "red"): 2}
+
+
+def test_a_queue_ends_before_the_junction() -> None:
+    longer = room(
+        [*CROSS.belts, belt("f", (6.1, 0), (8, 0))],
+        [*CROSS.links, BeltLink(source="e", target="f")],
+        b1="n",
+        b3="f",
+    )
+    belts = plant(longer, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
+    belts.set_speed(0.0, ("f",))
+    run(belts, 100.0)
+    assert sum(t.surface_id in {"e", "f"} for t in belts.tracked(0).objects) >= 5
+    assert not [t for t in belts.tracked(0).objects if 3.1 < t.position_m[0] < 3.9 and t.position_m[1] == 0.0]
+    counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
+    assert counts[("1", "blue")] >= 40
+
+
+def test_nothing_is_put_beside_what_passes_a_junction() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    belts.add("x", "main", 0.4)
+    run(belts, 6.0)
+    assert belts.tracked(0).objects[0].position_m == pytest.approx((3.0, 0.0, 1.0))
+    with pytest.raises(NoRoomError):
+        belts.add("y", "side", 0.4)  # 0.3 m away
+    run(belts, 7.0)
+    belts.add("y", "side", 0.4)
 
 
 def test_round_a_ring_things_move_at_the_speed_of_the_belts() -> None:
@@ -272,14 +326,10 @@ def test_round_a_ring_things_move_at_the_speed_of_the_belts() -> None:
     assert all(tracked.surface_speed_mps == 0.5 for tracked in path)
 
 
-def test_one_that_waits_at_a_junction_does_not_touch_those_that_pass() -> None:
-    belts = plant(
-        CROSS,
-        feeders={
-            "w": every("w", 1.0, kind="red"),
-            "n": every("n", 1.3, kind="blue"),
-        },
-    )
+@pytest.mark.parametrize("links", [1, 2])
+def test_one_that_waits_at_a_junction_does_not_touch_those_that_pass(links: int) -> None:
+    hall = CROSS.model_copy(update={"links": CROSS.links[:links]})  # with one, the belts cross and no more
+    belts = plant(hall, feeders={"w": every("w", 1.0, kind="red"), "n": every("n", 1.3, kind="blue")})
     held = 0
     for objects in run(belts, 60.0):
         check_apart(CROSS, objects)

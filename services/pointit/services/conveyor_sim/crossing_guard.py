@@ -1,5 +1,6 @@
 """Who may pass a zone: first come, first served, and only who can leave it again."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pointit.services.conveyor_sim.network import Network
@@ -41,14 +42,22 @@ class CrossingGuard:
     """Lets packages into zones."""
 
     def __init__(
-        self, network: Network, routes: Routes, zones: Zones, rings: Rings, held: list[list[Package]]
+        self,
+        network: Network,
+        routes: Routes,
+        zones: Zones,
+        rings: Rings,
+        *,
+        held: list[list[Package]],
+        speeds: Mapping[str, float],
     ) -> None:
-        """Look at the packages by piece in `held`, which others move."""
+        """Look at the packages by piece in `held` and the belts' `speeds`, which others change."""
         self._pieces = network.pieces
         self._routes = routes
         self._zones = zones
         self._rings = rings
         self._held = held
+        self._speeds = speeds
         self._inside: list[dict[str, Package]] = [{} for _ in range(zones.count)]
         self._waiting: list[dict[str, _Waiting]] = [{} for _ in range(zones.count)]
         self._arrivals = 0
@@ -167,12 +176,18 @@ class CrossingGuard:
     def _has_room(self, package: Package, gate: Gate, passage: _Passage) -> bool:
         """Return whether all that is on its way out of the zone, and `package`, fit before the next zone."""
         here = passage.way[-1] if passage.way else package.piece
+        if not all(self._runs(piece) for piece in (here, *passage.way)):
+            return False
         lengths_m = [other.length_m for other in self._inside[gate.zone].values()]
         room_m, from_m = 0.0, passage.exit_m
         seen: set[int] = set()
         while here not in seen:
             seen.add(here)
             piece = self._pieces[here]
+            if not self._runs(here):  # who comes to it stands where it starts
+                for other in self._held[here][:1]:
+                    room_m -= max(0.0, (package.length_m + other.length_m) / 2.0 - other.offset_m)
+                return self._fit(lengths_m, package, room_m)
             wall = next((g for g in self._zones.gates[here] if g.start_m >= from_m - PAST_M), None)
             to_m = piece.length_m if wall is None else wall.start_m
             lengths_m += [
@@ -180,9 +195,7 @@ class CrossingGuard:
             ]
             room_m += to_m - from_m
             if wall is not None:
-                needed_m = sum(lengths_m) + package.length_m
-                ends_m = (lengths_m[0] if lengths_m else package.length_m) / 2.0 + package.length_m / 2.0
-                return needed_m - ends_m <= room_m + PAST_M
+                return self._fit(lengths_m, package, room_m)
             if piece.bay and piece.bay == package.bay:
                 return True
             here, from_m = self._routes.next_of(here, package.bay), 0.0
@@ -191,3 +204,13 @@ class CrossingGuard:
             if any(g.start_m < 0.0 for g in self._zones.gates[here]):  # a zone begins with the piece
                 return not lengths_m or sum(lengths_m) <= room_m + PAST_M
         return True
+
+    def _runs(self, piece: int) -> bool:
+        return self._speeds[self._pieces[piece].belt] > 0.0
+
+    @staticmethod
+    def _fit(lengths_m: list[float], package: Package, room_m: float) -> bool:
+        """Return whether all have their centres within `room_m`; the first and the last stick out by half."""
+        needed_m = sum(lengths_m) + package.length_m
+        ends_m = ((lengths_m[0] if lengths_m else package.length_m) + package.length_m) / 2.0
+        return needed_m - ends_m <= room_m + PAST_M

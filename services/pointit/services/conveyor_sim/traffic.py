@@ -33,10 +33,9 @@ class Traffic:
         self.held: list[list[Package]] = [[] for _ in network.pieces]
         """By piece, in the order of their offsets."""
         self.zones = Zones(network, longest_m)
-        self.guard = CrossingGuard(
-            network, routes, self.zones, Rings(network, self.zones, longest_m), self.held
-        )
         self.speeds = dict.fromkeys(network.lines, 0.0)
+        rings = Rings(network, self.zones, longest_m)
+        self.guard = CrossingGuard(network, routes, self.zones, rings, held=self.held, speeds=self.speeds)
         self._most_m = longest_m
         """The longest that ever was there."""
         self._order = list(network.front_first)
@@ -175,10 +174,6 @@ class Traffic:
             elapsed_s -= (piece.length_m - package.offset_m) / speed_mps
             package.piece, package.offset_m = following, 0.0
             self.held[following].insert(0, package)
-            if package.bay and not self.routes.reaches(
-                following, package.bay
-            ):  # it ran backwards past its way
-                package.bay = self.routes.best(following, package.bay)
             if package.zone != NO_ZONE:
                 if package.way:
                     package.way = package.way[1:]

@@ -19,6 +19,8 @@ from pointit.services.selector.journal_table import FILE, audit
 from pointit.services.selector.outputs import Record
 
 DEFAULT_SITE = "lab"
+MOST = 1_000_000_000
+"""Nobody has more events."""
 
 AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)")
 UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -31,7 +33,7 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 @click.option(
     "--since", default="", metavar="WHEN", help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30"
 )
-@click.option("--last", type=click.IntRange(min=1), metavar="N", help="the last N events only")
+@click.option("--last", type=click.IntRange(1, MOST), metavar="N", help="the last N events only")
 @json_option
 def command(*, site: str, user: str, object_id: str, since: str, last: int | None, as_json: bool) -> None:
     """Show who selected what and when, how surely it was meant, and what became of it.
@@ -61,9 +63,9 @@ def since_ns(text: str, now_ns: int) -> int:
     if not text:
         return 0
     ago = AGO.fullmatch(text.strip())
-    if ago:
-        return max(0, now_ns - int(float(ago[1]) * UNITS_S[ago[2]] * NS_PER_S))
     try:
+        if ago:
+            return max(0, now_ns - int(float(ago[1]) * UNITS_S[ago[2]] * NS_PER_S))
         when = dt.datetime.fromisoformat(text.strip())
         return max(0, int(when.timestamp() * NS_PER_S))
     except (ValueError, OverflowError, OSError) as error:

@@ -131,10 +131,16 @@ def test_since_is_understood(text: str, expected: int) -> None:
     assert since_ns(text, NOW) == expected
 
 
-@pytest.mark.parametrize("text", ["soon", "5 weeks", "2023-13-01", "-3h"])
+@pytest.mark.parametrize("text", ["soon", "5 weeks", "2023-13-01", "-3h", "9" * 400 + "d"])
 def test_what_is_no_time_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="is no time"):
         since_ns(text, NOW)
+
+
+@pytest.mark.usefixtures("journal")
+def test_after_the_end_of_time_there_is_nothing() -> None:
+    assert "nothing of that kind" in audit("--since", "9999-01-01").output
+    assert audit("--last", "9" * 25).exit_code == 2  # a mistake of the caller's, told by click
 
 
 def test_its_help_teaches() -> None:

@@ -1,16 +1,20 @@
 """The journal: kept through kill -9, one writer, readers beside it, whatever is wrong with the disk."""
 
+import random
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
+from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import NS_PER_DAY, RETRY_EVERY_NS, Journal
 from pointit.services.selector.journal_table import audit
-from pointit.services.selector.outputs import Owned, Record
+from pointit.services.selector.outputs import Owned, Record, event_of
+from pointit.services.selector.selecting import Selecting
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
@@ -181,12 +185,93 @@ def test_pages_damaged_in_the_middle_are_noticed(tmp_path: Path) -> None:
     journal.close()
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE events SET confidence = 7.5",
+        "UPDATE events SET owner = x'ff00'",
+        "UPDATE events SET kind = CAST(x'ff41' AS TEXT)",
+        "UPDATE events SET since_ns = -5",
+        "UPDATE events SET cause = 'dwel!'",
+        "UPDATE events SET seq = 9223372036854775807",
+        "UPDATE life SET told = 'x'",
+        "UPDATE life SET alive_ns = 'x'",
+        "ALTER TABLE events RENAME COLUMN cause TO caus",
+    ],
+)
+def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str) -> None:
+    keep(tmp_path, selected("a", 1))
+    db = sqlite3.connect(tmp_path / "journal.sqlite")
+    db.execute(statement)
+    db.commit()
+    db.close()
+    journal = Journal(tmp_path)
+    assert journal.begin(NOW + S).entries == {}
+    assert "was damaged" in journal.problem
+    journal.add(selected("b", 1))
+    journal.commit(NOW + S)
+    journal.close()
+    assert [record.object_id for record in audit(journal.path)] == ["b"]
+
+
+def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
+    keep(tmp_path / "whole", selected("a", 1), selected("b", 2), told=1)
+    whole = (tmp_path / "whole" / "journal.sqlite").read_bytes()
+    rng = random.Random(4)
+    for index in range(40):
+        folder = tmp_path / str(index)
+        folder.mkdir()
+        damaged = bytearray(whole)
+        for _ in range(rng.choice((1, 5, 50))):
+            # where something stands: header, schema, rows
+            at = rng.choice([at for at in range(0, len(whole), 7) if any(whole[at : at + 7])])
+            damaged[at + rng.randrange(min(7, len(whole) - at))] = rng.randrange(256)
+        (folder / "journal.sqlite").write_bytes(damaged)
+        journal = Journal(folder)
+        kept = journal.begin(NOW + S)
+        selecting = Selecting(SelectorConfig(), journal.add)
+        selecting.restore(kept.entries, kept.events, NOW + S)
+        selecting.selection(NOW + S)  # messages can be made of it
+        for record in kept.untold:
+            event_of(record, record.seq or 0, again=True)
+        journal.close()
+
+
+def test_the_latest_time_there_is_is_no_damage(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1, stamp_ns=2**63 - 1))
+    journal = Journal(tmp_path)
+    assert list(journal.begin(NOW + S).entries) == ["a"]
+    assert journal.problem == ""
+    journal.close()
+
+
+def test_a_lock_that_is_no_lock_is_named(tmp_path: Path) -> None:
+    (tmp_path / "writer.lock").write_bytes(b"in the way" * 200)
+    journal = Journal(tmp_path)
+    journal.begin(NOW)
+    assert "writer.lock cannot be used" in journal.problem
+    journal.close()
+
+
+def test_who_holds_the_file_for_a_moment_at_the_start_costs_nothing(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1))
+    other = sqlite3.connect(tmp_path / "journal.sqlite", isolation_level=None, check_same_thread=False)
+    other.execute("PRAGMA locking_mode = EXCLUSIVE")
+    other.execute("BEGIN EXCLUSIVE")
+    timer = threading.Timer(0.3, other.close)
+    timer.start()
+    journal = Journal(tmp_path)
+    assert list(journal.begin(NOW + S).entries) == ["a"]
+    timer.join()
+    journal.close()
+
+
 def test_a_folder_that_cannot_be_made_leaves_it_in_memory(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     journal = Journal(tmp_path / "file" / "selector")
     assert journal.begin(NOW).entries == {}
-    assert "cannot be written" in journal.problem
-    assert "make room" in journal.problem
+    assert "cannot be used" in journal.problem
+    assert "then restart" in journal.problem  # it is not tried again
     journal.add(selected("a", 1))
     journal.commit(NOW)
     journal.mind(NOW, is_selected=True)

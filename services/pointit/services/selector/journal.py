@@ -20,8 +20,10 @@ from pointit.services.selector.journal_table import (
     LAYOUT,
     OPEN,
     PRUNE,
+    READ_BUSY_S,
     TABLES,
     UNTOLD,
+    is_count,
     record_of,
     row_of,
 )
@@ -31,6 +33,8 @@ from pointit.services.selector.sole_writer import SoleWriter
 NS_PER_DAY = 86_400 * NS_PER_S
 MOST_PENDING = 4096
 """Records kept while the disk takes none; of more the oldest are lost to the audit."""
+MOST_EVENTS = 2**62
+"""Nobody has counted so far, and there is room to go on."""
 PRUNED_AT_ONCE = 500
 ALIVE_EVERY_NS = 20 * NS_PER_S
 RETRY_EVERY_NS = 5 * NS_PER_S
@@ -89,7 +93,11 @@ class Journal:
                 return Kept()
             return self._open_or_replace(now_ns)
         except (OSError, sqlite3.Error) as error:
-            self._fail(error)
+            path = self.path if self._sole.is_taken else self._sole.path
+            self._notice = (
+                f"{path} cannot be used ({error}); selections are kept in memory only: make room there, or "
+                "make it writable, then restart this one"
+            )
             self.close()
             return Kept()
 
@@ -128,9 +136,9 @@ class Journal:
     def _open_or_replace(self, now_ns: int) -> Kept:
         try:
             return self._open(now_ns)
-        except sqlite3.DatabaseError as error:
-            if isinstance(error, sqlite3.OperationalError):
-                raise  # the disk's fault, not the file's
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            if _is_of_the_disk(error):
+                raise
             if self._db is not None:
                 self._db.close()
         aside = self.path.with_name(f"journal.corrupt-{now_ns}.sqlite")
@@ -145,7 +153,8 @@ class Journal:
         return kept
 
     def _open(self, now_ns: int) -> Kept:
-        db = self._db = sqlite3.connect(self.path, timeout=BUSY_S, isolation_level=None)
+        # nobody waits for us yet, and what is not read now is not taken up
+        db = self._db = sqlite3.connect(self.path, timeout=READ_BUSY_S, isolation_level=None)
         layout = int(db.execute("PRAGMA user_version").fetchone()[0])
         if layout > LAYOUT:
             db.close()
@@ -160,15 +169,20 @@ class Journal:
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = NORMAL")
         db.executescript(TABLES)
-        db.execute(f"PRAGMA user_version = {LAYOUT}")
-        return self._read(db, now_ns)
+        if layout != LAYOUT:
+            db.execute(f"PRAGMA user_version = {LAYOUT}")
+        kept = self._read(db, now_ns)
+        db.execute(f"PRAGMA busy_timeout = {round(BUSY_S * 1000)}")
+        return kept
 
     def _read(self, db: sqlite3.Connection, now_ns: int) -> Kept:
         life = db.execute("SELECT told, alive_ns FROM life").fetchone()
         told, alive_ns = (0, now_ns) if life is None else life
         if life is None:
             db.execute("INSERT INTO life VALUES (0, ?)", (now_ns,))
-        events = int(db.execute("SELECT COALESCE(MAX(seq), 0) FROM events").fetchone()[0])
+        events = db.execute("SELECT COALESCE(MAX(seq), 0) FROM events").fetchone()[0]
+        if not all(is_count(count) for count in (told, alive_ns, events)) or events > MOST_EVENTS:
+            raise sqlite3.DatabaseError("a count is damaged")
         self._told = self._told_there = told
         opened = [record_of(row) for row in db.execute(OPEN)]
         if abs(now_ns - alive_ns) > self._within_ns:
@@ -220,6 +234,12 @@ class Journal:
             f"{self.path} cannot be written ({error}); selections are kept in memory only: make room there, "
             "or make it writable"
         )
+
+
+def _is_of_the_disk(error: Exception) -> bool:
+    """Return whether it is not the file's content that is wrong, but what it is on, or who holds it."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
+    return isinstance(error, sqlite3.OperationalError) and code & 0xFF != sqlite3.SQLITE_ERROR
 
 
 def _closed(record: Record, now_ns: int) -> Record:

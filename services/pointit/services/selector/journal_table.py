@@ -3,9 +3,10 @@
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from pointit.services.selector.outputs import Record
+from pointit.runtime.complaint import shown
+from pointit.services.selector.outputs import Cause, Record
 
 FILE = "journal.sqlite"
 LAYOUT = 1
@@ -15,6 +16,12 @@ BUSY_S = 0.05
 """How long a writer waits for somebody else's lock."""
 READ_BUSY_S = 2.0
 """How long a reader does."""
+
+EVENTS = ("selected", "deselected", "refused", "left")
+CAUSES = get_args(Cause)
+
+LAST = 2**63 - 1
+"""No time or number is greater, in messages and in SQLite."""
 
 TABLES = """
 CREATE TABLE IF NOT EXISTS events (
@@ -66,9 +73,26 @@ def row_of(record: Record) -> tuple[object, ...]:
 
 
 def record_of(row: tuple[Any, ...]) -> Record:
-    """Return a row of `COLUMNS` as a record."""
-    names = COLUMNS.split(", ")
-    return Record(**dict(zip(names, row, strict=True)))
+    """Return a row of `COLUMNS` as a record.
+
+    Raises:
+        sqlite3.DatabaseError: it is none: bits of a file fall over where SQLite has no sums.
+    """
+    stamp_ns, event, object_id, kind, user, owner, since_ns, cause, method, confidence, reason, seq = row
+    if (
+        event not in EVENTS
+        or cause not in CAUSES
+        or not all(isinstance(text, str) for text in (object_id, kind, user, owner, method, reason))
+        or not all(is_count(count) for count in (stamp_ns, since_ns, 0 if seq is None else seq))
+        or not (confidence is None or (isinstance(confidence, float) and 0.0 <= confidence <= 1.0))
+    ):
+        raise sqlite3.DatabaseError(f"a row is damaged, {shown(row)}")
+    return Record(**dict(zip(COLUMNS.split(", "), row, strict=True)))
+
+
+def is_count(value: object) -> bool:
+    """Return whether `value` is a time or number such as messages hold."""
+    return isinstance(value, int) and 0 <= value <= LAST
 
 
 def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "") -> Iterator[Record]:
@@ -85,7 +109,9 @@ def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "")
     """
     db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=READ_BUSY_S)
     try:
-        for row in db.execute(AUDIT, (since_ns, user, user, user, object_id, object_id)):
+        for row in db.execute(AUDIT, (min(since_ns, LAST), user, user, user, object_id, object_id)):
             yield record_of(row)
+    except UnicodeDecodeError as error:  # of names that SQLite complains about
+        raise sqlite3.DatabaseError(str(error)) from error
     finally:
         db.close()

@@ -11,7 +11,7 @@ class SoleWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         self._db: sqlite3.Connection | None = None
 
     @property
@@ -25,7 +25,7 @@ class SoleWriter:
         Raises:
             sqlite3.Error: the file cannot be opened or locked at all.
         """
-        db = sqlite3.connect(self._path, timeout=0.0, isolation_level=None)
+        db = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
         try:
             db.execute("BEGIN EXCLUSIVE")
         except sqlite3.Error as error:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.geometry.colormap import colormap
-from pointit.schemas import NS_PER_S, Cursor, Feedback, LampMiss, Localization
+from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampMiss, Localization
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.flash_guard import FlashGuard
 from pointit.services.led_driver.lights import Lights
@@ -68,6 +68,19 @@ def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
     assert end_ns == NOW_NS + 500 * MS
     assert shining.lamp_colors(end_ns) == {"a": (0, 0, 0)}
     assert shining.next_lamp_change_ns(end_ns) is None
+
+
+def test_a_new_map_leaves_no_lamp_lit() -> None:
+    shining = lights()
+    shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
+    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
+    shining.on_map(Environment(stamp_ns=0, name="new", lamps=(Lamp(id="b", position_m=(0.0, 0.0, 1.0)),)))
+    assert shining.lamp_colors(NOW_NS) == {"a": (0, 0, 0), "b": VIRIDIS.rgb(1.0)}
+    end_ns = shining.next_lamp_change_ns(NOW_NS)
+    assert end_ns is not None
+    assert shining.lamp_colors(end_ns) == {"a": (0, 0, 0), "b": (0, 0, 0)}
+    shining.on_cursor("anna", cursor(a=0.0), end_ns)
+    assert shining.lamp_colors(end_ns)["a"] == VIRIDIS.rgb(1.0)  # it is there after all
 
 
 def test_while_anybody_localizes_every_lamp_is_left_alone() -> None:

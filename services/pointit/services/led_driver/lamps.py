@@ -5,6 +5,7 @@ that one too while it is the target.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from pointit.geometry.colormap import colormap
@@ -41,6 +42,8 @@ class Lamps:
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._near: set[str] = set()
         """Lamps that ever were near a ray."""
+        self._gone: set[str] = set()
+        """Those of them that the map has no longer."""
         self._localizing: dict[str, _Localizing] = {}
         self._localized_ns: int | None = None
         self._guards: dict[str, FlashGuard] = {}
@@ -52,14 +55,16 @@ class Lamps:
         """Whether there is a lamp that it has a say in."""
         return bool(self._id or self._near)
 
-    def forget_lamps(self) -> None:
-        """Take note that the map is another."""
-        self._near.clear()
+    def set_lamps(self, ids: Collection[str]) -> None:
+        """Take note that the map is another, with lamps of these `ids`; what is lit is not left so."""
+        self._gone = self._near.difference(ids)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Take where `user` points."""
         self._cursors[user] = (now_ns, cursor)
-        self._near.update(lamp.id for lamp in cursor.lamps)
+        near = {lamp.id for lamp in cursor.lamps}
+        self._near |= near
+        self._gone -= near
 
     def on_localization(self, user: str, localization: Localization) -> None:
         """Take how `user`'s localization goes."""
@@ -100,8 +105,8 @@ class Lamps:
         return min(times, default=None)
 
     def _by_angle(self, lamp_id: str) -> Rgb:
-        """Return the colour of the nearest ray; dark when nobody points."""
-        if not self._cursors:
+        """Return the colour of the nearest ray; dark when nobody points, or the map has it no longer."""
+        if not self._cursors or lamp_id in self._gone:
             return DARK
         misses_rad = [
             lamp.miss_rad

@@ -55,7 +55,7 @@ class Lights:
         self._layout = layout
         self._strips.clear()
         self._scene.set_layout(layout)
-        self._lamps.forget_lamps()
+        self._lamps.set_lamps({lamp.id for lamp in environment.lamps})
 
     def on_profile(self, user: str, profile: UserProfile) -> None:
         """Take `user`'s colour, pattern and cursor.

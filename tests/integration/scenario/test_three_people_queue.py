@@ -16,11 +16,9 @@ from pointit.runtime import Bus, Exchange, Launch, MemoryBus, run_services
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,
-    Environment,
     Feedback,
     ImuSample,
     Interaction,
-    Lamp,
     LampColor,
     UserPose,
 )
@@ -30,14 +28,9 @@ from pointit.services.localizer.service import Localizer
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
 from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
+from tests.unit.localizer.lab import PLACES, ROOM
 from tests.unit.localizer.person import Person
 
-LAMPS = (
-    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
-    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-    Lamp(id="led_2", position_m=(0.762, -1.031, 0.15)),
-)
-PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
 PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl": Person(0.5, 1.6, 0.2)}
 REACTION_S = 0.6
 """Until an arm is where a cue asked for it."""
@@ -132,7 +125,7 @@ async def _play(duration_s: float, people: Mapping[str, How]) -> Room:
     room = Room()
     bus.subscribe(LAMP_COLOR, room.on_lamp)
     maps = bus.publisher(MAP)
-    maps.put(Environment(stamp_ns=0, name="lab", lamps=LAMPS))
+    maps.put(ROOM)
     buses = [bus]
     for user, how in people.items():
         own = MemoryBus(exchange)

@@ -12,11 +12,11 @@ from pointit.geometry import vector
 from pointit.geometry.cloud_tree import LEAF_POINTS, CloudMeasure, CloudTree
 from pointit.geometry.point_tree import PointTree
 from pointit.geometry.vector import Vec3
+from tests.unit.geometry.brute_force import LENGTH_M, STEP_M, misses
 
 Array = NDArray[np.float64]
 
 MEASURES: list[CloudMeasure] = ["angle", "metres", "samples"]
-STEP_M, LENGTH_M = 0.05, 8.0
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -32,23 +32,6 @@ def some_cloud(rng: np.random.Generator) -> Array:
 def some_ray(rng: np.random.Generator) -> tuple[Vec3, Vec3]:
     x, y, z = rng.uniform(-5, 5, 3).tolist()
     return (x, y, z), vector.direction(float(rng.uniform(-3.1, 3.1)), float(rng.uniform(-1.5, 1.5)))
-
-
-def misses(points: Array, origin: Vec3, direction: Vec3, measure: CloudMeasure) -> Array:
-    """Return what every point is missed by; `samples` by distances to all points of the ray."""
-    reach = points - np.array(origin)
-    d = np.array(direction)
-    along: Array = reach @ d
-    across: Array = np.linalg.norm(np.cross(d, reach), axis=1)
-    if measure == "angle":
-        angles: Array = np.arctan2(across, along)
-        return angles
-    if measure == "metres":
-        distances: Array = np.hypot(across, np.minimum(along, 0.0))
-        return distances
-    count = math.ceil(LENGTH_M / STEP_M)
-    on_ray = np.linspace(0.0, LENGTH_M, count + 1)[:, None] * d
-    return np.asarray(np.min([np.linalg.norm(reach - place, axis=1) for place in on_ray], axis=0))
 
 
 @settings(deadline=None, max_examples=60)

@@ -17,6 +17,7 @@ from pointit.geometry.plane import PlaneSolid, plane_axes
 from pointit.geometry.solid_cast import SolidCaster
 from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
+from tests.unit.geometry.brute_force import misses
 
 Array = NDArray[np.float64]
 
@@ -76,18 +77,6 @@ def some_solid(rng: random.Random, form: str) -> tuple[Solid, Array]:
     grid = box_skin((size[0], size[1], 0.0))[:, :2]
     points = grid[:, :1] * np.array(u) + grid[:, 1:] * np.array(v) + np.array(at)
     return PlaneSolid(at, normal, (size[0], size[1]), grazing_rad=0.0), points
-
-
-def misses(points: Array, origin: Vec3, direction: Vec3, measure: Measure) -> Array:
-    reach = points - np.array(origin)
-    d = np.array(direction)
-    along: Array = reach @ d
-    across: Array = np.linalg.norm(np.cross(d, reach), axis=1)
-    if measure == "angle":
-        angles: Array = np.arctan2(across, along)
-        return angles
-    distances: Array = np.hypot(across, np.minimum(along, 0.0))
-    return distances
 
 
 @settings(deadline=None, max_examples=150)

@@ -79,7 +79,7 @@ def test_robots_and_rays_anywhere(
         procedure.step(now_ns)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(places, min_size=2, max_size=4, unique=True),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),

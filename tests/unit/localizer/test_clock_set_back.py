@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Anchor, Environment, Lamp, Localization, UserPose
+from pointit.schemas import NS_PER_S, Anchor, Localization, UserPose
 from pointit.schemas.environment import TrackedObject, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift import DriftFilter
@@ -20,6 +20,7 @@ from pointit.services.localizer.rays import mean
 from pointit.services.localizer.set_back import SetBack
 from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.tracking import Tracking
+from tests.unit.localizer.lab import LAMPS, ROOM
 from tests.unit.localizer.person import Person, yaw_difference
 from tests.unit.localizer.test_drift import LAMPS as PLACES
 from tests.unit.localizer.test_drift import MINUTE_NS, PERSON, RATE_RADPS, calibrated, drifted, point
@@ -27,12 +28,6 @@ from tests.unit.localizer.test_drift import MINUTE_NS, PERSON, RATE_RADPS, calib
 S = NS_PER_S
 START_NS = 1_700_000_000 * S
 HOUR_S = 3600.0
-LAMPS = (
-    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
-    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-    Lamp(id="led_2", position_m=(0.762, -1.031, 0.15)),
-)
-ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
 FIXED = LocalizerConfig(position_m=(1.5, 1.2, 0.0), yaw_deg=20.0, reaction_s=0.5, hold_s=1.0)
 LAMPS_FIRST = FIXED.model_copy(update={"method": "static_targets"})
 DEGREE = math.radians(1.0)

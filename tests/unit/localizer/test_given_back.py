@@ -5,19 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from pointit.schemas import NS_PER_S, Environment, Lamp, SetPose, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import NS_PER_S, SetPose, TrackedObject, TrackedObjects, UserPose
 from pointit.schemas.base import Vec3
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.locating import Answer, Locating
 from pointit.services.localizer.moving_target import MAX_TRACKS, Following, MovingTarget
 from pointit.services.localizer.tracking import Tracking
+from tests.unit.localizer.lab import ROOM
 
 S = NS_PER_S
 START_NS = 1_700_000_000 * S
-LAMPS = (
-    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
-    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-)
 Covariance = tuple[float, float, float, float, float, float, float, float, float]
 FOUND: Covariance = (0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.01)
 
@@ -25,7 +22,7 @@ FOUND: Covariance = (0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.01)
 def started(**config: object) -> Locating:
     locating = Locating("anna", LocalizerConfig.model_validate({"yaw_deg": 20.0, **config}))
     locating.begin(START_NS)
-    locating.on_map(Environment(stamp_ns=0, name="lab", lamps=LAMPS), START_NS)
+    locating.on_map(ROOM, START_NS)
     return locating
 
 

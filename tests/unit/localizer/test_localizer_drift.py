@@ -10,11 +10,9 @@ from pointit.geometry import rotation, vector
 from pointit.runtime import Publisher, RefusedError, SimulatedClock, sleep
 from pointit.schemas import (
     CancelLocalization,
-    Environment,
     Health,
     ImuSample,
     Interaction,
-    Lamp,
     Localization,
     PointAnchor,
     PointingRay,
@@ -43,15 +41,9 @@ from pointit.schemas.topics import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.localizer.lab import PLACES, ROOM
 from tests.unit.localizer.person import Person, yaw_difference
 
-LAMPS = (
-    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
-    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-    Lamp(id="led_2", position_m=(0.762, -1.031, 0.15)),
-)
-PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
-ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
 FIXED = LocalizerConfig(position_m=(1.5, 1.2, 0.0), yaw_deg=20.0, reaction_s=0.5, hold_s=1.0)
 LAMPS_FIRST = FIXED.model_copy(update={"method": "static_targets"})
 USER = "anna"

@@ -36,15 +36,11 @@ from pointit.schemas.topics import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.localizer import lab
 from tests.unit.localizer.person import Person, yaw_difference
 
-LAMPS = (
-    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
-    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-    Lamp(id="led_2", position_m=(0.762, -1.031, 0.15)),
-    Lamp(id="led_3", position_m=(3.239, -0.606, 0.15)),
-)
-ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
+LAMPS = (*lab.LAMPS, Lamp(id="led_3", position_m=(3.239, -0.606, 0.15)))
+ROOM = lab.ROOM.model_copy(update={"lamps": LAMPS})
 STATIC = LocalizerConfig(method="static_targets", order="given", reaction_s=0.5, hold_s=1.0)
 SPEED = 10.0
 USER = "anna"

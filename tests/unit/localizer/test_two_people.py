@@ -10,8 +10,6 @@ import pytest
 from pointit.runtime import SimulatedClock, sleep
 from pointit.schemas import (
     CancelLocalization,
-    Environment,
-    Lamp,
     LampColor,
     Localization,
     PointAnchor,
@@ -34,15 +32,9 @@ from pointit.schemas.topics import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, memory_bench, until
+from tests.unit.localizer.lab import LAMPS, PLACES, ROOM
 from tests.unit.localizer.person import Person
 
-LAMPS = (
-    Lamp(id="led_0", position_m=(3.572, -2.946, 2.08)),
-    Lamp(id="led_1", position_m=(1.699, -2.609, 0.85)),
-    Lamp(id="led_2", position_m=(0.762, -1.031, 0.15)),
-)
-PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
-ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
 CONFIG = LocalizerConfig(method="static_targets", reaction_s=0.5, hold_s=1.0)
 PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl": Person(0.5, 1.6, 0.2)}
 

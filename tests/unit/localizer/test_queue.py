@@ -141,20 +141,27 @@ class World:
             player = self.people[name]
             if player.core is not None and self.now_ns >= player.is_deaf_until_ns:
                 self.emit(player, player.core.on_localization(news, sender, self.now_ns))
+        ray = PointingRay(stamp_ns=self.now_ns, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
         for player in self.people.values():
             if player.core is not None and player.core.is_busy:
-                ray = PointingRay(stamp_ns=self.now_ns, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
                 self.emit(player, player.core.on_ray(ray, self.now_ns))
                 self.emit(player, player.core.step(self.now_ns))
-        pairs = [(a, b) for a in self.people.values() for b in self.people.values() if a.name < b.name]
-        is_shared = any(a.points and b.points and a.shares(b) for a, b in pairs)
-        self.together_ns = self.together_ns + STEP_NS if is_shared else 0
+        pairs = list(itertools.combinations([player for player in self.people.values() if player.lit], 2))
+        self.together_ns = self.together_ns + STEP_NS if any(a.shares(b) for a, b in pairs) else 0
         self.longest_ns = max(self.longest_ns, self.together_ns)
         self.same_ns += STEP_NS if any(a.lit & b.lit for a, b in pairs) else 0
 
     def run(self, duration_s: float) -> None:
         for _ in range(round(duration_s * S / STEP_NS)):
             self.step()
+
+    def run_out(self, limit_s: float) -> None:
+        """Go on until nobody points or waits and nothing is on its way, which must be within `limit_s`."""
+        for _ in range(round(limit_s * S / STEP_NS)):
+            if self.rests() and not self.wire:
+                return
+            self.step()
+        assert self.rests()
 
     def rests(self) -> bool:
         return not any(player.core is not None and player.core.is_busy for player in self.people.values())
@@ -181,8 +188,7 @@ def test_first_come_is_first_served_and_never_two_at_once(
         world.ask(world.people[name], anchor=anchors and name < "c")
         asked.append((world.now_ns, name))
         world.run(gap_s)
-    world.run(len(NAMES) * (LASTS_S + 1.0))
-    assert world.rests()
+    world.run_out(len(NAMES) * (LASTS_S + 1.0))
     assert world.longest_ns <= (DELAY_S * S) + 2 * STEP_NS  # who begins is heard, and who must, yields
     last = {player.name: player.begun_ns[-1] for player in world.people.values()}
     for (one_ns, one), (other_ns, other) in itertools.pairwise(asked):
@@ -217,8 +223,7 @@ def test_with_losses_and_crashes_nobody_waits_for_ever(
                 pass
         world.run(data.draw(st.sampled_from([0.0, 0.1, 0.7, 2.0])))
     served_s = len(people) * (LASTS_S + DELAY_S + 1.0) + FRESH_S
-    world.run(served_s)
-    assert world.rests()
+    world.run_out(served_s)
     assert all(player.asked_ns is None or player.core is None or not player.waits for player in people)
     # a second is lost, the next word comes a second later and takes its way
     assert world.longest_ns <= (LOSS_S + 1.0 + DELAY_S) * S + 4 * STEP_NS
@@ -251,8 +256,7 @@ def test_of_sets_that_overlap_no_lamp_is_pointed_at_by_two(
     for player, gap_s in zip(world.people.values(), gaps_s, strict=False):
         world.ask(player)
         world.run(gap_s)
-    world.run(2 * len(lamps) * LASTS_S)
-    assert world.rests()
+    world.run_out(2 * len(lamps) * LASTS_S)
     assert world.same_ns <= len(lamps) ** 2 * (DELAY_S * S + 2 * STEP_NS)
 
 

@@ -72,6 +72,9 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The one in C where PyYAML has it: a large map in a second instead of ten."""
 
 MERGE = "tag:yaml.org,2002:merge"
+MAX_YAML_DEPTH = 100
+MAX_YAML_UNFOLDED = 200_000
+"""Values that stand in a file only as aliases; to check so many takes a second."""
 MAX_YAML_BYTES = 4 * 1024 * 1024
 """Of a file that is read; the C loader takes some seconds for it."""
 
@@ -80,7 +83,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Return the mapping in a YAML file.
 
     Raises:
-        ConfigError: it cannot be read, is too large, is not YAML, has a key twice, or is not a mapping.
+        ConfigError: it cannot be read, is too large, is not YAML, has a key twice, or is not a mapping; it
+            is nested too deeply, or its aliases unfold to too much.
     """
     try:
         with path.open("rb") as file:
@@ -110,10 +114,45 @@ def _load_yaml(text: str) -> Any:
         root = loader.get_single_node()
         if root is None:
             return None
+        if not isinstance(root, yaml.ScalarNode):
+            _refuse_bombs(root)
         _refuse_twins(root)
         return loader.construct_document(root)
     finally:
         loader.dispose()
+
+
+def _refuse_bombs(root: yaml.Node) -> None:
+    """Refuse what nobody can check in time: aliases of aliases of aliases, and a hundred things nested.
+
+    Raises:
+        RecursionError: it is nested too deeply.
+        yaml.MarkedYAMLError: its aliases unfold to too much.
+    """
+    sizes: dict[int, int] = {}  # with everything below; 1 while it is counted: an anchor may hold itself
+    depths: dict[int, int] = {}
+    written = 0
+    waiting: list[tuple[Any, list[Any] | None]] = [(root, None)]
+    while waiting:
+        node, inner = waiting.pop()
+        if inner is not None:
+            sizes[id(node)] += sum([sizes[id(each)] for each in inner])
+            depths[id(node)] += max([depths[id(each)] for each in inner], default=0)
+            if depths[id(node)] > MAX_YAML_DEPTH:
+                raise RecursionError
+            if sizes[id(node)] > written + MAX_YAML_UNFOLDED:
+                raise yaml.MarkedYAMLError(
+                    problem=f"its aliases unfold to more than {MAX_YAML_UNFOLDED} values, write them out",
+                    problem_mark=node.start_mark,
+                )
+        elif id(node) not in sizes:
+            is_mapping = isinstance(node, yaml.MappingNode)
+            below: list[Any] = [each for pair in node.value for each in pair] if is_mapping else node.value
+            inner = [each for each in below if not isinstance(each, yaml.ScalarNode)]
+            sizes[id(node)], depths[id(node)] = 1 + len(below) - len(inner), 1
+            written += sizes[id(node)]
+            waiting.append((node, inner))
+            waiting += [(each, None) for each in inner]
 
 
 def _refuse_twins(root: yaml.Node) -> None:

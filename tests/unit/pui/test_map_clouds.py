@@ -1,5 +1,6 @@
 """Point clouds: every format that is read, and every way to get one wrong."""
 
+import os
 import time
 from pathlib import Path
 
@@ -114,6 +115,14 @@ BROKEN = {
     "short_text.ply": (ply("ascii", XYZ, rows=4) + TEXT.encode(), "header says 4 points and 3 are there"),
     "no_body.ply": (ply("ascii", XYZ), "header says 3 points and 0 are there"),
     "words.ply": (ply("ascii", XYZ) + b"1 2 3\n1 two 3\n1 2 3\n", "a row is not x, y, z|two"),
+    "endless_text.ply": (
+        ply("ascii", XYZ, before=f"element stone {10**30}\n") + TEXT.encode(),
+        "header says 3 points and 0 are there",
+    ),
+    "endless_binary.ply": (
+        ply("binary_big_endian", XYZ, before=f"element stone {10**30}\nproperty char weight\n"),
+        "header says 3 points and 0 are there",
+    ),
     "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
     "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points and at most 5000000"),
     "signalling_nan.ply": (
@@ -162,6 +171,21 @@ def test_too_many_points_in_a_text_are_refused_unread(
 def test_a_cloud_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cloud\.ply: cannot be read"):
         read_cloud(tmp_path / "cloud.ply")
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.xyz")
+    with pytest.raises(ConfigError, match=r"pipe\.xyz: is no file; give"):
+        read_cloud(tmp_path / "pipe.xyz")
+
+
+def test_names_that_no_file_can_have(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_cloud(tmp_path / ("long" * 2000 + ".ply"))
+    path = tmp_path / "site.yaml"
+    path.write_text('clouds: {shelf: {file: "a\\0b.ply"}}')
+    with pytest.raises(ConfigError, match=r"clouds\.shelf\.file: write the path of"):
+        load_map_and_clouds(str(path), 0)
 
 
 @given(st.binary(max_size=300), st.sampled_from([".ply", ".xyz"]))
@@ -221,6 +245,11 @@ def test_a_cloud_out_of_the_world_is_refused(tmp_path: Path) -> None:
         ConfigError, match=r"clouds.shelf.file: .* a coordinate is 1e\+08 and at most 1e\+06 m"
     ):
         placed(tmp_path, ", scale: 1000000")
+    (tmp_path / "far.xyz").write_text("1e308 0 -1e308\n")
+    path = tmp_path / "far.yaml"
+    path.write_text("clouds: {far: {file: far.xyz, scale: 100, yaw_deg: 45}}")
+    with pytest.raises(ConfigError, match=r"clouds\.far\.file: .* a coordinate is (inf|nan) and at most"):
+        load_map_and_clouds(str(path), 0)
 
 
 def test_a_missing_cloud_is_said_with_the_map_and_the_key(tmp_path: Path) -> None:

@@ -203,6 +203,16 @@ def test_numbers_survive_as_text(value: float) -> None:
     assert layers.build(Sample).arm.length_m == value
 
 
+TEN = ", ".join(["*a{0}"] * 10)
+BOMB = b"a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + b"".join(
+    f"a{n + 1}: &a{n + 1} [{TEN.format(n)}]\n".encode() for n in range(9)
+)
+MERGED_BOMB = b"a0: &a0 {b: 1, c: 2, d: 3, e: 4}\n" + b"".join(
+    f"a{n + 1}: &a{n + 1}\n  {{<<: [{TEN.format(n)}]}}\n".encode() for n in range(9)
+)
+"""Ten to the power of ten values each, for who unfolds them."""
+
+
 def test_yaml_files(tmp_path: Path) -> None:
     file = tmp_path / "a.yaml"
     file.write_text("count: 4\narm:\n  side: left\n", encoding="utf-8")
@@ -227,6 +237,9 @@ def test_yaml_files(tmp_path: Path) -> None:
         (b"x:\n  - b: {c: 1, d: 2,\n       c: 3}\n", "is not YAML in line 3 ('c' stands there twice"),
         (b"a: 2024-99-99\n", "is not YAML (month must be in 1..12"),
         (b"a: " + b"[" * 20_000, "is "),
+        (b"a: " + b"[" * 150 + b"]" * 150, "is nested too deeply"),
+        (BOMB, "is not YAML in line 6 (its aliases unfold to more than"),
+        (MERGED_BOMB, "is not YAML in line 11 (its aliases unfold to more than"),
         (b"a: 1\n---\nb: 2\n", "is not YAML in line 2"),
         (b"# " + b"x" * 4 * 1024 * 1024, "is too large, at most 4 MiB are read"),
     ],

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +35,8 @@ def read_cloud(path: Path) -> Points:
     if suffix not in SUFFIXES:
         raise ConfigError(f"{path}: is no point cloud; give a file that ends in {listed(SUFFIXES)}")
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe: reading would wait for ever
+            raise ConfigError(f"{path}: is no file; give the file itself")
         points = _read_ply(path) if suffix == ".ply" else _read_text(path)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
@@ -68,7 +71,7 @@ def _read_ply(path: Path) -> Points:
     else:
         with path.open(encoding="ascii", errors="replace") as file:
             file.seek(header.body)
-            skip = sum(each.rows for each in header.before)
+            skip = min(sum(each.rows for each in header.before), sys.maxsize)
             points = _table(path, file, columns=header.columns, skip=skip, most=max(wanted, 1))[:wanted]
     if len(points) < wanted:
         raise ConfigError(

@@ -141,11 +141,12 @@ def travelling(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
 
 def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
     """Return `points` where the map puts them."""
-    placed = points * entry.scale
-    if entry.yaw_deg:
-        c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
-        placed[:, :2] = placed[:, :2] @ np.array([[c, s], [-s, c]])
-    placed += entry.position
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too far is refused below
+        placed = points * entry.scale
+        if entry.yaw_deg:
+            c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
+            placed[:, :2] = placed[:, :2] @ np.array([[c, s], [-s, c]])
+        placed += entry.position
     farthest = float(np.abs(placed).max())
     if not farthest <= FARTHEST:
         raise ConfigError(

@@ -88,7 +88,7 @@ def _name(value: object) -> str:
 
 
 def _file(value: object) -> str:
-    if not isinstance(value, str) or not value:
+    if not isinstance(value, str) or not value or "\0" in value:
         raise ValueError(f"write the path of a .ply or .xyz file, relative to the map, not {shown(value)}")
     return value
 

@@ -99,6 +99,8 @@ def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
     offset = header.body + sum(each.row(header.order).itemsize * each.rows for each in header.before)
     row = header.vertex.row(header.order)
     there = max(0, path.stat().st_size - offset) // row.itemsize
+    if not there:  # a header may say of what is before them that it is longer than any file
+        return np.zeros((0, 3))
     rows = np.fromfile(path, dtype=row, count=min(there, header.vertex.rows), offset=offset)
     with np.errstate(invalid="ignore"):  # a signalling NaN: refused with the other numbers that are none
         return np.column_stack([rows[f"f{column}"].astype(np.float64) for column in header.columns])

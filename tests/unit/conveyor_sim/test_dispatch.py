@@ -73,7 +73,8 @@ def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
     go(belts, 7.0)  # 3.5 m: bay 1 is 3 m along
-    events = go(belts, 20.0, {name: "anna"})
+    events = go(belts, 7.2, {name: "anna"})
+    events += go(belts, 20.0, {name: "anna", "another": "bert"})
     assert [(event.event, event.user) for event in events] == [("refused", "anna"), ("dispatched", "anna")]
     assert events[0].reason == f"red {name} is past its last way to bay 1 and goes on to bay 3"
     assert events[1].bay == "3"

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.selector.room import Room, package
+from pointit.schemas import TrackedObjects
+from tests.unit.selector.room import Room, at, package
 
 
 def test_the_first_who_points_steadily_reserves_the_object() -> None:
@@ -126,6 +127,31 @@ def test_undo_of_what_has_left_says_so_and_the_step_before_is_next() -> None:
     assert room.told[-1] == ("refused", "b", "anna")
     assert room.events[-1].reason == "red has left; what was done with it cannot be taken back"
     room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.owners == {}
+
+
+def test_undo_of_what_is_there_but_selected_no_longer_does_not_say_that_it_left() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    room.take(room.selecting.release("ben", "a", False, room.now_ns))
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.events[-1].event == "refused"
+    assert room.events[-1].reason.startswith("red is not selected any more; what")
+
+
+def test_a_tracker_whose_clock_is_ahead_takes_nobodys_objects_away() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(1.0, 50.0, anna=5.0)
+    listed, room.objects = room.objects, ()
+    room.time_s += 0.02
+    room.list_objects()  # the tracker flickers
+    for stamp_ns in (at(room.time_s + 3600.0), 2**62):
+        room.take(room.selecting.on_objects(f"other {stamp_ns}", TrackedObjects(stamp_ns=stamp_ns)))
+    room.objects = listed
+    room.wait(0.2)
+    assert room.owners == {"a": "anna"}
+    room.objects = ()
+    room.wait(0.7)
     assert room.owners == {}
 
 

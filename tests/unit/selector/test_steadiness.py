@@ -74,3 +74,10 @@ def test_one_ray_has_no_speed_and_two_have_whatever_the_rate() -> None:
     assert speed_deg_s(steadiness) == pytest.approx(5.0)
     steadiness.clear()
     assert steadiness.rate() is None
+
+
+def test_rays_a_nanosecond_apart_have_a_speed() -> None:
+    steadiness = Steadiness(0.15)
+    for index in range(4):
+        steadiness.add(1_700_000_000 * S + index, vector.direction(math.radians(1e-6 * index), 0.0))
+    assert speed_deg_s(steadiness) == pytest.approx(1000.0, rel=1e-6)

@@ -141,7 +141,7 @@ class Ledger:
         done = [
             self._take_back(change, user, now_ns) for change in reversed(step) if self._still(change, present)
         ]
-        return done or [self._lost_step(step[0], user, now_ns)]
+        return done or [self._lost_step(step[0], user, now_ns, present)]
 
     def drop(self, object_ids: Iterable[str], now_ns: int) -> list[Record]:
         """Close the entries of `object_ids`, which have left."""
@@ -161,11 +161,14 @@ class Ledger:
             return self._deselect(change.object_id, user, now_ns, "undo")
         return self._select(change.object_id, change.before, user, now_ns, "undo")
 
-    def _lost_step(self, change: _Change, user: str, now_ns: int) -> Record:
+    def _lost_step(self, change: _Change, user: str, now_ns: int, present: Container[str]) -> Record:
         entry = self._entries.get(change.object_id)
         owned = change.before or change.after
         kind = (owned.kind if owned is not None else "") or "object"
-        why = "has left" if entry is None else f"is {entry.user}'s by now"
+        if entry is not None:
+            why = f"is {entry.user}'s by now"
+        else:
+            why = "is not selected any more" if change.object_id in present else "has left"
         return Record(
             stamp_ns=now_ns,
             event="refused",

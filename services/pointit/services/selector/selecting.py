@@ -16,7 +16,7 @@ from pointit.schemas import (
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.cues import cue
-from pointit.services.selector.departures import Departures
+from pointit.services.selector.departures import OWN, Departures
 from pointit.services.selector.ledger import Ledger
 from pointit.services.selector.outputs import Cause, Output, Owned, Record, event_of
 from pointit.services.selector.pointer import Pointed, Pointer
@@ -104,7 +104,7 @@ class Selecting:
         for forgotten in self._whereabouts.update(tracker, objects):
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)
-        return self._depart(objects.stamp_ns)
+        return self._depart(objects.stamp_ns, tracker)
 
     def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
         """Take where `user` points."""
@@ -266,11 +266,11 @@ class Selecting:
                 self._reservations.free(object_id)
         return self._tell(user, [record], now_ns)
 
-    def _depart(self, now_ns: int) -> list[Output]:
+    def _depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
         entries = self._ledger.entries
         if not entries:
             return []
-        left = self._departures.step(entries, self._whereabouts.kinds, now_ns)
+        left = self._departures.step(entries, self._whereabouts.kinds, now_ns, clock)
         if not left:
             return []
         for record in self._ledger.drop(left, now_ns):

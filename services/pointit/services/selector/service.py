@@ -170,7 +170,8 @@ class Selector(Service[SelectorConfig]):
             names = ", ".join(sorted(silent))
             self.bus.warn(
                 "objects",
-                f"no news of objects from {names}; nothing of theirs can be hovered: is it running?",
+                f"no news of objects from {names}; nothing of theirs can be hovered: is it running, "
+                "and is its clock right?",
             )
         else:
             self.bus.clear("objects")

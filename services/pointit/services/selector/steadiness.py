@@ -54,10 +54,12 @@ class Steadiness:
         if count < FEWEST:
             return None
         half = count // 2  # of an odd number the middle one is in neither
-        span_s = _median(self._stamps_ns[-half:]) - _median(self._stamps_ns[:half])
+        first_ns = self._stamps_ns[0]  # a time of day in ns has more digits than a float
+        ages_ns = [stamp_ns - first_ns for stamp_ns in self._stamps_ns]
+        span_ns = _median(ages_ns[-half:]) - _median(ages_ns[:half])
         turned = _median(sorted(self._azimuths[-half:])) - _median(sorted(self._azimuths[:half]))
         raised = _median(sorted(self._elevations[-half:])) - _median(sorted(self._elevations[:half]))
-        per_s = NS_PER_S / span_s
+        per_s = NS_PER_S / span_ns
         return turned * math.cos(self._elevations[-1]) * per_s, raised * per_s
 
 

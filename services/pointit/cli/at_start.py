@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from pointit.cli.scenario import Choices
+from pointit.cli.launches import Choices
 from pointit.runtime import ConfigError, Launch
 from pointit.runtime.state import StateFile
 from pointit.schemas import PointingOffset

@@ -6,7 +6,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from pointit.cli.score import Latency, Score
+from pointit.cli.latency import Latency
+from pointit.cli.score import Score
 from pointit.runtime import Bus, Clock
 from pointit.schemas import (
     Anchor,

@@ -9,17 +9,10 @@ import click
 from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
+from pointit.cli.launches import Choices, check_settings, site_launches, user_launches
 from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.cli.plan import Plan
-from pointit.cli.scenario import (
-    Choices,
-    Scenario,
-    check_settings,
-    read_scenario,
-    scenario_names,
-    site_launches,
-    user_launches,
-)
+from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.environment import check_environment

@@ -1,18 +1,10 @@
-"""What a run comes to: which objects were selected, missed or wrong, and how fast the light followed."""
+"""What a run comes to: which objects were selected, missed or wrong, and where they came out."""
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-from pointit.schemas import NS_PER_S, Cursor, Selection, SelectionEvent, StripsFrame, TrackedObjects
-
-RECENT = 64
-"""Cursors remembered to find out which capture a frame shows."""
-STEP = 1.005
-"""Latencies are counted in classes this much apart, so that a run of weeks takes no more memory."""
-LEAST_S = 1e-6
+from pointit.schemas import Selection, SelectionEvent, TrackedObjects
 
 UNKNOWN = "object"
 """Kind of what nobody has listed."""
@@ -119,83 +111,3 @@ class Score:
         for (bay, kind), count in sorted(total.items()):
             found.setdefault(bay, {})[kind] = count
         return found
-
-
-class Latency:
-    """Time from capture at the wrist to the frame that shows it, wall seconds; another thread may read it."""
-
-    def __init__(self) -> None:
-        self._classes: Counter[int] = Counter()
-        self._pending: dict[int, None] = {}
-
-    def on_cursor(self, cursor: Cursor) -> None:
-        """Remember a capture whose frame is to come."""
-        if cursor.surface == "none" and not cursor.solid:
-            return
-        self._pending[cursor.stamp_ns] = None
-        while len(self._pending) > RECENT:
-            del self._pending[next(iter(self._pending))]
-
-    def on_frame(self, frame: StripsFrame, now_ns: int, speed: float) -> None:
-        """Take the first frame that shows a remembered capture; `now_ns` runs `speed` times as fast."""
-        if frame.stamp_ns in self._pending:
-            del self._pending[frame.stamp_ns]
-            value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed
-            self._classes[round(math.log(max(value_s, LEAST_S), STEP))] += 1
-
-    @property
-    def count(self) -> int:
-        """Return how many captures were seen as light."""
-        return sum(dict(self._classes).values())
-
-    def quantiles_ms(self) -> dict[str, float | None]:
-        """Return median and 99th percentile in milliseconds, exact to 0.3 %; none if nothing was measured."""
-        classes = sorted(dict(self._classes).items())
-        total = sum(number for _, number in classes)
-        if not total:
-            return {"p50": None, "p99": None}
-
-        def quantile(share: float) -> float:  # nearest rank
-            rank = math.ceil(share * total)
-            for exponent, number in classes:
-                rank -= number
-                if rank <= 0:
-                    return round(STEP**exponent * 1e3, 3)
-            raise AssertionError("unreachable: the ranks sum up to the total")
-
-        return {"p50": quantile(0.5), "p99": quantile(0.99)}
-
-
-def summary_lines(summary: dict[str, Any]) -> list[str]:
-    """Return the summary as lines for a person."""
-    latency = summary["latency_ms"]
-    shown = (
-        "not measured"
-        if latency["p50"] is None
-        else f"p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"
-    )
-    speed = "" if summary["speed"] == 1.0 else f" at {summary['speed']:g} times the speed"
-    services = f"{len(summary['services'])} services"
-    lines = [f"{summary['scenario']} ran {summary['duration_s']:.0f} s{speed} with {services}."]
-    if summary["target_kinds"]:
-        total = summary["selected"] + summary["missed"] + summary["pending"]
-        lines.append(
-            f"Selected {summary['selected']} of {total} {'/'.join(summary['target_kinds'])} objects, "
-            f"missed {summary['missed']}, still to do {summary['pending']}, "
-            f"wrong {summary['wrong']} (taken back {summary['corrected']})."
-        )
-    for bay, kinds in summary.get("dispatched", {}).items():
-        came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        lines.append(f"Bay {bay}: {came}.")
-    for user, found in summary.get("people", {}).items():
-        x_m, y_m = found["position_m"]
-        off_m = found["position_error_m"]
-        off_deg = found.get("yaw_error_deg")
-        truly = "" if off_m is None else f", {off_m:.2f} m from the true place"
-        truly += "" if off_deg is None else f", yaw {off_deg:.1f}° off"
-        lines.append(
-            f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
-            f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."
-        )
-    lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
-    return lines

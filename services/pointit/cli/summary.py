@@ -12,7 +12,6 @@ import click
 from pointit.cli.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.cli.monitor import Monitor
 from pointit.cli.plan import Plan
-from pointit.cli.score import summary_lines
 from pointit.runtime import ConfigError
 
 
@@ -99,3 +98,38 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
             plan.summary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"{plan.summary}: cannot be written ({error.strerror or error})") from error
+
+
+def summary_lines(summary: dict[str, Any]) -> list[str]:
+    """Return the summary as lines for a person."""
+    latency = summary["latency_ms"]
+    shown = (
+        "not measured"
+        if latency["p50"] is None
+        else f"p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"
+    )
+    speed = "" if summary["speed"] == 1.0 else f" at {summary['speed']:g} times the speed"
+    services = f"{len(summary['services'])} services"
+    lines = [f"{summary['scenario']} ran {summary['duration_s']:.0f} s{speed} with {services}."]
+    if summary["target_kinds"]:
+        total = summary["selected"] + summary["missed"] + summary["pending"]
+        lines.append(
+            f"Selected {summary['selected']} of {total} {'/'.join(summary['target_kinds'])} objects, "
+            f"missed {summary['missed']}, still to do {summary['pending']}, "
+            f"wrong {summary['wrong']} (taken back {summary['corrected']})."
+        )
+    for bay, kinds in summary.get("dispatched", {}).items():
+        came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        lines.append(f"Bay {bay}: {came}.")
+    for user, found in summary.get("people", {}).items():
+        x_m, y_m = found["position_m"]
+        off_m = found["position_error_m"]
+        off_deg = found.get("yaw_error_deg")
+        truly = "" if off_m is None else f", {off_m:.2f} m from the true place"
+        truly += "" if off_deg is None else f", yaw {off_deg:.1f}° off"
+        lines.append(
+            f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
+            f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."
+        )
+    lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
+    return lines

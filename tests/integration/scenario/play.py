@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any
 from unittest import mock
 
+from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.monitor import Monitor
-from pointit.cli.scenario import Choices, Scenario, read_scenario, site_launches, user_launches
+from pointit.cli.scenario import Scenario, read_scenario
 from pointit.cli.score import Score
 from pointit.runtime import Exchange, MemoryBus, run_services
 from pointit.schemas import (

@@ -9,7 +9,7 @@ import statistics
 import pytest
 
 from pointit.cli.certainty import position_sigma_m
-from pointit.cli.scenario import Choices
+from pointit.cli.launches import Choices
 from tests.integration.scenario.play import Found, Outcome, play
 
 PERSON = ("user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=15")

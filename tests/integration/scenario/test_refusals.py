@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.scenario import Choices, Scenario, read_scenario
+from pointit.cli.launches import Choices
+from pointit.cli.scenario import Scenario, read_scenario
 from tests.integration.scenario.play import Outcome, play
 
 EYES_M = 1.64

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointit.cli.scenario import Choices
+from pointit.cli.launches import Choices
 from tests.integration.scenario.play import Outcome, play
 
 

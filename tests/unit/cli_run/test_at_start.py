@@ -5,8 +5,9 @@ import time
 import pytest
 
 from pointit.cli.at_start import assumed_places, kept_mountings, kept_offsets
+from pointit.cli.launches import Choices, user_launches
 from pointit.cli.person_options import Pose
-from pointit.cli.scenario import Choices, read_scenario, user_launches
+from pointit.cli.scenario import read_scenario
 from pointit.runtime.state import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.monitor import Monitor
-from pointit.cli.score import summary_lines
-from pointit.cli.summary import true_yaw_deg
+from pointit.cli.summary import summary_lines, true_yaw_deg
 from pointit.runtime import Exchange, MemoryBus
 from pointit.schemas import Localization, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE

@@ -6,8 +6,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from pointit.cli.launches import Choices, user_launches
 from pointit.cli.person_options import PERSON_OPTIONS, Pose, pose
-from pointit.cli.scenario import Choices, read_scenario, user_launches
+from pointit.cli.scenario import read_scenario
 from pointit.runtime import ConfigError, Launch
 
 

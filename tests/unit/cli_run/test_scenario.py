@@ -7,16 +7,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from pointit.cli.launches import Choices, check_settings, site_launches, user_launches
 from pointit.cli.run import run
-from pointit.cli.scenario import (
-    Choices,
-    Scenario,
-    check_settings,
-    read_scenario,
-    scenario_names,
-    site_launches,
-    user_launches,
-)
+from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.runtime import ConfigError, Launch
 from pointit.runtime.service import check_launches
 from pointit.services.registry import PROCESSES

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.score import MAX_OBJECTS, MAX_TRACKERS, RECENT, Latency, Score, summary_lines
+from pointit.cli.latency import RECENT, Latency
+from pointit.cli.score import MAX_OBJECTS, MAX_TRACKERS, Score
+from pointit.cli.summary import summary_lines
 from pointit.schemas import (
     Cursor,
     SelectedObject,

@@ -1,6 +1,7 @@
 """Pixels of belts: those of every strip beside, at the nearest arc length, and no others."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -141,6 +142,58 @@ def test_what_is_shorter_than_a_pixel_lights_one_of_every_strip_beside_it(at_m: 
     assert abs(places(left)[stage.lit("l")[0]] - at_m) <= 0.5 / PER_M + 1e-3
     if abs(at_m - 0.5) > 1e-3 and abs(at_m - 2.5) > 1e-3:
         assert len(stage.lit("r")) == (0.5 < at_m < 2.5)
+
+
+lookups = st.tuples(
+    st.integers(0, 4),
+    st.one_of(st.floats(-0.5, 4.0), st.sampled_from([0.0, 1.0, 1e12, -1e12])),
+    st.sampled_from([0.0, 1e-9, 0.01, 0.05, 0.5]),
+)
+
+
+@given(st.lists(lookups, min_size=1, max_size=20))
+def test_many_spans_at_once_light_what_each_lights_alone(wanted: list[tuple[int, float, float]]) -> None:
+    strips = [beside(0.3, 0.0, 3.0, name="a"), beside(-0.3, 1.0, 1.02, name="b"), beside(9.0, 0.0, 2.0)]
+    layout = Layout(strips, [STRAIGHT, Belt(id="off", line_m=((0.0, 50.0, 0.0), (1.0, 50.0, 0.0)))])
+    lines, at_m, half_m = (np.array(values) for values in zip(*wanted, strict=True))
+    whose, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
+    together = list(zip(whose.tolist(), entries.tolist(), strict=True))
+    assert whose.tolist() == sorted(whose.tolist())
+    alone = [
+        (index, entry)
+        for index in range(len(wanted))
+        for entry in _lit_alone(layout, *(values[index] for values in (lines, at_m, half_m)))
+    ]
+    assert sorted(together) == sorted(alone)
+
+
+def _lit_alone(layout: Layout, line: int, at_m: float, half_m: float) -> list[int]:
+    """Return the entries of one span, one run after the other, by how `lit` is defined."""
+    first, end = layout._runs_bounds[line], layout._runs_bounds[line + 1]
+    runs = [np.flatnonzero(layout.run == run).tolist() for run in range(first, end)]
+    middle_m = ((at_m - half_m) + (at_m + half_m)) / 2.0
+    lit: list[int] = []
+    for run, entries in zip(range(first, end), runs, strict=True):
+        inside = [entry for entry in entries if at_m - half_m <= layout.at_m[entry] <= at_m + half_m]
+        lit += inside
+        if not inside and layout.narrow(np.array([line]), np.array([2.0 * half_m]))[0]:
+            rows = range(layout._run_bounds[run], layout._run_bounds[run + 1])
+            about = [row for row in rows if layout._run_from_m[row] <= middle_m < layout._run_to_m[row]]
+            lit += [int(layout._entry_of[row]) for row in about]
+    return lit
+
+
+def test_two_thousand_things_without_a_length_are_found_within_a_frame() -> None:
+    strips = [beside(2.0 * index, 0.0, 3.0, name=str(index)) for index in range(22)]
+    layout = Layout(strips)
+    lines, at_m = np.arange(2000) % 22, np.linspace(0.0, 3.0, 2000)
+    assert layout.lit(lines, at_m, at_m)[0].tolist() == list(range(2000))
+    took_s: list[float] = []
+    for _ in range(20):
+        began_s = time.perf_counter()
+        layout.lit(lines, at_m, at_m)
+        took_s.append(time.perf_counter() - began_s)
+    assert min(took_s) < 0.005  # it takes 0.4 ms
 
 
 def test_a_sharp_corner_lights_all_that_is_nearest_to_it() -> None:

@@ -8,7 +8,7 @@ on both sides and clipping all come down to where an arc length falls into that 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,10 +106,8 @@ class Layout:
         self.first_m: Array = np.array([run.at_m[0] for run in runs])
         self.last_m: Array = np.array([run.at_m[-1] for run in runs])
         self.pixels_of: Indices = np.array(sizes, dtype=np.intp)
-        self._from_m: Array = _joined([run.from_m for run in runs])[order]
-        self._to_m: Array = _joined([run.to_m for run in runs])[order]
+        self._lay_runs(runs, np.array(line_of_run, dtype=np.intp), order)
         self._keys: Array = self._origins_m[line[order]] + self.at_m if len(line) else at_m
-        self._bounds: Indices = np.searchsorted(line[order], np.arange(len(lines) + 1))
         self._coarsest_m: Array = np.array(
             [max((run.coarsest_m for run in line), default=0.0) for line in lines]
         )
@@ -137,27 +135,62 @@ class Layout:
         first = np.searchsorted(self._keys, low, side="left")
         counts = np.searchsorted(self._keys, high, side="right") - first
         narrow = np.flatnonzero(end_m - start_m < self._coarsest_m[lines])
-        if len(narrow):
-            entries: list[Indices] = [
-                np.arange(at, at + count, dtype=np.intp) for at, count in zip(first, counts, strict=True)
-            ]
-            for span in narrow:
-                entries[span] = self._pixel_at(int(lines[span]), float(start_m[span]), float(end_m[span]))
-            spans = np.repeat(np.arange(len(entries)), [len(each) for each in entries])
-            return spans, np.concatenate(entries).astype(np.intp)
+        counts[narrow] = 0
         ends = np.cumsum(counts)
         spans = np.repeat(np.arange(len(counts)), counts)
-        return spans, np.arange(len(spans)) - np.repeat(ends - counts - first, counts)
+        entries = np.arange(len(spans)) - np.repeat(ends - counts - first, counts)
+        if not len(narrow):
+            return spans, entries
+        whose, those = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])
+        spans, entries = np.concatenate([spans, narrow[whose]]), np.concatenate([entries, those])
+        order = np.argsort(spans, kind="stable")
+        return spans[order], entries[order]
 
-    def _pixel_at(self, line: int, start_m: float, end_m: float) -> Indices:
-        """Return the entries in [start_m, end_m], of strips without any there the one about the middle."""
-        where = slice(int(self._bounds[line]), int(self._bounds[line + 1]))
-        inside = (self.at_m[where] >= start_m) & (self.at_m[where] <= end_m)
+    def _lit_run_by_run(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
+        """Return as `lit` the entries in each span, or else of each run the one about its middle."""
+        whose, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
+        start_m, end_m = start_m[whose], end_m[whose]
+        low = self._rows(self._run_at_m, run, start_m, "left")
+        high = self._rows(self._run_at_m, run, end_m, "right")
         middle_m = (start_m + end_m) / 2.0
-        about = (self._from_m[where] <= middle_m) & (middle_m < self._to_m[where])
-        if inside.any():
-            about &= ~np.isin(self.run[where], self.run[where][inside])
-        return np.flatnonzero(inside | about) + where.start
+        about = self._rows(self._run_from_m, run, middle_m, "right") - 1
+        about = np.minimum(np.maximum(about, self._run_bounds[run]), self._run_bounds[run + 1] - 1)
+        is_there = (self._run_from_m[about] <= middle_m) & (middle_m < self._run_to_m[about])
+        is_about = (low >= high) & is_there
+        low, high = np.where(is_about, about, low), np.where(is_about, about + 1, np.maximum(low, high))
+        pairs, rows = _expanded(low, high)
+        return whose[pairs], self._entry_of[rows]
+
+    def _rows(self, values_m: Array, run: Indices, at_m: Array, side: Literal["left", "right"]) -> Indices:
+        """Return where `at_m` fall into `values_m`, which are sorted within each run: by halving, exactly."""
+        low, high = self._run_bounds[run], self._run_bounds[run + 1]
+        for _ in range(int((high - low).max(initial=0)).bit_length()):
+            middle = np.minimum((low + high) // 2, len(values_m) - 1)
+            is_before = values_m[middle] < at_m if side == "left" else values_m[middle] <= at_m
+            is_open = low < high
+            low, high = np.where(is_open & is_before, middle + 1, low), np.where(is_before, high, middle)
+            high = np.where(is_open, high, low)
+        return low
+
+    def _lay_runs(self, runs: list[_Run], line_of_run: Indices, order: Indices) -> None:
+        """Keep the entries run by run too, where what is shorter than a pixel is looked up."""
+        lines = len(self._ends_m)
+        self._runs_bounds: Indices = np.searchsorted(line_of_run, np.arange(lines + 1))
+        """Where each line's runs begin."""
+        self._run_bounds: Indices = np.r_[0, np.cumsum([len(run.pixels) for run in runs])].astype(np.intp)
+        """Where each run's rows begin."""
+        self._run_at_m: Array = _joined([run.at_m for run in runs])
+        self._run_from_m: Array = _joined([run.from_m for run in runs])
+        self._run_to_m: Array = _joined([run.to_m for run in runs])
+        self._entry_of: Indices = np.argsort(order)
+        """The entry of each row."""
+
+
+def _expanded(first: Indices, end: Indices) -> tuple[Indices, Indices]:
+    """Return every number from `first` up to `end`, and before it of which pair it is."""
+    counts = end - first
+    whose = np.repeat(np.arange(len(counts)), counts)
+    return whose, np.arange(len(whose)) - np.repeat(np.cumsum(counts) - counts - first, counts)
 
 
 def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:

@@ -343,6 +343,37 @@ def test_old_events_go_and_what_is_open_stays(tmp_path: Path) -> None:
     journal.close()
 
 
+def test_old_events_behind_one_of_the_future_go_too(tmp_path: Path) -> None:
+    old = NOW - 31 * NS_PER_DAY
+    late = selected("late", 1, stamp_ns=2**62), ended("late", 2, stamp_ns=2**62)
+    keep(tmp_path, *late, *(refused("x", seq) for seq in range(3, 500)), now_ns=old)
+    journal = Journal(tmp_path)
+    journal.begin(NOW + 31 * NS_PER_DAY)
+    for count in range(4):
+        journal.mind(NOW + 31 * NS_PER_DAY + (20 * count + 1) * S, is_selected=True)
+    assert [record.object_id for record in audit(journal.path)] == ["late", "late"]
+    journal.close()
+
+
+def test_to_drop_old_events_does_not_hold_the_loop_up(tmp_path: Path) -> None:
+    old = NOW - 31 * NS_PER_DAY
+    journal = Journal(tmp_path)
+    journal.begin(old)
+    for seq in range(0, 20_000, 2):
+        journal.add(selected(f"object {seq}", seq, stamp_ns=old))
+        journal.add(ended(f"object {seq}", seq + 1, stamp_ns=old))
+        if seq % 2000 == 0:
+            journal.commit(old)
+    durations_s: list[float] = []
+    for count in range(10):
+        began_s = time.perf_counter()
+        journal.mind(NOW + (20 * count) * S, is_selected=True)
+        durations_s.append(time.perf_counter() - began_s)
+    journal.close()
+    assert len(list(audit(journal.path))) < 20_000
+    assert min(durations_s[1:]) < 0.005  # it takes about 1 ms
+
+
 def test_the_audit_is_filtered(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1), selected("b", 2, user="ben", stamp_ns=NOW + S), refused("a", 3))
     path = tmp_path / "journal.sqlite"

@@ -20,6 +20,7 @@ from pointit.services.selector.journal_table import (
     LAYOUT,
     OPEN,
     PRUNE,
+    PRUNE_TO,
     READ_BUSY_S,
     TABLES,
     UNTOLD,
@@ -35,7 +36,7 @@ MOST_PENDING = 4096
 """Records kept while the disk takes none; of more the oldest are lost to the audit."""
 MOST_EVENTS = 2**62
 """Nobody has counted so far, and there is room to go on."""
-PRUNED_AT_ONCE = 500
+PRUNED_AT_ONCE = 300
 ALIVE_EVERY_NS = 20 * NS_PER_S
 RETRY_EVERY_NS = 5 * NS_PER_S
 
@@ -75,6 +76,8 @@ class Journal:
         self._told = self._told_there = 0
         self._alive_ns: int | None = None
         self._retry_ns = 0
+        self._pruned = 0
+        """Row up to which it was last looked for what is too old."""
 
     @property
     def problem(self) -> str:
@@ -221,13 +224,15 @@ class Journal:
         self._trouble = ""
 
     def _prune(self, db: sqlite3.Connection, now_ns: int) -> None:
-        """Drop some of what is too old, once per sign of life."""
+        """Drop what is too old of the next few rows, once per sign of life: all at once takes too long."""
         if self._alive_ns is not None and abs(now_ns - self._alive_ns) < ALIVE_EVERY_NS:
             return
-        oldest = db.execute("SELECT stamp_ns FROM events ORDER BY id LIMIT 1").fetchone()
-        if oldest is None or oldest[0] >= now_ns - self._keep_ns:
+        end = db.execute(PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()[0]
+        if end is None:
+            self._pruned = 0  # from the beginning again
             return
-        db.execute(PRUNE, (now_ns - self._keep_ns, PRUNED_AT_ONCE))
+        db.execute(PRUNE, (self._pruned, end, now_ns - self._keep_ns))
+        self._pruned = end
 
     def _fail(self, error: Exception) -> None:
         self._trouble = (

@@ -44,10 +44,13 @@ OPEN_IDS = (
     "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"
 )
 OPEN = f"SELECT {COLUMNS} FROM events WHERE id IN ({OPEN_IDS}) ORDER BY id"  # noqa: S608 - see above
-PRUNE = (
-    "DELETE FROM events WHERE id IN (SELECT id FROM events WHERE stamp_ns < ? "  # noqa: S608 - see above
-    f"AND id NOT IN ({OPEN_IDS}) ORDER BY id LIMIT ?)"
-)
+PRUNE_TO = "SELECT MAX(id) FROM (SELECT id FROM events WHERE id > ? ORDER BY id LIMIT ?)"
+PRUNE = """
+DELETE FROM events WHERE id > ? AND id <= ? AND stamp_ns < ? AND (event <> 'selected' OR EXISTS (
+    SELECT 1 FROM events AS later
+    WHERE later.object_id = events.object_id AND later.id > events.id AND later.event <> 'refused'
+))
+"""
 AUDIT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND (? = '' OR user = ? OR owner = ?) "  # noqa: S608 - see above
     "AND (? = '' OR object_id = ?) ORDER BY id"

@@ -212,7 +212,8 @@ class Feedback(Message):
     cue: Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
     text: str = ""
     chime: Annotated[
-        Literal["", "up", "down", "single", "double", "buzz"], Field(description="what is to be heard")
+        Literal["", "up", "down", "single", "double", "buzz", "tick", "tock"],
+        Field(description="what is to be heard"),
     ] = ""
     haptic_ms: Annotated[
         Many[Annotated[int, Field(gt=0, le=2000)]],
@@ -220,3 +221,4 @@ class Feedback(Message):
     ] = ()
     color: Annotated[Rgb | None, Field(description="what a state lamp is to show for a moment")] = None
     target_id: Annotated[str, Field(description="what the person is asked to point at")] = ""
+    waits: Annotated[bool, Field(description="there is nothing to do yet but wait for the next cue")] = False

@@ -257,8 +257,8 @@ def test_cues_are_for_ear_and_skin_and_eye() -> None:
     room.stay(1.0, 50.0, anna=5.0)
     cues = [*room.cues["anna"], *room.cues["ben"]]
     assert [(cue.cue, cue.chime, len(cue.haptic_ms)) for cue in cues] == [
-        ("selected", "up", 1),
-        ("deselected", "down", 3),
+        ("selected", "tick", 1),
+        ("deselected", "tock", 3),
         ("refused", "buzz", 1),
     ]
     assert all(cue.color is not None and cue.text for cue in cues)

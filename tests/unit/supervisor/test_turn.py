@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
+from pointit.schemas.cues import SIGNS
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.cue_table import SIGNS
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.outputs import Output
 from pointit.services.supervisor.voice import Voice

@@ -68,7 +68,8 @@ class Life:
         self.lights: Lights | None = None
 
     def cue(self, cue: Cue, text: str = "", target: str = "") -> None:
-        feedback = Feedback(stamp_ns=self.now_ns, cue=cue, text=text, target_id=target)
+        waits = "wait" in text.lower()
+        feedback = Feedback(stamp_ns=self.now_ns, cue=cue, text=text, target_id=target, waits=waits)
         self.person.see(self.now_ns, feedback)
 
     def state(self, state: Literal["idle", "localizing", "pointing"]) -> None:

@@ -18,7 +18,10 @@ AT_LED: Heard = ("target", "Point at led_1.", "led_1")
 def after(*heard: Heard) -> Belief:
     belief = Belief()
     for number, (cue, text, target) in enumerate(heard):
-        belief.hear(Feedback(stamp_ns=0, cue=cue, text=text, target_id=target), number * NS_PER_S)
+        belief.hear(
+            Feedback(stamp_ns=0, cue=cue, text=text, target_id=target, waits="wait" in text.lower()),
+            number * NS_PER_S,
+        )
     return belief
 
 

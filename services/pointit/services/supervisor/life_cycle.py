@@ -11,8 +11,8 @@ anything --hold--> idle, and from idle it localizes anew, where the person local
 
 With `autostart` a sample of the wrist does in idle what a press does, unless a gesture led there.
 
-Who only hears the cues knows what to do: `started` go on (in localizing: a target will be named), `target`
-point at what it names (at nothing, when it names nothing: wait), `stopped` and `refused` rest; `localized`
+Who only hears the cues knows what to do: whatever the cue, wait while it `waits`; `started` go on, `target`
+point at what it names, `stopped` and `refused` rest; `localized`
 and a `refused` or `stopped` anchor are followed by `started` where pointing goes on.
 """
 
@@ -20,8 +20,8 @@ import math
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas.cues import Cue
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.cue_table import Cue
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 from pointit.services.supervisor.readiness import Readiness
 from pointit.services.supervisor.search import Search
@@ -220,14 +220,14 @@ class LifeCycle:
     def _localize(self, now_ns: int) -> list[Output]:
         stage = self._stage
         search = stage.seek("pose", sentences.ASKED, now_ns, then="pointing", otherwise="idle")
-        return [Start(search.run), *stage.show(now_ns), stage.cue(now_ns, "started", sentences.WAIT)]
+        return [Start(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
 
     def _ask_anchor(self, now_ns: int) -> list[Output]:
         stage = self._stage
         if stage.pose_ns is None:
             return stage.rest(now_ns, "refused", sentences.NO_POSE_TO_ANCHOR)
         search = stage.seek("anchor", sentences.ANCHOR_ASKED, now_ns)
-        return [StartAnchor(search.run), *stage.show(now_ns), stage.cue(now_ns, "started", sentences.WAIT)]
+        return [StartAnchor(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
 
     def _join(self, news: Localization, now_ns: int) -> list[Output]:
         """Follow what somebody else has asked for, once there is something to point at."""
@@ -257,7 +257,8 @@ class LifeCycle:
         shown = self._stage.show(now_ns)
         if not is_news:
             return [*shown]
-        return [*shown, self._stage.cue(now_ns, "target", search.next_step, search.target_id)]
+        target = search.target_id
+        return [*shown, self._stage.cue(now_ns, "target", search.next_step, target, waits=not target)]
 
     def _found(self, search: Search, now_ns: int) -> list[Output]:
         stage = self._stage

@@ -1,8 +1,8 @@
 """Where the person is in the interaction, and how they are told: the scene on which the life cycle plays."""
 
 from pointit.schemas import Feedback, Interaction, UserPose
+from pointit.schemas.cues import Cue
 from pointit.services.supervisor import sentences
-from pointit.services.supervisor.cue_table import Cue
 from pointit.services.supervisor.outputs import Output
 from pointit.services.supervisor.readiness import Readiness
 from pointit.services.supervisor.search import Purpose, Search
@@ -104,9 +104,13 @@ class Stage:
         ahead = self.search.ahead if self.search is not None else ()
         return self._voice.show(now_ns, self.state, self.reason, self._next_step(), ahead)
 
-    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "") -> Feedback:
+    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
         """Return a cue."""
-        return self._voice.cue(now_ns, cue, text, target_id)
+        return self._voice.cue(now_ns, cue, text, target_id, waits=waits)
+
+    def wait_cue(self, now_ns: int) -> Feedback:
+        """Return the cue that a search began and its target will be named."""
+        return self.cue(now_ns, "started", sentences.WAIT, waits=True)
 
     def _enter(self, state: State, now_ns: int, reason: str) -> None:
         if self.search is not None:

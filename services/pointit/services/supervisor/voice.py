@@ -4,7 +4,7 @@ from collections import deque
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, Feedback, Interaction
-from pointit.services.supervisor.cue_table import MOST_FLASHES, SIGNS, Cue
+from pointit.schemas.cues import MOST_FLASHES, SIGNS, Cue
 
 State = Literal["idle", "localizing", "pointing"]
 
@@ -34,7 +34,7 @@ class Voice:
             )
         ]
 
-    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "") -> Feedback:
+    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
         """Return a cue; one that would make lamps flash too often comes without its colour."""
         self._cues += 1
         sign = SIGNS[cue]
@@ -47,6 +47,7 @@ class Voice:
             haptic_ms=sign.haptic_ms,
             color=sign.color if self._may_flash(now_ns) else None,
             target_id=target_id,
+            waits=waits,
         )
 
     def _may_flash(self, now_ns: int) -> bool:

@@ -6,9 +6,6 @@ from pointit.schemas import Feedback
 
 State = Literal["idle", "asked", "pointing"]
 
-WAIT = "wait"
-"""In what is said when it is not their turn yet, or the target is still to come."""
-
 
 class Belief:
     """Follows the cues; they are events, so what came before the person did is not known.
@@ -33,8 +30,8 @@ class Belief:
         match cue.cue:
             case "target":
                 self._ask(now_ns, cue.target_id)
-                self.is_queuing = not cue.target_id and WAIT in cue.text.lower()
-            case "started" if WAIT in cue.text.lower():
+                self.is_queuing = cue.waits
+            case "started" if cue.waits:
                 self._ask(now_ns, cue.target_id)
             case "started":
                 self._enter("pointing", now_ns)

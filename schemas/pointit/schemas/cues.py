@@ -9,8 +9,8 @@ from typing import Literal
 
 from pointit.schemas.base import Rgb
 
-Cue = Literal["started", "stopped", "target", "localized", "refused"]
-Chime = Literal["", "up", "down", "single", "double", "buzz"]
+Cue = Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
+Chime = Literal["", "up", "down", "single", "double", "buzz", "tick", "tock"]
 
 MOST_FLASHES = 3
 """In a second: more can cause seizures (WCAG 2.2, 2.3.1)."""
@@ -32,4 +32,6 @@ SIGNS: dict[Cue, Sign] = {
     "target": Sign("single", (60, 80, 60), (240, 228, 66)),  # yellow
     "localized": Sign("double", (60, 80, 60, 80, 60), (0, 158, 115)),  # bluish green
     "refused": Sign("buzz", (400, 150, 400), (204, 121, 167)),  # reddish purple
+    "selected": Sign("tick", (30,), (230, 159, 0)),  # orange
+    "deselected": Sign("tock", (150, 60, 40), (130, 205, 255)),  # sky blue, lighter than orange
 }

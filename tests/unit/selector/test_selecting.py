@@ -259,6 +259,6 @@ def test_cues_are_for_ear_and_skin_and_eye() -> None:
     assert [(cue.cue, cue.chime, len(cue.haptic_ms)) for cue in cues] == [
         ("selected", "tick", 1),
         ("deselected", "tock", 3),
-        ("refused", "buzz", 1),
+        ("refused", "buzz", 3),
     ]
     assert all(cue.color is not None and cue.text for cue in cues)

@@ -143,12 +143,14 @@ def _grid(axes: Axes, side_m: float) -> None:
 
 def on_belt(room: Environment, x: float, y: float) -> bool:
     """Return whether the place lies on a belt, as seen from above."""
-    return any(
-        Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m]).nearest_to(np.array([[x, y, 0.0]]))[1][0]
-        <= belt.width_m / 2
-        for belt in room.belts
-        if len({vertex[:2] for vertex in belt.line_m}) > 1
-    )
+    for belt in room.belts:
+        try:
+            flat = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
+        except ValueError:  # upright: there is nothing of it to be on
+            continue
+        if flat.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
+            return True
+    return False
 
 
 def _draw_lamps(axes: Axes, room: Environment, beside_m: float) -> list[Any]:

@@ -183,6 +183,15 @@ def test_a_vertical_plane_is_a_line_and_a_level_one_an_area(room: Path) -> None:
     assert (1.6, 0.8) in extents, "the table"
 
 
+def test_a_belt_that_is_all_but_upright_is_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "lift.yaml"
+    path.write_text(
+        "belts: {lift: {centerline: [[1, 0, 0], [1.000000001, 0, 3]], width: 0.5}}\n"
+        "leds: {door: {position: [0, 0, 1]}}\n"
+    )
+    assert {"lift", "door"} <= written(str(path))
+
+
 def test_a_million_points_are_thinned() -> None:
     room, _ = load_map_and_clouds("lab", 0)
     figure = map_figure(room, {"scan": np.random.default_rng(1).uniform(0, 3, (100_000, 3))}, "")

@@ -69,6 +69,7 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
             for a, b in pairwise(lists)
             if a.objects and b.objects and a.objects[-1].id == b.objects[-1].id
         ]
+        spans = [span for span in spans if span[0] < 10e9]  # a machine busy for longer makes it stand still
         assert spans
         for span_ns, moved_m in spans:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)

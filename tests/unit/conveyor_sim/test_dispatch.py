@@ -113,7 +113,7 @@ def test_on_the_papers_conveyor_there_is_a_way_round_for_who_is_late() -> None:
 
 
 def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
-    bays = FORK.model_copy(update={"bays": FORK.bays[::-1]})
+    bays = FORK.model_copy(update={"bays": FORK.bays[1::-1]})
     belts = plant(bays, feeder={"sequence": []}, bay_rest="9")
     assert bay_of(belts, belts.add("red", "main", 0.3)) == "1"
 

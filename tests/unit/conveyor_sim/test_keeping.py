@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from pointit.runtime import ConfigError
 from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.keeping import Keeping, NotKeptError, fingerprint, forget, kept_path
+from pointit.services.conveyor_sim.keeping import FILE, Keeping, NotKeptError, fingerprint
+from pointit.services.conveyor_sim.service import forget, kept_folder
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
 EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
@@ -83,11 +84,11 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
-    file = Keeping("lab")
+    file = Keeping(kept_folder("lab"))
     assert file.read() is None
     file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
     file.close()
-    file = Keeping("lab")
+    file = Keeping(kept_folder("lab"))
     kept = file.read()
     assert kept is not None
     assert (kept.stamp_ns, kept.seq, kept.fingerprint, kept.snapshot) == (5, 3, "mark", {"a": [1, 2.5]})
@@ -100,20 +101,20 @@ def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
 
 
 def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
-    file = Keeping("lab")
+    file = Keeping(kept_folder("lab"))
     with pytest.raises(NotKeptError, match=r"plant\.sqlite: another conveyor of this site runs"):
-        Keeping("lab")
-    other = Keeping("hall")
+        Keeping(kept_folder("lab"))
+    other = Keeping(kept_folder("hall"))
     other.close()
     file.close()
-    Keeping("lab").close()
+    Keeping(kept_folder("lab")).close()
 
 
 def test_a_file_that_is_none_is_begun_anew() -> None:
-    path = kept_path("lab")
+    path = kept_folder("lab") / FILE
     path.parent.mkdir(parents=True)
     path.write_bytes(b"this is no database, " * 1000)
-    file = Keeping("lab")
+    file = Keeping(kept_folder("lab"))
     assert file.read() is None
     file.commit(5, "mark", {}, 0)
     assert file.read() is not None
@@ -123,24 +124,24 @@ def test_a_file_that_is_none_is_begun_anew() -> None:
 def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
     own_state.write_text("a file where the folder should be")
     with pytest.raises(NotKeptError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
-        Keeping("lab")
+        Keeping(kept_folder("lab"))
 
 
 def test_forgetting_says_whether_there_was_something() -> None:
     assert not forget("lab")
-    file = Keeping("lab")
+    file = Keeping(kept_folder("lab"))
     file.commit(5, "mark", {}, 0)
     file.close()
     assert forget("lab")
-    file = Keeping("lab")
+    file = Keeping(kept_folder("lab"))
     assert file.read() is None
     file.close()
     assert forget("lab")
-    assert not kept_path("lab").exists()
+    assert not (kept_folder("lab") / FILE).exists()
 
 
 def test_what_cannot_be_forgotten_is_said() -> None:
-    kept_path("lab").mkdir(parents=True)  # a folder cannot be unlinked
+    (kept_folder("lab") / FILE).mkdir(parents=True)  # a folder cannot be unlinked
     with pytest.raises(ConfigError, match=r"plant\.sqlite: cannot be erased"):
         forget("lab")
 

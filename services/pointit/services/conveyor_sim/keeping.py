@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.state import state_directory
 from pointit.schemas import Environment, SelectionEvent
-from pointit.schemas.topics import check_name
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 
 _TABLES = """
@@ -41,23 +39,16 @@ class Kept:
     """Those that were perhaps never told, in order."""
 
 
-def kept_path(site: str) -> Path:
-    """Return the file of the conveyor of `site`; it need not exist.
-
-    Raises:
-        KeyNameError: `site` cannot be a name.
-    """
-    check_name(site, "site")
-    return state_directory() / site / "conveyor-sim" / "plant.sqlite"
+FILE = "plant.sqlite"
 
 
-def forget(site: str) -> bool:
-    """Let the next conveyor of `site` begin anew; return whether there was something to forget.
+def erase(folder: Path) -> bool:
+    """Let the next conveyor that keeps in `folder` begin anew; return whether there was something to forget.
 
     Raises:
         ConfigError: it cannot be erased; names the file.
     """
-    path = kept_path(site)
+    path = folder / FILE
     was_there = path.exists()
     for side in _SIDES:
         try:
@@ -85,13 +76,13 @@ class Keeping:
     begun anew if the machine's own death left it unreadable.
     """
 
-    def __init__(self, site: str) -> None:
-        """Open the file of `site`.
+    def __init__(self, folder: Path) -> None:
+        """Open the file in `folder`, which is made when missing.
 
         Raises:
             NotKeptError: another conveyor has it, or the disk fails; names the file.
         """
-        self.path = kept_path(site)
+        self.path = folder / FILE
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             self._file = self._opened()

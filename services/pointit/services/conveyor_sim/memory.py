@@ -1,9 +1,8 @@
 """When the conveyor writes down what it has, and what it makes of what it finds."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from pointit.runtime.clock import Clock
-from pointit.runtime.health import Warnings
 from pointit.schemas import NS_PER_S, SelectionEvent
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.keeping import Keeping, NotKeptError
@@ -16,13 +15,14 @@ BACK_S = 5.0
 
 
 class Memory:
-    """Keeps a plant on disk, before its events are told; a disk that fails is a warning, nothing more."""
+    """Keeps a plant on disk, before its events are told; a disk that fails is a problem, nothing more."""
 
-    def __init__(self, config: ConveyorSimConfig, site: str, warnings: Warnings) -> None:
-        """Touch nothing yet."""
+    def __init__(self, config: ConveyorSimConfig, folder: Path) -> None:
+        """Touch nothing yet; keep in `folder`, which need not exist."""
+        self.problem = ""
+        """What is wrong with keeping now, a sentence for a person; empty: nothing."""
         self._config = config
-        self._site = site
-        self._warnings = warnings
+        self._folder = folder
         self._file: Keeping | None = None
         self._kept_ns = 0
         self._changes = -1
@@ -30,20 +30,25 @@ class Memory:
         self._seq = 0
         """Of the last event."""
 
-    def resume(self, plant: Plant, mark: str, clock: Clock) -> tuple[SelectionEvent, ...]:
-        """Open the file; have `plant` be as it was kept if that fits; return events that may be untold."""
+    def resume(
+        self, plant: Plant, mark: str, now_ns: int, *, speed: float = 1.0
+    ) -> tuple[SelectionEvent, ...]:
+        """Open the file; have `plant` be as it was kept if that fits; return events that may be untold.
+
+        `speed`: how many seconds of the clock pass in one of the wall.
+        """
         config = self._config
         if not config.resume_within_s:
             return ()
         try:
-            self._file = Keeping(self._site)
+            self._file = Keeping(self._folder)
         except NotKeptError as error:
-            self._warnings.warn("kept", str(error))
+            self.problem = str(error)
             return ()
         kept = self._file.read()
         if kept is None or kept.fingerprint != mark:
             return ()
-        age_s = (clock.now_ns() - kept.stamp_ns) / NS_PER_S / clock.speed
+        age_s = (now_ns - kept.stamp_ns) / NS_PER_S / speed
         if not -BACK_S <= age_s <= config.resume_within_s:
             return ()
         try:
@@ -68,9 +73,9 @@ class Memory:
         try:
             self._file.commit(now_ns, mark, plant.snapshot(), self._seq, numbered)
         except NotKeptError as error:
-            self._warnings.warn("kept", str(error))
+            self.problem = str(error)
         else:
-            self._warnings.clear("kept")
+            self.problem = ""
         self._plant, self._changes, self._kept_ns = plant, plant.changes, now_ns
         return numbered
 
@@ -80,7 +85,7 @@ class Memory:
             try:
                 self._file.told()
             except NotKeptError as error:
-                self._warnings.warn("kept", str(error))
+                self.problem = str(error)
 
     def close(self) -> None:
         """Let go of the file."""

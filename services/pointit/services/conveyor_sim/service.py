@@ -1,10 +1,12 @@
 """Reads the map and the selection, writes the objects on the conveyor, answers requests about it."""
 
 import asyncio
+from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime import ConfigError, Context, RefusedError, Service, ticks
 from pointit.runtime.service import Scope
+from pointit.runtime.state import state_directory
 from pointit.schemas import (
     NS_PER_S,
     AddPackage,
@@ -25,11 +27,12 @@ from pointit.schemas.topics import (
     SELECTION,
     SELECTION_EVENTS,
     SET_SPEED,
+    check_name,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.from_map import UnusableMapError
 from pointit.services.conveyor_sim.intake import NoRoomError, UnknownLaneError
-from pointit.services.conveyor_sim.keeping import fingerprint
+from pointit.services.conveyor_sim.keeping import erase, fingerprint
 from pointit.services.conveyor_sim.memory import Memory
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.schedule import check_schedule
@@ -45,6 +48,26 @@ STALL_PERIODS = 3
 """It is never taken for stalled before so many periods of its rate."""
 
 
+def kept_folder(site: str) -> Path:
+    """Return where the conveyor of `site` keeps its packages on this machine; it need not exist.
+
+    Raises:
+        KeyNameError: `site` cannot be a name.
+    """
+    check_name(site, "site")
+    return state_directory() / site / "conveyor-sim"
+
+
+def forget(site: str) -> bool:
+    """Let the next conveyor of `site` begin anew; return whether there was something to forget.
+
+    Raises:
+        KeyNameError: `site` cannot be a name.
+        ConfigError: it cannot be erased; names the file.
+    """
+    return erase(kept_folder(site))
+
+
 class ConveyorSim(Service[ConveyorSimConfig]):
     """Moves objects along the map's belts, or along its strips taken as belts."""
 
@@ -57,7 +80,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._plant: Plant | None = None
         self._tracker: Tracker | None = None
         self._mark = ""
-        self._memory = Memory(config, self.bus.site, self.bus)
+        self._memory = Memory(config, kept_folder(self.bus.site))
         self._is_resumed = False
         self._has_plant = asyncio.Event()
         self._owners: dict[str, str] | None = None
@@ -136,10 +159,11 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         """Go on with what a conveyor before this one kept, if it is fresh and of the same map."""
         plant = self._plant
         if plant is not None:
-            for event in self._memory.resume(plant, self._mark, self.clock):
+            now_ns = self.clock.now_ns()
+            for event in self._memory.resume(plant, self._mark, now_ns, speed=self.clock.speed):
                 self._events.put(event)
             if self._owners is not None:
-                plant.select(self._owners, self.clock.now_ns())
+                plant.select(self._owners, now_ns)
         self._is_resumed = True
 
     async def _on_add(self, query: AddPackage, _name: str) -> AddPackageReply:
@@ -188,6 +212,10 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             self._events.put(event)
         if events:
             self._memory.told()
+        if self._memory.problem:
+            self.bus.warn("kept", self._memory.problem)
+        else:
+            self.bus.clear("kept")
 
     def _report(self, plant: Plant, now_ns: int) -> None:
         self._advance(plant, now_ns)

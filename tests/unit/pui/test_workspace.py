@@ -300,6 +300,16 @@ def test_what_cannot_be_laid_is_said_and_changes_nothing() -> None:
         nobody.set_workspace(SetWorkspace(kind="sphere"), Tracked(LAB))
 
 
+def test_a_tracker_whose_clock_is_ahead_is_no_anchor_and_hides_none() -> None:
+    person = Person()
+    person.point((0.0, 0.0, 1.0), stamp_ns=10 * S)
+    person.tracked.on_objects("ahead", robot(15 * S))
+    with pytest.raises(WorkspaceError, match=r"by a clock 5\.0 s ahead of"):
+        person.ask("sphere", anchor="object", object_id="drone")
+    person.tracked.on_objects("sim", robot(10 * S))
+    person.ask("sphere", anchor="object", object_id="drone")
+
+
 def test_a_workspace_that_the_ray_would_graze_is_refused() -> None:
     person = Person()
     person.point((1.0, 0.0, 0.0))

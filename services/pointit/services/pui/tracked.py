@@ -39,9 +39,14 @@ class Tracked:
         ]
         if not known:
             raise WorkspaceError(f"no object {object_id!r} is known: use the id of one that is tracked now")
-        seen_ns, tracked = max(known, key=lambda pair: pair[0])
+        seen_ns, tracked = min(known, key=lambda pair: abs(stamp_ns - pair[0]))
         late_ns = stamp_ns - seen_ns
-        if abs(late_ns) > STALE_NS:
+        if late_ns < -STALE_NS:
+            raise WorkspaceError(
+                f"object {object_id!r} is tracked by a clock {-late_ns / NS_PER_S:.1f} s ahead of the "
+                "person's rays: set the clocks alike, or point first"
+            )
+        if late_ns > STALE_NS:
             raise WorkspaceError(
                 f"object {object_id!r} was last seen {late_ns / NS_PER_S:.1f} s ago: look for it"
             )

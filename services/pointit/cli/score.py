@@ -28,6 +28,12 @@ class Score:
     """By tracker, the objects that are there now."""
     corrected: int = 0
     """Wrong selections that were taken back."""
+    unknown: set[str] = field(default_factory=set[str])
+    """Selected, yet nobody has told of them: a run before has left them so. They are nobody's fault."""
+    refused: int = 0
+    """Selections that came to nothing: too late for the bay, or somebody else's object."""
+    refusal: str = ""
+    """Why the last of them did."""
     bays: dict[str, str] = field(default_factory=dict[str, str])
     """Where objects came out, by object id."""
     past: Counter[str] = field(default_factory=Counter[str])
@@ -43,6 +49,9 @@ class Score:
             del self.listed[next(iter(self.listed))]
         for thing in message.objects:
             self._know(thing.id, thing.kind)
+            if thing.id in self.unknown:
+                self.unknown.discard(thing.id)
+                self.selected.add(thing.id)
 
     def on_event(self, event: SelectionEvent) -> None:
         """Take note of what happened."""
@@ -53,6 +62,9 @@ class Score:
             self.selected.discard(event.object_id)
             if self.target_kinds and self.kinds.get(event.object_id) not in self.target_kinds:
                 self.corrected += 1
+        elif event.event == "refused":
+            self.refused += 1
+            self.refusal = event.reason
         elif event.event in {"left", "dispatched"}:  # may be told twice, when its teller was killed meanwhile
             self.left.add(event.object_id)
             if event.event == "dispatched":
@@ -61,11 +73,14 @@ class Score:
                 self.selected.add(event.object_id)
 
     def on_selection(self, state: Selection) -> None:
-        """Take what is selected now: a selector that was restarted begins anew, and tells no event of it."""
+        """Take what is selected now: a selector that was restarted tells no events of it.
+
+        It may have kept what the run before had selected, and wait for that to be seen again.
+        """
         now = {thing.id for thing in state.objects}
-        for name in now:
-            self._know(name, "")
-        self.selected = now | (self.selected & self.left)
+        known = now & self.kinds.keys()
+        self.unknown = now - known
+        self.selected = known | (self.selected & self.left)
 
     def _know(self, name: str, kind: str) -> None:
         if self.kinds.get(name, UNKNOWN) == UNKNOWN:

@@ -59,6 +59,16 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
     return people
 
 
+def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
+    """Return who was to be found by pointing and was not, in time."""
+    sought = {
+        launch.user
+        for launch in plan.launches
+        if launch.service.NAME == "localizer" and launch.config.model_dump()["method"] != "fixed"
+    }
+    return sorted(sought - monitor.found.keys())
+
+
 def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
     """Return the yaw of a simulated person's IMU by their parameters; none where it is drawn, or drifts."""
     wristband = simulated["wristband"]
@@ -80,12 +90,15 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "speed": plan.speed,
         "target_kinds": list(plan.target_kinds),
         **monitor.score.counts(),
+        "refused": monitor.score.refused,
+        "last_refusal": monitor.score.refusal,
         "dispatched": monitor.score.dispatched(),
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
         "first_cursor_unix_s": monitor.first_cursor_unix_s,
         "people": _people(plan, monitor),
+        "not_found": _not_found(plan, monitor),
         "services": [launch.instance for launch in plan.launches],
     }
     if plan.as_json:
@@ -118,6 +131,9 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             f"missed {summary['missed']}, still to do {summary['pending']}, "
             f"wrong {summary['wrong']} (taken back {summary['corrected']})."
         )
+    if summary.get("refused"):
+        times = "once" if summary["refused"] == 1 else f"{summary['refused']} times, at last"
+        lines.append(f"Refused {times}: {summary['last_refusal'] or 'no reason given'}.")
     for bay, kinds in summary.get("dispatched", {}).items():
         came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         lines.append(f"Bay {bay}: {came}.")
@@ -131,5 +147,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
             f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
             f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."
         )
+    if missing := summary.get("not_found"):
+        were = "was" if len(missing) == 1 else "were"
+        lines.append(f"{', '.join(missing)} {were} not found in that time; --duration gives more.")
     lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
     return lines

@@ -71,8 +71,12 @@ def test_another_kind_is_wrong_until_it_is_taken_back() -> None:
     assert of_reds(TWO, event("selected", "b"), event("left", "b"))["wrong"] == 1
 
 
-def test_refusals_do_not_count() -> None:
+def test_refusals_count_as_such_alone() -> None:
     assert of_reds(TWO, event("refused", "b")) == {**NONE, "pending": 1}
+    score = Score(("red",))
+    for reason in ("it is too late", "anna has it"):
+        score.on_event(event("refused", "a").model_copy(update={"reason": reason}))
+    assert (score.refused, score.refusal) == (2, "anna has it")
 
 
 def test_what_is_dispatched_has_left_whoever_had_it() -> None:
@@ -141,6 +145,16 @@ def test_what_left_selected_counts_whichever_is_heard_first() -> None:
     score.on_selection(selection())
     score.on_event(event("left", "a", user="anna"))
     assert score.counts() == {**NONE, "selected": 1}
+
+
+def test_what_a_run_before_left_selected_counts_when_it_is_there_again() -> None:
+    score = Score(("red",))
+    score.on_selection(selection("old", "a", "b"))
+    assert score.counts() == NONE
+    score.on_objects("conveyor", TWO)
+    assert score.counts() == {**NONE, "selected": 1, "wrong": 1}
+    score.on_selection(selection("old"))
+    assert score.counts() == {**NONE, "pending": 1}
 
 
 def test_names_without_number_are_counted_and_not_remembered() -> None:
@@ -257,6 +271,19 @@ def test_a_summary_reads_well() -> None:
     assert summary_lines(bare) == [
         "scenario_3 ran 60 s at 2.5 times the speed with 2 services.",
         "Wrist to light: not measured; 7 cursors, 9 frames.",
+    ]
+
+
+def test_a_summary_says_what_was_refused_and_who_was_not_found() -> None:
+    refused = {**SUMMARY, "refused": 1, "last_refusal": "red 7 is past its last way", "not_found": ["ben"]}
+    assert summary_lines(refused)[2:4] == [
+        "Refused once: red 7 is past its last way.",
+        "ben was not found in that time; --duration gives more.",
+    ]
+    more = {**refused, "refused": 3, "not_found": ["ben", "eve"]}
+    assert summary_lines(more)[2:4] == [
+        "Refused 3 times, at last: red 7 is past its last way.",
+        "ben, eve were not found in that time; --duration gives more.",
     ]
 
 

@@ -25,15 +25,27 @@ CANDIDATES = 3
 """As many of the robots that may be meant are named."""
 
 
-def people(monitor: Monitor, width: int) -> list[RenderableType]:
-    """Return what each person does, in columns that do not move, where they stand, and what to do next."""
+def doings(monitor: Monitor, width: int) -> RenderableType:
+    """Return what each person does, in columns that do not move."""
+    return _doings(monitor, monitor.people(), width)
+
+
+def places(monitor: Monitor, width: int) -> RenderableType | None:
+    """Return where people stand, if that is known of anybody."""
     users = monitor.people()
-    lines: list[RenderableType] = [_doings(monitor, users, width)]
-    if any(user in monitor.poses for user in users):
-        lines.append(_places(monitor, users, width))
-    for user in users:
-        lines += _words(monitor, user)
-    return lines
+    return _places(monitor, users, width) if any(user in monitor.poses for user in users) else None
+
+
+def words(monitor: Monitor) -> list[Text]:
+    """Return what each person should do next; once, where all should do the same."""
+    told = {user: _words(monitor, user) for user in monitor.people()}
+    if len(told) > 1 and len({tuple(line.plain for line in lines) for lines in told.values()}) == 1:
+        return [Text.assemble(("everybody: ", "bold"), line) for line in next(iter(told.values()))]
+    return [
+        Text.assemble((f"{user}: ", color_of(monitor, user)), line)
+        for user, lines in told.items()
+        for line in lines
+    ]
 
 
 def color_of(monitor: Monitor, user: str) -> str:
@@ -109,20 +121,19 @@ def _pose(pose: UserPose, now_ns: int) -> list[Text]:
     return [place.append(" m"), yaw, Text(METHODS[pose.method]), Text(drift), Text(anchor)]
 
 
-def _words(monitor: Monitor, user: str) -> list[RenderableType]:
+def _words(monitor: Monitor, user: str) -> list[Text]:
     """Return what a person should do next, how far localizing is, and why it was refused."""
-    lines: list[RenderableType] = []
-    name = (f"{user}: ", color_of(monitor, user))
+    lines: list[Text] = []
     refusal = monitor.refusal(user)
     interaction = monitor.interactions.get(user)
     if refusal:
-        lines.append(Text.assemble(name, (f"refused: {refusal}", "bold red")))
+        lines.append(Text(f"refused: {refusal}", style="bold red"))
     if interaction is not None:
         reason = interaction.reason if interaction.state == "idle" and interaction.reason != refusal else ""
-        lines.append(Text.assemble(name, f"{reason} {interaction.next_step}".strip()))
+        lines.append(Text(f"{reason} {interaction.next_step}".strip()))
     news = monitor.localizations.get(user)
     if news is not None and news.phase == "sampling":
-        lines.append(Text.assemble(name, *_progress(news)))
+        lines.append(Text.assemble(*_progress(news)))
     return lines
 
 

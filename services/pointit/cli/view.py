@@ -3,15 +3,18 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
-from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.panel import Panel
+from rich.segment import SegmentLines
 from rich.text import Text
 
+from pointit.cli.fit import Block, Worth, fitted
 from pointit.cli.monitor import Monitor
 from pointit.cli.observation import SILENT_S
-from pointit.cli.people_view import ROOMY_WIDTH, color_of, people
+from pointit.cli.people_view import ROOMY_WIDTH, color_of, doings, places, words
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
@@ -23,9 +26,12 @@ BORDER_WIDTH = 4
 """Columns that the frame and its padding take."""
 MOST_STRIPS = 6
 """More are drawn side by side, without the marks below them."""
+BORDER_HEIGHT = 2
 GAP_WIDTH = 2
 CELLS_PER_M = 8
 """Of strips drawn side by side; they shrink together when one is wider than the terminal."""
+OLD_NEWS, PLACES, NEWS, WORDS, STRIPS = range(5)
+"""What is left out of a terminal too low for all, the first first."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown, the chain from wrist to light."""
 
@@ -48,30 +54,51 @@ class _View:
     button_of: str
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        monitor = self.monitor
-        environment = monitor.environment
-        parts: list[RenderableType] = []
-        if environment is None:
-            parts.append(Text("waiting for the map …", style="dim"))
-        else:
-            width = max(1, options.max_width - NAME_WIDTH - BORDER_WIDTH)
-            if len(environment.strips) > MOST_STRIPS:
-                parts.extend(_side_by_side(monitor, environment.strips, width + NAME_WIDTH))
-            else:
-                for strip in environment.strips:
-                    parts.extend(_strip(monitor, strip, width))
-            if monitor.lamps:
-                parts.append(_lamps(monitor))
-        parts += [*people(monitor, options.max_width), figures(monitor)]
-        parts.extend(
-            Text(line, style="dim", no_wrap=True, overflow="ellipsis") for line in list(monitor.events)
-        )
+        width = max(1, options.max_width - BORDER_WIDTH)
+        inner = options.update(width=width, height=None)
+        blocks = [
+            Block(console.render_lines(part, inner), worth)
+            for worth, part in self._parts(width, options.max_width)
+        ]
+        lines = fitted(blocks, options.size.height - BORDER_HEIGHT)
         left_s = self.remaining_s()
         hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
         if self.button_of and options.max_width >= ROOMY_WIDTH:
             hints.append(f"Space is {self.button_of}'s button")
         subtitle = ", ".join([*hints, "Ctrl-C ends it"])
-        yield Panel(Group(*parts), title=self.title, subtitle=subtitle, border_style="cyan")
+        yield Panel(
+            SegmentLines(lines, new_lines=True), title=self.title, subtitle=subtitle, border_style="cyan"
+        )
+
+    def _parts(self, width: int, whole_width: int) -> list[tuple[Worth, RenderableType]]:
+        """Return what there is to show, and what of it can be missed on a low terminal."""
+        monitor = self.monitor
+        environment = monitor.environment
+        parts: list[tuple[Worth, RenderableType]] = []
+        if environment is None:
+            parts.append((None, Text("waiting for the map …", style="dim")))
+        else:
+            if len(environment.strips) > MOST_STRIPS:
+                light = _side_by_side(monitor, environment.strips, width)
+            else:
+                light = [
+                    line
+                    for strip in environment.strips
+                    for line in _strip(monitor, strip, max(1, width - NAME_WIDTH))
+                ]
+            parts += [((STRIPS, -row), line) for row, line in enumerate(light)]
+            if monitor.lamps:
+                parts.append((None, _lamps(monitor)))
+        parts.append((None, doings(monitor, whole_width)))
+        if (where := places(monitor, whole_width)) is not None:
+            parts.append(((PLACES, 0), where))
+        parts += [((WORDS, -row), line) for row, line in enumerate(words(monitor))]
+        parts.append((None, figures(monitor)))
+        told = list(monitor.events)
+        for row, line in enumerate(told, 1):
+            worth = (NEWS if row == len(told) else OLD_NEWS, row)
+            parts.append((worth, Text(line, style="dim", no_wrap=True, overflow="ellipsis")))
+        return parts
 
 
 def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
@@ -95,10 +122,16 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
 def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
     """Append `pixels` to `line` as so many half blocks."""
     columns = 2 * cells
-    for cell in range(cells):
-        left = pixels[(2 * cell) * len(pixels) // columns]
-        right = pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)]
-        line.append("▌", style=f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})")
+    pairs = (
+        (
+            pixels[(2 * cell) * len(pixels) // columns],
+            pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)],
+        )
+        for cell in range(cells)
+    )
+    for (left, right), run in groupby(pairs):  # at one go: a terminal is told every change of colour
+        style = f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})"
+        line.append("▌" * len(list(run)), style=style)
 
 
 def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list[Text]:

@@ -39,9 +39,11 @@ def cursor(position_m: float, surface_id: str = "0", surface: str = "strip") -> 
     )
 
 
-def shown(monitor: Monitor, width: int = 100, left_s: float = 0.0) -> list[str]:
-    """Return the lines of the view without colours, border cut off."""
-    console = Console(file=io.StringIO(), width=width, color_system="truecolor", force_terminal=True)
+def shown(monitor: Monitor, width: int = 100, left_s: float = 0.0, height: int = 60) -> list[str]:
+    """Return the lines of the view without colours."""
+    console = Console(
+        file=io.StringIO(), width=width, height=height, color_system="truecolor", force_terminal=True
+    )
     lines = console.render_lines(draw(monitor, "PointIt test", lambda: left_s), console.options)
     texts = ["".join(segment.text for segment in line) for line in lines]
     assert all(len(text) == width for text in texts), texts

@@ -51,8 +51,9 @@ def command(
 ) -> int:
     """Ask for what KEY stands for, and print the answer; without KEY, list what can be asked.
 
-    VALUE is YAML: conveyor/set_speed speed_mps=0.5, or localizer/anna/set_pose 'position_m=[1, 2, 0]'. The
-    exit code is 1 when the service refuses or nobody answers.
+    VALUE is YAML: conveyor/set_speed speed_mps=0.5, or localizer/anna/set_pose 'position_m=[1, 2, 0]'; a list
+    needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 when the
+    service refuses or nobody answers.
     """
     if key is None:
         show([requests()], as_json=as_json)
@@ -121,6 +122,7 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
     """
     layers = Layers()
     known: Sequence[str] = list(request.query.model_fields)
+    lists = {leaf.path[-1] for leaf in leaves(request.query) if leaf.type_name.startswith("list of ")}
     for value in values:
         field, separator, text = value.partition("=")
         if not separator:
@@ -130,6 +132,8 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
             raise Mistake(f"{request.key}: no field {field!r}; {advice}")
         if field in layers.values:
             raise Mistake(f"{request.key}: {field} is given twice")
+        if field in lists and not text.lstrip().startswith("["):  # as people write it: belts=part_e,part_f
+            text = f"[{text}]"
         try:
             layers.add_text([field], text, f"{request.key}: {value}")
         except ConfigError as error:

@@ -132,7 +132,7 @@ def _words(monitor: Monitor, user: str) -> list[Text]:
         reason = interaction.reason if interaction.state == "idle" and interaction.reason != refusal else ""
         lines.append(Text(f"{reason} {interaction.next_step}".strip()))
     news = monitor.localizations.get(user)
-    if news is not None and news.phase == "sampling":
+    if news is not None and news.phase == "sampling" and (news.samples or news.target_id):  # not who waits
         lines.append(Text.assemble(*_progress(news)))
     return lines
 

@@ -10,6 +10,7 @@ from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
 from pointit.cli.launches import Choices, check_settings, site_launches, user_launches
+from pointit.cli.newcomer import USUAL, look_round
 from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.cli.plan import Plan
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
@@ -217,13 +218,25 @@ def run(
 @click.command("user")
 @click.argument("name")
 @_options
-@click.option("--scenario", default="scenario_3", show_default=True, help="whose parameters to use")
-@click.option("--place", default=1, show_default=True, type=click.IntRange(min=1), help="where they stand")
-def user(name: str, scenario: str, place: int, **options: Any) -> int:
+@click.option("--scenario", help=f"whose parameters to use  [default: the one that runs there, or {USUAL}]")
+@click.option(
+    "--place",
+    type=click.IntRange(min=1),
+    help="which of its places, colours and patterns is theirs  [default: the first that is free]",
+)
+def user(name: str, scenario: str | None, place: int | None, **options: Any) -> int:
     """Add the person NAME to a site that runs: their IMU, pointing, localizer and supervisor.
 
     Works from any machine (--connect) and for any number of people; each has keys of their own.
+
+    Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
     """
+    if scenario is None or place is None:
+        link = _link(options)
+        found = (USUAL, 1) if not link.connect else look_round(link.site, link.connect)
+        if found is None:
+            return 0
+        scenario, place = scenario or found[0], place or found[1]
     chosen: Scenario = read_scenario(scenario)
     choices = _choices(options, "")
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
@@ -240,7 +253,10 @@ def user(name: str, scenario: str, place: int, **options: Any) -> int:
         scored=False,
         view=not options["no_view"],
         person=name,
-        notes=tuple(assumed_places(launches, choices.of_one(place - 1), place - 1)),
+        notes=(
+            f"{name} takes part in {Path(scenario).stem}, place {place}; --scenario, --place say otherwise",
+            *assumed_places(launches, choices.of_one(place - 1), place - 1),
+        ),
     )
     return execute(plan, options["log_level"])
 

@@ -1,0 +1,67 @@
+"""What who joins a site takes over from it: the scenario that runs there, a place and colour still free."""
+
+import asyncio
+from collections.abc import Collection, Sequence
+
+from pointit.cli.launches import CURSOR_COLORS
+from pointit.cli.link import joined
+from pointit.cli.scenario import scenario_names
+from pointit.runtime import Bus, ConnectError
+from pointit.runtime.process import run_async
+from pointit.schemas import Deployment, UserProfile
+from pointit.schemas.base import Rgb
+from pointit.schemas.topics import DEPLOYMENT, PROFILE
+
+USUAL = "scenario_3"
+"""Whose parameters a person has where no shipped scenario runs."""
+LISTEN_S = 0.3
+"""So long is listened; what is there is told at once."""
+
+Found = tuple[str, int]
+"""A scenario, and a place of it, from 1 on."""
+
+
+def look_round(site: str, connect: Sequence[str]) -> Found | None:
+    """Return which scenario runs on a site and which place is free; none when interrupted.
+
+    Where nobody answers it is the usual scenario's first place: who runs it may come later.
+    """
+    found: list[Found] = []
+
+    async def look() -> int:
+        try:
+            async with joined(site, connect) as bus:
+                found.append(await surroundings(bus))
+        except ConnectError:
+            found.append((USUAL, 1))
+        return 0
+
+    run_async(look())
+    return found[0] if found else None
+
+
+async def surroundings(bus: Bus) -> Found:
+    """Return which scenario runs on a site that was joined, and which place is free."""
+    running: set[str] = set()
+    colors: dict[str, Rgb] = {}
+
+    def on_deployment(_deployment: Deployment, name: str) -> None:
+        running.add(name)
+
+    def on_profile(profile: UserProfile, user: str) -> None:
+        colors[user] = profile.cursor_color
+
+    listening = (bus.subscribe(DEPLOYMENT, on_deployment), bus.subscribe(PROFILE, on_profile))
+    try:
+        await asyncio.sleep(LISTEN_S)
+    finally:
+        for subscription in listening:
+            subscription.close()
+    shipped = sorted(running & set(scenario_names()))
+    return (shipped[0] if len(shipped) == 1 else USUAL), free_place(colors.values())
+
+
+def free_place(colors: Collection[Rgb]) -> int:
+    """Return the first place, from 1 on, whose cursor's colour nobody has yet; else one after all."""
+    free = (place for place, color in enumerate(CURSOR_COLORS, 1) if color not in colors)
+    return next(free, len(colors) + 1)

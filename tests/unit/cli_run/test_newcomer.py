@@ -1,0 +1,44 @@
+"""What who joins a site takes over from it."""
+
+import pytest
+
+from pointit.cli.launches import CURSOR_COLORS
+from pointit.cli.newcomer import USUAL, free_place, surroundings
+from pointit.runtime import Exchange, MemoryBus
+from pointit.schemas import Deployment, UserProfile
+from pointit.schemas.topics import DEPLOYMENT, PROFILE
+
+
+def runs(bus: MemoryBus, name: str) -> None:
+    bus.publisher(DEPLOYMENT, name).put(Deployment(stamp_ns=1, name=name))
+
+
+@pytest.mark.parametrize(
+    ("names", "scenario"),
+    [
+        (["scenario_4", "anna"], "scenario_4"),
+        (["scenario_1"], "scenario_1"),
+        ([], USUAL),
+        (["mine"], USUAL),
+        (["scenario_1", "scenario_4"], USUAL),
+    ],
+)
+async def test_who_joins_takes_part_in_what_runs_there(names: list[str], scenario: str) -> None:
+    bus = MemoryBus(Exchange())
+    for name in names:
+        runs(bus, name)
+    assert await surroundings(bus) == (scenario, 1)
+    await bus.close()
+
+
+async def test_who_joins_has_the_first_colour_that_nobody_has() -> None:
+    bus = MemoryBus(Exchange())
+    for user, color in (("user1", CURSOR_COLORS[0]), ("ben", CURSOR_COLORS[2])):
+        bus.publisher(PROFILE, user).put(UserProfile(stamp_ns=1, cursor_color=color))
+    assert await surroundings(bus) == (USUAL, 2)
+    await bus.close()
+
+
+def test_more_people_than_colours_find_a_place_too() -> None:
+    assert free_place(CURSOR_COLORS) == len(CURSOR_COLORS) + 1
+    assert free_place([(1, 2, 3)]) == 1

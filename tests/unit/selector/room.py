@@ -24,6 +24,9 @@ START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (5.0, -3.0, 1.6)
 MAP = Environment(stamp_ns=0, name="room", belts=(Belt(id="g", line_m=((0.0, 0.0, 0.9), (10.0, 0.0, 0.9))),))
 
+UNHURRIED = {"full_s": 0.8, "sparse_full_s": 0.5, "steady_deg_per_s": 8.0}
+"""The gauge of pointing.md §6, on which the times in these tests are reckoned."""
+
 
 def at(time_s: float) -> int:
     return START_NS + round(time_s * NS_PER_S)
@@ -70,7 +73,7 @@ class Room:
 
     def __init__(self, *objects: TrackedObject, **config: object) -> None:
         self.records: list[Record] = []
-        self.config = SelectorConfig.model_validate(config)
+        self.config = SelectorConfig.model_validate({"gauge": UNHURRIED, **config})
         self.selecting = Selecting(self.config, self.records.append)
         self.objects: Sequence[TrackedObject] = objects
         self.time_s = 0.0

@@ -12,7 +12,7 @@ import click
 
 from pointit.cli.output import Section, json_option, show
 from pointit.runtime import ConfigError
-from pointit.runtime.state import state_directory
+from pointit.runtime.state import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name
 from pointit.services.selector.journal_table import FILE, audit
@@ -44,7 +44,7 @@ def command(*, site: str, user: str, object_id: str, since: str, last: int | Non
     Example: pointit audit --user anna --since 2h
     """
     check_name(site, "site")
-    path = state_directory() / site / "selector" / FILE
+    path = site_folder(site, "selector") / FILE
     records = _read(path, site, user=user, object_id=object_id, since_ns=since_ns(since, time.time_ns()))
     kept = deque(records, maxlen=last)
     rows = tuple(_plain(record) if as_json else _row(record) for record in kept)

@@ -87,6 +87,8 @@ async def _run(plan: Plan, console: Console | None) -> int:
         if console is None:
             monitor.tell = log.info
         monitor.attach(bus)
+        for launch in plan.launches:
+            launch.service.begin_anew(bus.link.site, clock.now_ns())
         began_s = time.monotonic()
         failed = True
         try:

@@ -62,6 +62,13 @@ class Service(ABC, Generic[C]):
             ConfigError: names the parameter or file, and says what to do.
         """
 
+    @classmethod
+    def begin_anew(cls, site: str, now_ns: int) -> None:
+        """Let go of what an earlier run of `site` has left to be taken up; called before a new run begins.
+
+        What a service that runs right now has in its hands stays.
+        """
+
     async def run(self) -> None:
         """Go on until cancelled; services that only react need not override it."""
         await asyncio.Event().wait()

@@ -26,6 +26,16 @@ def state_directory() -> Path:
     return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
 
 
+def site_folder(site: str, service: str) -> Path:
+    """Return where `service` keeps what it must not lose of `site`; it need not exist.
+
+    Raises:
+        KeyNameError: `site` cannot be a name.
+    """
+    check_name(site, "site")
+    return state_directory() / site / service
+
+
 class StateFile(Generic[T]):
     """One person's `purpose`, such as `offset`, as a `model` in JSON."""
 

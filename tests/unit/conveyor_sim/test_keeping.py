@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime import ConfigError
+from pointit.runtime.state import site_folder
 from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.keeping import FILE, Keeping, NotKeptError, fingerprint
-from pointit.services.conveyor_sim.service import forget, kept_folder
+from pointit.services.conveyor_sim.keeping import FILE, Keeping, NotKeptError, erase, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
 EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
@@ -84,11 +83,11 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
-    file = Keeping(kept_folder("lab"))
+    file = Keeping(site_folder("lab", "conveyor-sim"))
     assert file.read() is None
     file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
     file.close()
-    file = Keeping(kept_folder("lab"))
+    file = Keeping(site_folder("lab", "conveyor-sim"))
     kept = file.read()
     assert kept is not None
     assert (kept.stamp_ns, kept.seq, kept.fingerprint, kept.snapshot) == (5, 3, "mark", {"a": [1, 2.5]})
@@ -101,20 +100,20 @@ def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
 
 
 def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
-    file = Keeping(kept_folder("lab"))
+    file = Keeping(site_folder("lab", "conveyor-sim"))
     with pytest.raises(NotKeptError, match=r"plant\.sqlite: another conveyor of this site runs"):
-        Keeping(kept_folder("lab"))
-    other = Keeping(kept_folder("hall"))
+        Keeping(site_folder("lab", "conveyor-sim"))
+    other = Keeping(site_folder("hall", "conveyor-sim"))
     other.close()
     file.close()
-    Keeping(kept_folder("lab")).close()
+    Keeping(site_folder("lab", "conveyor-sim")).close()
 
 
 def test_a_file_that_is_none_is_begun_anew() -> None:
-    path = kept_folder("lab") / FILE
+    path = site_folder("lab", "conveyor-sim") / FILE
     path.parent.mkdir(parents=True)
     path.write_bytes(b"this is no database, " * 1000)
-    file = Keeping(kept_folder("lab"))
+    file = Keeping(site_folder("lab", "conveyor-sim"))
     assert file.read() is None
     file.commit(5, "mark", {}, 0)
     assert file.read() is not None
@@ -124,26 +123,31 @@ def test_a_file_that_is_none_is_begun_anew() -> None:
 def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
     own_state.write_text("a file where the folder should be")
     with pytest.raises(NotKeptError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
-        Keeping(kept_folder("lab"))
+        Keeping(site_folder("lab", "conveyor-sim"))
 
 
-def test_forgetting_says_whether_there_was_something() -> None:
-    assert not forget("lab")
-    file = Keeping(kept_folder("lab"))
+def test_erasing_says_whether_there_was_something() -> None:
+    folder = site_folder("lab", "conveyor-sim")
+    assert not erase(folder)
+    file = Keeping(folder)
     file.commit(5, "mark", {}, 0)
     file.close()
-    assert forget("lab")
-    file = Keeping(kept_folder("lab"))
+    assert erase(folder)
+    assert not erase(folder)
+    file = Keeping(folder)
     assert file.read() is None
     file.close()
-    assert forget("lab")
-    assert not (kept_folder("lab") / FILE).exists()
 
 
-def test_what_cannot_be_forgotten_is_said() -> None:
-    (kept_folder("lab") / FILE).mkdir(parents=True)  # a folder cannot be unlinked
-    with pytest.raises(ConfigError, match=r"plant\.sqlite: cannot be erased"):
-        forget("lab")
+def test_what_another_conveyor_has_in_use_is_not_erased() -> None:
+    folder = site_folder("lab", "conveyor-sim")
+    file = Keeping(folder)
+    file.commit(5, "mark", {}, 0)
+    assert not erase(folder)
+    kept = file.read()
+    assert kept is not None
+    assert kept.stamp_ns == 5
+    file.close()
 
 
 def test_other_maps_and_configurations_have_other_marks(tmp_path: Path) -> None:

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from pointit.runtime.state import site_folder
 from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed, TrackedObjects
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.keeping import Keeping
-from pointit.services.conveyor_sim.service import ConveyorSim, forget, kept_folder
+from pointit.services.conveyor_sim.service import ConveyorSim
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, config
 
@@ -112,7 +113,7 @@ async def test_who_forgets_begins_anew() -> None:
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
-    assert forget(SITE)
+    ConveyorSim.begin_anew(SITE, clock.now_ns())
     clock.advance(1.0)
     async with shift(clock, setting()) as second:
         assert set(first.ids).isdisjoint(second.ids)
@@ -122,7 +123,7 @@ async def test_an_event_that_was_kept_but_perhaps_not_told_is_told_again() -> No
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
-    file = Keeping(kept_folder(SITE))
+    file = Keeping(site_folder(SITE, "conveyor-sim"))
     kept = file.read()
     assert kept is not None
     event = SelectionEvent(stamp_ns=START_NS, seq=kept.seq + 1, event="dispatched", object_id="x", bay="3")
@@ -136,7 +137,7 @@ async def test_an_event_that_was_kept_but_perhaps_not_told_is_told_again() -> No
 
 async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
     clock = ManualClock()
-    file = Keeping(kept_folder(SITE))
+    file = Keeping(site_folder(SITE, "conveyor-sim"))
     async with shift(clock, setting()) as second:
         await until(lambda: any("another conveyor" in w for h in second.health for w in h.warnings))
         await second.go(2.0)
@@ -169,7 +170,7 @@ LIFE = """
 import asyncio, sys
 from pointit.runtime import SimulatedClock
 from pointit.schemas.topics import MAP, OBJECTS, SELECTION_EVENTS
-from pointit.services.conveyor_sim.service import ConveyorSim, forget, kept_folder
+from pointit.services.conveyor_sim.service import ConveyorSim
 from tests.support.bench import memory_bench
 from tests.unit.conveyor_sim.rooms import FORK, config
 
@@ -209,7 +210,7 @@ async def test_killed_without_a_word_it_loses_and_doubles_nothing() -> None:
             told.append(rest[1])
     life.wait(5)
     life.stdout.close()
-    file = Keeping(kept_folder(SITE))
+    file = Keeping(site_folder(SITE, "conveyor-sim"))
     kept = file.read()
     file.close()
     assert kept is not None

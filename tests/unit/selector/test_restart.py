@@ -52,6 +52,24 @@ async def test_selections_survive_a_kill_and_counting_goes_on(
         assert after[-1].objects == before[-1].objects
 
 
+async def test_a_new_run_begins_with_nothing_selected_and_the_audit_stays() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        site = bench.bus.site
+        bench.start(Selector)
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a", "b")
+        Selector.begin_anew(site, clock.now_ns() + 1)  # by another run: it is in use, and stays
+    Selector.begin_anew(site, clock.now_ns() + 1)
+    async with memory_bench(clock) as bench:
+        after = bench.collect(SELECTION)
+        bench.start(Selector)
+        await bench.settle()
+        assert after[0].objects == ()
+    rows = json.loads(CliRunner().invoke(audit_command, ["--site", site, "--json"]).output)["events"]
+    assert [(row["event"], row["user"]) for row in rows] == [("selected", "anna"), ("left", "anna")]
+
+
 async def test_a_selection_that_was_kept_but_not_published_is_published_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, SelectionEvent
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 
@@ -45,17 +44,18 @@ FILE = "plant.sqlite"
 def erase(folder: Path) -> bool:
     """Let the next conveyor that keeps in `folder` begin anew; return whether there was something to forget.
 
-    Raises:
-        ConfigError: it cannot be erased; names the file.
+    What another conveyor has in use, or the disk does not give, stays as it is: who opens it next says so.
     """
-    path = folder / FILE
-    was_there = path.exists()
-    for side in _SIDES:
-        try:
-            path.with_name(path.name + side).unlink(missing_ok=True)
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot be erased ({error.strerror or error})") from error
-    return was_there
+    if not (folder / FILE).exists():
+        return False
+    try:
+        keeping = Keeping(folder)
+    except NotKeptError:
+        return False
+    try:
+        return keeping.clear()
+    finally:
+        keeping.close()
 
 
 def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
@@ -144,6 +144,13 @@ class Keeping:
                 self._file.execute("DELETE FROM outbox")
         except sqlite3.Error as error:
             raise self._failure(error) from error
+
+    def clear(self) -> bool:
+        """Forget everything; return whether there was something."""
+        with contextlib.suppress(sqlite3.Error), self._file:
+            self._file.execute("DELETE FROM outbox")
+            return self._file.execute("DELETE FROM plant").rowcount > 0
+        return False
 
     def close(self) -> None:
         """Let go of the file."""

@@ -1,12 +1,11 @@
 """Reads the map and the selection, writes the objects on the conveyor, answers requests about it."""
 
 import asyncio
-from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime import ConfigError, Context, RefusedError, Service, ticks
 from pointit.runtime.service import Scope
-from pointit.runtime.state import state_directory
+from pointit.runtime.state import site_folder
 from pointit.schemas import (
     NS_PER_S,
     AddPackage,
@@ -27,7 +26,6 @@ from pointit.schemas.topics import (
     SELECTION,
     SELECTION_EVENTS,
     SET_SPEED,
-    check_name,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.from_map import UnusableMapError
@@ -48,26 +46,6 @@ STALL_PERIODS = 3
 """It is never taken for stalled before so many periods of its rate."""
 
 
-def kept_folder(site: str) -> Path:
-    """Return where the conveyor of `site` keeps its packages on this machine; it need not exist.
-
-    Raises:
-        KeyNameError: `site` cannot be a name.
-    """
-    check_name(site, "site")
-    return state_directory() / site / "conveyor-sim"
-
-
-def forget(site: str) -> bool:
-    """Let the next conveyor of `site` begin anew; return whether there was something to forget.
-
-    Raises:
-        KeyNameError: `site` cannot be a name.
-        ConfigError: it cannot be erased; names the file.
-    """
-    return erase(kept_folder(site))
-
-
 class ConveyorSim(Service[ConveyorSimConfig]):
     """Moves objects along the map's belts, or along its strips taken as belts."""
 
@@ -75,12 +53,17 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = ConveyorSimConfig
 
+    @classmethod
+    def begin_anew(cls, site: str, now_ns: int) -> None:  # noqa: ARG003 - whenever it was
+        """Let the next conveyor of `site` begin empty."""
+        erase(site_folder(site, cls.NAME))
+
     def __init__(self, config: ConveyorSimConfig, context: Context) -> None:
         super().__init__(config, context)
         self._plant: Plant | None = None
         self._tracker: Tracker | None = None
         self._mark = ""
-        self._memory = Memory(config, kept_folder(self.bus.site))
+        self._memory = Memory(config, site_folder(self.bus.site, self.NAME))
         self._is_resumed = False
         self._has_plant = asyncio.Event()
         self._owners: dict[str, str] | None = None

@@ -9,6 +9,7 @@ from pointit.runtime.complaint import shown
 from pointit.services.selector.outputs import Cause, Record
 
 FILE = "journal.sqlite"
+
 LAYOUT = 1
 """Of the tables; a file with a higher number was written by a newer version."""
 

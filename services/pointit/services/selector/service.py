@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
 from pointit.runtime.service import Scope
-from pointit.runtime.state import state_directory
+from pointit.runtime.state import site_folder
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,
@@ -50,6 +50,15 @@ class Selector(Service[SelectorConfig]):
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = SelectorConfig
 
+    @classmethod
+    def begin_anew(cls, site: str, now_ns: int) -> None:
+        """Close in the journal of `site` what is selected there; the audit stays."""
+        folder = site_folder(site, cls.NAME)
+        if folder.is_dir():
+            journal = Journal(folder, restore_within_s=0.0)
+            journal.begin(now_ns)
+            journal.close()
+
     def __init__(self, config: SelectorConfig, context: Context) -> None:
         super().__init__(config, context)
         self._journal = self._open_journal(config)
@@ -83,9 +92,9 @@ class Selector(Service[SelectorConfig]):
 
     def _open_journal(self, config: SelectorConfig) -> Journal | None:
         kept = config.journal
-        folder = state_directory() / self.bus.site / self.NAME
         if not kept.enabled:
             return None
+        folder = site_folder(self.bus.site, self.NAME)
         return Journal(folder, keep_days=kept.keep_days, restore_within_s=kept.restore_within_s)
 
     def _begin(self, now_ns: int) -> None:

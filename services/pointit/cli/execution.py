@@ -103,7 +103,8 @@ async def _run(plan: Plan, console: Console | None) -> int:
     finally:
         await bus.close()
     if plan.scored and monitor.first_cursor_unix_s is None:
-        log.error("no cursor ever appeared; `pointit doctor` during a run says what is missing")
+        advice = "; ".join(monitor.complaints()) or "`pointit doctor` during a run says what is missing"
+        log.error("no cursor ever appeared; %s", advice)
         return 1
     return 0
 

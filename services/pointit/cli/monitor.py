@@ -115,6 +115,10 @@ class Monitor:
         known = {*self.interactions, *self.cursors}
         return sorted(known & {self.person} if self.person else known)
 
+    def complaints(self) -> list[str]:
+        """Return what the services last said is wrong, each with who says it."""
+        return [f"{name}: {said}" for name, health in self.health.items() for said in health.warnings]
+
     def refusal(self, user: str) -> str:
         """Return why a person could not begin, or not set their pose right, until they try again."""
         interaction = self.interactions.get(user)

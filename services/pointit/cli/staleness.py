@@ -34,7 +34,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             elif any(writer in stale or seen.is_silent(writer) for writer in writers):
                 continue  # the writer's own trouble is the cause
             else:
-                remedy = f"look at {writers[0]}: has its device, recording or input ended?"
+                remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
             yield Finding(
                 severity="error",
@@ -43,6 +43,13 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
                 sentence=f"its input {topic.key} {age}, though {' and '.join(writers)} should write it",
                 remedy=remedy,
             )
+
+
+def _look_at(seen: Observation, writer: str) -> str:
+    health = seen.newest(writer)
+    if health is not None and health.warnings:
+        return f"look at {writer}, which says: {health.warnings[0]}"
+    return f"look at {writer}: has its device, recording or input ended?"
 
 
 def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s: float) -> bool:

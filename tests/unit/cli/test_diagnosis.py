@@ -138,6 +138,15 @@ def test_stale_input_though_the_writer_runs(age_s: float | None) -> None:
     assert "has its device, recording or input ended?" in finding.remedy
 
 
+def test_stale_input_is_explained_by_what_the_writer_says() -> None:
+    source = health(
+        "user-sim.anna", key(IMU, "out", None), warnings=("there is no lamp; choose another map",)
+    )
+    reader = health("pointing.anna", key(IMU, "in", None))
+    stale = next(f for f in diagnose(observation(source, reader)) if f.code == "stale")
+    assert stale.remedy == "look at user-sim.anna, which says: there is no lamp; choose another map"
+
+
 def test_stale_input_that_is_written_is_lost_in_between() -> None:
     finding = only(
         observation(health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 0.5)))

@@ -1,6 +1,8 @@
 """From a scenario's file and the command line to the services that start."""
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from pointit.cli.run import run
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.runtime import ConfigError, Launch
 from pointit.runtime.service import check_launches
+from pointit.services.pui.map_file import load_map
 from pointit.services.registry import PROCESSES
 
 
@@ -61,6 +64,19 @@ def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None
     for index in range(4):
         launches += user_launches(scenario, Choices(localize=True), f"user{index + 1}", index)
     check_launches(launches)
+
+
+def test_who_stands_at_a_place_of_scenario_4_can_be_found_by_its_three_lamps() -> None:
+    scenario = read_scenario("scenario_4")
+    lamps = load_map(str(scenario.site["pui"]["map"]), 1).lamps
+    for place in scenario.places:
+        x_m, y_m, _ = place.position_m
+        seen_deg = sorted(
+            math.degrees(math.atan2(lamp.position_m[1] - y_m, lamp.position_m[0] - x_m)) % 360.0
+            for lamp in lamps
+        )
+        gaps_deg = [(after - before) % 360.0 for before, after in pairwise([*seen_deg, seen_deg[0]])]
+        assert 360.0 - max(gaps_deg) > 130.0, place  # lamps all to one side leave the distance open
 
 
 def test_the_method_of_selecting_can_be_chosen_where_something_is_selected() -> None:

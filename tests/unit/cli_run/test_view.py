@@ -248,3 +248,13 @@ def test_many_strips_stand_side_by_side_each_as_long_as_it_is(width: int) -> Non
     assert all(f"s{number} ▌" in " ".join(rows) for number in range(MOST_STRIPS + 1))
     counts = {len(run) for row in rows for run in re.findall("▌+", row)}
     assert len(counts) == 1  # all are 4 m long
+
+
+def test_what_services_say_is_wrong_is_told_with_their_names() -> None:
+    monitor = monitor_of(strip())
+    health = {"stamp_ns": 0, "pid": 7, "uptime_s": 1.0}
+    for name, warnings in (("pui", ()), ("conveyor-sim", ("no belt 'x'", "two"))):
+        monitor.health[name] = Health.model_validate(
+            {**health, "service": name, "instance": name, "warnings": warnings}
+        )
+    assert monitor.complaints() == ["conveyor-sim: no belt 'x'", "conveyor-sim: two"]

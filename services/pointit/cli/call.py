@@ -151,6 +151,8 @@ def requests() -> Section:
         name="requests",
         about="ask with `pointit call KEY FIELD=VALUE...`",
         rows=tuple(row for request in REQUESTS for row in _rows(request)),
+        roomy=frozenset({"type", "unit", "range", "default"}),
+        whole=frozenset({"key", "field"}),
     )
 
 

@@ -37,6 +37,8 @@ class Section:
     rows: tuple[Row, ...]
     roomy: frozenset[str] = frozenset()
     """Columns that only a wide terminal has room for; JSON and pipes always have them."""
+    whole: frozenset[str] = frozenset()
+    """Columns whose words are typed as they stand, so never broken."""
 
 
 def show(sections: Sequence[Section], *, as_json: bool) -> None:
@@ -64,7 +66,11 @@ def print_table(screen: Console, section: Section) -> None:
     for column in columns:
         numeric = all(isinstance(row[column], int | float | None) for row in section.rows)
         table.add_column(
-            column.replace("_", " "), justify="right" if numeric else "left", overflow="fold", min_width=4
+            column.replace("_", " "),
+            justify="right" if numeric else "left",
+            overflow="fold",
+            min_width=4,
+            no_wrap=column in section.whole,
         )
     for row in section.rows:
         table.add_row(*(cell(row[column]) for column in columns))

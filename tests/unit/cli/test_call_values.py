@@ -1,8 +1,12 @@
 """What people type as the value of a request's field."""
 
-import pytest
+import io
 
-from pointit.cli.call import build
+import pytest
+from rich.console import Console
+
+from pointit.cli.call import build, requests
+from pointit.cli.output import print_table
 from pointit.schemas import SetPose, SetSpeed
 from pointit.schemas.topics import SET_POSE, SET_SPEED
 
@@ -21,3 +25,11 @@ def test_one_name_is_a_list_of_one() -> None:
 
 def test_numbers_too() -> None:
     assert build(SET_POSE, ["position_m=1,2,0"]) == SetPose(position_m=(1.0, 2.0, 0.0))
+
+
+def test_no_key_or_field_is_broken_at_eighty_columns() -> None:
+    text = io.StringIO()
+    print_table(Console(file=text, width=80), requests())
+    lines = text.getvalue().splitlines()
+    for row in requests().rows:
+        assert any(f" {row['key']} " in line and f" {row['field']}" in line for line in lines), row

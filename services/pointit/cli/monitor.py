@@ -88,6 +88,8 @@ class Monitor:
     cursor_count: int = 0
     """Cursors that were on something."""
     frame_count: int = 0
+    lamp_misses_rad: dict[str, float] = field(default_factory=dict[str, float])
+    """How near a ray came to each lamp that was pointed at."""
     first_cursor_unix_s: float | None = None
     """When the first cursor on a surface came, wall time."""
 
@@ -241,6 +243,10 @@ class Monitor:
             self.cursor_count += 1
             if self.first_cursor_unix_s is None:
                 self.first_cursor_unix_s = time.time()
+        if cursor.surface == "lamp":
+            self.lamp_misses_rad[cursor.surface_id] = min(
+                cursor.miss_rad, self.lamp_misses_rad.get(cursor.surface_id, math.inf)
+            )
         self.latency.on_cursor(cursor)
 
     def _on_frame(self, frame: StripsFrame, _name: str) -> None:

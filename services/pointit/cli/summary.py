@@ -96,6 +96,10 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
+        "lamps_missed_by_deg": {
+            lamp: round(math.degrees(miss_rad), 2)
+            for lamp, miss_rad in sorted(monitor.lamp_misses_rad.items())
+        },
         "first_cursor_unix_s": monitor.first_cursor_unix_s,
         "people": _people(plan, monitor),
         "not_found": _not_found(plan, monitor),
@@ -137,6 +141,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
     for bay, kinds in summary.get("dispatched", {}).items():
         came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         lines.append(f"Bay {bay}: {came}.")
+    if met := summary.get("lamps_missed_by_deg"):
+        lines.append(f"Nearest to lamps: {', '.join(f'{lamp} {deg:.1f}°' for lamp, deg in met.items())}.")
     for user, found in summary.get("people", {}).items():
         x_m, y_m = found["position_m"]
         off_m = found["position_error_m"]

@@ -47,6 +47,8 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
             "--seed",
             str(seed),
             "--no-view",
+            "--set",
+            "user-sim.mind.lapse_share=0",  # who means a wrong one selects a wrong one
             "--summary",
             str(path),
             *listen(),
@@ -81,6 +83,15 @@ async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
     assert set(summary["services"]) == {"pui", "led-driver"} | person("user1")
     assert (summary["selected"], summary["missed"], summary["wrong"]) == (0, 0, 0)
     assert summary["cursors"] > 0
+
+
+async def test_the_person_meets_the_lamps(commands: Commands) -> None:
+    arguments = ("run", "scenario_1", "--speed", "4", "--duration", "24", "--no-view", "--json")
+    ended = await commands.pointit(*arguments, *listen())
+    assert ended.code == 0, ended.err
+    met = summary_of(ended)["lamps_missed_by_deg"]
+    assert len(met) == 4
+    assert max(met.values()) < 12.0  # they point without a cursor
 
 
 async def test_a_short_run_ends_by_itself(commands: Commands) -> None:

@@ -180,11 +180,11 @@ async def test_belts_get_speeds_of_their_own() -> None:
         bench.put(MAP, FORK)
         await bench.settle()
         done = await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
-        assert done.message == "side of the conveyor runs at 1.5 m/s"
+        assert done.message == "side runs at 1.5 m/s"
         await until(lambda: bool(states[-1].belts))
         assert [(one.id, one.speed_mps) for one in states[-1].belts] == [("side", 1.5)]
         assert states[-1].speed_mps == 0.5
-        with pytest.raises(RefusedError, match=r"no lane 'x'; the lanes are main, side"):
+        with pytest.raises(RefusedError, match=r"no belt or lane 'x'; there are main, side"):
             await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
 
 

@@ -115,7 +115,7 @@ class Intake:
         """
         if belt not in self._network.lines:
             raise UnknownLaneError(
-                f"there is no lane {belt!r}; the lanes are {', '.join(self._network.lines)}"
+                f"there is no belt or lane {belt!r}; there are {', '.join(self._network.lines)}"
             )
 
     def _enter(self, kind: str, belt: str, length_m: float) -> Package:

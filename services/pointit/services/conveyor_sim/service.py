@@ -165,7 +165,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         except UnknownLaneError as error:
             raise RefusedError(str(error)) from error
         self._report(plant, self._stepped_ns)
-        what = f"{', '.join(query.belts)} of the conveyor runs" if query.belts else "the conveyor runs"
+        run = "runs" if len(query.belts) == 1 else "run"
+        what = f"{', '.join(query.belts)} {run}" if query.belts else "the conveyor runs"
         return Done(message=f"{what} at {query.speed_mps:g} m/s")
 
     async def _on_reset(self, _query: ResetConveyor, _name: str) -> Done:

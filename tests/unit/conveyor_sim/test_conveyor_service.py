@@ -116,7 +116,7 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         assert [(o.id, o.kind, o.surface_id) for o in lists[-1].objects] == [(added.object_id, "red", "1")]
         with pytest.raises(RefusedError, match="no room"):
             await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="1"))
-        with pytest.raises(RefusedError, match="lanes are 0, 1"):
+        with pytest.raises(RefusedError, match="there are 0, 1"):
             await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="x"))
         clock.advance(0.5)
         await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=-1.0))  # from here on, not from the last report

@@ -186,7 +186,7 @@ def test_an_empty_sequence_feeds_nothing() -> None:
 def test_adding_says_what_is_in_the_way() -> None:
     belts = conveyor(2.0, 2.0, sequence=[], speed_mps=0.1)
     assert belts.add("box", "", 0.4) == "0-1"
-    with pytest.raises(UnknownLaneError, match=r"'x'.*the lanes are 0, 1"):
+    with pytest.raises(UnknownLaneError, match=r"'x'.*there are 0, 1"):
         belts.add("box", "x", 0.4)
     with pytest.raises(NoRoomError, match=r"lane '0'.*0\.40 m are missing; ask again in 4\.0 s"):
         belts.add("box", "0", 0.4)

@@ -56,7 +56,7 @@ class _PixelByPixel:
         ]
         self._colors = style.kind_colors
         self._idle = style.idle_level
-        self._edge_m = style.edge_m
+        self._edge_m = style.margin_m
 
     def draw(
         self, elapsed_s: float, cursors: list[tuple[int, float]], hovered: set[str], selected: set[str]

@@ -5,8 +5,9 @@ import math
 import time
 from collections.abc import Sequence
 
+from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.processes import Processes
-from pointit.cli.scenario import Choices, read_scenario, site_launches, user_launches
+from pointit.cli.scenario import read_scenario
 from pointit.geometry import rotation
 from pointit.runtime import Launch, Publisher, WallClock, run_services
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -6,7 +6,8 @@ from typing import Any
 
 from benchmarks.our_chain import Wrist, beat
 from benchmarks.statistics import Figures
-from pointit.cli.scenario import Choices, read_scenario, site_launches, user_launches
+from pointit.cli.launches import Choices, site_launches, user_launches
+from pointit.cli.scenario import read_scenario
 from pointit.runtime import WallClock, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link

@@ -8,8 +8,9 @@ from pathlib import Path
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 
+from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.monitor import Monitor
-from pointit.cli.scenario import Choices, read_scenario, site_launches, user_launches
+from pointit.cli.scenario import read_scenario
 from pointit.cli.score import Score
 from pointit.cli.view import draw
 from pointit.runtime import SimulatedClock, run_services

@@ -71,7 +71,7 @@ async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(commands: Com
     assert ended.code == 0, ended.err
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
-    bays = {bay: Counter(kinds) for bay, kinds in summary["dispatched"].items()}
+    bays = {bay: Counter[str](kinds) for bay, kinds in summary["dispatched"].items()}
     assert set(bays) <= {BAY_SELECTED, BAY_REST}
     assert bays[BAY_SELECTED][TARGET] >= 1, summary
     assert bays[BAY_REST]["blue"] >= 1, summary

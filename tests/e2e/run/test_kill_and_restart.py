@@ -67,8 +67,12 @@ def undisturbed(before: dict[str, Health], seen: Onlooker, killed: str) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(240)
 async def test_each_service_may_be_killed_and_started_again(commands: Commands, endpoint: str) -> None:
+    endless = (
+        "conveyor-sim.feeder.count=0"  # it is killed and goes on where it was, so it would come to its end
+    )
     run = commands.start(
-        "run", "scenario_3", "--processes", "--duration", "600", "--no-view", "--listen", endpoint
+        *("run", "scenario_3", "--processes", "--duration", "600", "--no-view", "--set", endless),
+        *("--listen", endpoint),
     )
     restarted: list[Command] = []
     async with onlooker(endpoint) as seen:

@@ -164,7 +164,12 @@ def test_many_spans_at_once_light_what_each_lights_alone(wanted: list[tuple[int,
         for index in range(len(wanted))
         for entry in _lit_alone(layout, *(values[index] for values in (lines, at_m, half_m)))
     ]
-    assert sorted(together) == sorted(alone)
+
+    def is_clear(pair: tuple[int, int]) -> bool:  # a pixel at the very edge is in or out as sums are rounded
+        from_edge_m = abs(abs(layout.at_m[pair[1]] - at_m[pair[0]]) - half_m[pair[0]])
+        return bool(from_edge_m > 1e-9) or half_m[pair[0]] < 1e-6
+
+    assert sorted(filter(is_clear, together)) == sorted(filter(is_clear, alone))
 
 
 def _lit_alone(layout: Layout, line: int, at_m: float, half_m: float) -> list[int]:

@@ -6,6 +6,7 @@ import pytest
 
 from pointit.schemas import (
     FARTHEST,
+    Cursor,
     Environment,
     Hover,
     LampMiss,
@@ -54,6 +55,18 @@ async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
         assert frame.stamp_ns == newest.stamp_ns
         bench.put(CURSOR, cursor(clock, 0.55, "b"), "anna")
         assert set(pixels(await next_frame(frames), "b")) == {13, 14, 15}
+
+
+def test_a_cursor_that_is_nowhere_asks_for_no_frame_once_it_has_gone_dark() -> None:
+    """Else who rests takes the place in time of who points: their light came a period late."""
+    scene = Scene()
+    nowhere = Cursor(stamp_ns=1)
+    on_strip = Cursor(stamp_ns=2, surface="strip", surface_id="a", point_m=(0.0, 0.0, 0.0))
+    assert not scene.set_cursor("anna", nowhere, 1)
+    assert scene.set_cursor("anna", on_strip, 2)
+    assert not scene.set_cursor("ben", nowhere, 2)
+    assert scene.set_cursor("anna", nowhere, 3)  # it goes dark
+    assert not scene.set_cursor("anna", nowhere, 4)
 
 
 async def test_a_cursor_gives_its_stamp_to_one_frame_only() -> None:

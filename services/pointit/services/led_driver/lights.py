@@ -65,10 +65,10 @@ class Lights:
         """
         self._scene.set_profile(user, profile)
 
-    def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
-        """Take where `user` points."""
-        self._scene.set_cursor(user, cursor, now_ns)
+    def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
+        """Take where `user` points; return whether the strips change by it."""
         self._lamps.on_cursor(user, cursor, now_ns)
+        return self._scene.set_cursor(user, cursor, now_ns)
 
     def on_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""

@@ -70,11 +70,14 @@ class Scene:
         self._layout = layout
         self._placed = self._looks = None
 
-    def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
-        """Take where `user` points."""
+    def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
+        """Take where `user` points; return whether that shows: their cursor is, or was, on a line."""
+        before = self._cursors.get(user)
         self._cursors[user] = (now_ns, cursor)
         if cursor.surface in ON_LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
+            return True
+        return before is not None and before[1].surface in ON_LINES
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""

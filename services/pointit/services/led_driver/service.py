@@ -145,8 +145,9 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish()
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        self._lights.on_cursor(user, cursor, self.clock.now_ns())
-        self._wish(fresh=True)
+        # one that shows nothing must not take the place in time of one that does
+        if self._lights.on_cursor(user, cursor, self.clock.now_ns()):
+            self._wish(fresh=True)
         self._wish_lamps()
 
     def _on_localization(self, localization: Localization, user: str) -> None:

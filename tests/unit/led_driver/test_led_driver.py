@@ -59,7 +59,7 @@ async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
 
 def test_a_cursor_that_is_nowhere_asks_for_no_frame_once_it_has_gone_dark() -> None:
     """Else who rests takes the place in time of who points: their light came a period late."""
-    scene = Scene()
+    scene = Scene(FAST)
     nowhere = Cursor(stamp_ns=1)
     on_strip = Cursor(stamp_ns=2, surface="strip", surface_id="a", point_m=(0.0, 0.0, 0.0))
     assert not scene.set_cursor("anna", nowhere, 1)

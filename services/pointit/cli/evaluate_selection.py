@@ -1,6 +1,7 @@
 """`pointit evaluate selection`: simulated people select packages, beside what people did."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -8,6 +9,8 @@ import click
 from pointit.cli.evaluation_file import check_writable, interruptible, write_json
 from pointit.cli.evaluation_progress import progress
 from pointit.evaluation.data_folder import VARIABLE, recordings_folder
+from pointit.evaluation.selection_condition import Condition
+from pointit.runtime.errors import ConfigError
 
 BENCHES = ("belts_lab", "belts_vr", "conveyor")
 METHODS = ("original", "hold", "fraction", "gauge")
@@ -24,6 +27,13 @@ MOST_JOBS = 8
     multiple=True,
     type=click.Choice(BENCHES),
     help="only this one; may be repeated",
+)
+@click.option(
+    "--condition",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="only this one, named as in the table, such as '0.6 m apart'; may be repeated",
 )
 @click.option(
     "--method",
@@ -71,6 +81,7 @@ MOST_JOBS = 8
 def selection(
     *,
     benches: tuple[str, ...],
+    names: tuple[str, ...],
     methods: tuple[str, ...],
     trials: int,
     seed: int,
@@ -98,6 +109,7 @@ def selection(
     chosen = tuple(dict.fromkeys(methods)) or METHODS
     for name in chosen:
         selector_config(name)
+    tried = _named(conditions(benches), names)
     check_writable(json_file)
     check_writable(plot_file, "--plot")
     if plot_file is not None:
@@ -105,7 +117,6 @@ def selection(
     with interruptible():
         notes: list[str] = []
         people = humans(None if data is None else recordings_folder(data), notes)
-        tried = conditions(benches)
         for note in notes:
             click.echo(f"note: {note}", err=True)
         with progress(len(tried) * len(chosen) * trials) as tell_progress:
@@ -122,3 +133,16 @@ def selection(
             plot(rows, plot_file)
         if not write_json(document(rows), json_file):
             print_selection(rows, pace)
+
+
+def _named(there: Sequence[Condition], names: Sequence[str]) -> list[Condition]:
+    """Return those `there` are of these names; all, if there are no names.
+
+    Raises:
+        ConfigError: none has such a name.
+    """
+    known = list(dict.fromkeys(condition.name for condition in there))
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"--condition {name!r}: there is no such one; there are: {'; '.join(known)}")
+    return [condition for condition in there if not names or condition.name in names]

@@ -51,6 +51,16 @@ def test_a_table_for_people_json_and_a_picture(tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
 
 
+def test_one_condition_by_its_name() -> None:
+    name = selection_condition.conditions(["belts_lab"])[1].name
+    out, _ = invoke(
+        *("--bench", "belts_lab", "--condition", name, "--method", "original", "--trials", "1", "--json", "-")
+    )
+    assert [row["condition"] for row in json.loads(out)["rows"]] == [name]
+    with pytest.raises(ConfigError, match=r"--condition 'nowhere': there is no such one; there are: static"):
+        invoke("--bench", "belts_lab", "--condition", "nowhere")
+
+
 def test_json_may_go_to_standard_output_alone() -> None:
     out, _ = invoke("--bench", "belts_lab", "--method", "original", "--trials", "1", "--json", "-")
     assert len(json.loads(out)["rows"]) == 2

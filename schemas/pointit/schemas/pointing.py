@@ -31,6 +31,9 @@ Covariance = Annotated[
 SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
 """What a cursor can be on; `none` when the ray passes everything by, or meets something with an area."""
 
+LINES: tuple[SurfaceKind, ...] = ("strip", "belt")
+"""Surfaces with an arc length; on all others places are compared in space."""
+
 Solid = Literal["", "box", "plane", "cylinder", "sphere"]
 """What has an area and can be pointed at; empty: the cursor is on none."""
 

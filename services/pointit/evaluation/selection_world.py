@@ -191,7 +191,7 @@ class World:
                 case SelectionEvent():
                     events.append(message)
                 case Feedback():
-                    self._lights.on_feedback(output.user, message, now_ns)
+                    self._lights.on_feedback(message)
                     present = self._names.get(output.user)
                     if present is not None:
                         present.person.see(now_ns, message, output.user)

@@ -81,3 +81,18 @@ class Polyline:
             apart_m[part] = apart[each, segment]
             positions_m[part] = self.starts_m[segment] + along_m[each, segment]
         return positions_m, apart_m
+
+    def are_beyond(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
+        """Tell which of `points_m` (k x 3) lie more than `by_m` before the line's start or after its end.
+
+        Args:
+            points_m: the points.
+            positions_m: the arc lengths nearest to them, as `nearest_to` has them.
+            by_m: how far beyond an end is still there.
+        """
+        before_m = (points_m - self.vertices_m[0]) @ self.tangents[0]
+        after_m = (points_m - self.vertices_m[-1]) @ self.tangents[-1]
+        is_before: NDArray[np.bool_] = (positions_m <= 0.0) & (before_m < -by_m)
+        # the end as it is added up may be a rounding short of the length
+        is_after: NDArray[np.bool_] = (positions_m >= self.length_m - SAME_M) & (after_m > by_m)
+        return is_before | is_after

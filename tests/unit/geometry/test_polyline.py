@@ -57,3 +57,21 @@ def test_many_points_at_once_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(polyline, "AT_ONCE", 8)
     for parts, all_at_once in zip(line.nearest_to(points_m), whole, strict=True):
         assert parts.tolist() == all_at_once.tolist()
+
+
+@given(st.floats(0.01, 0.3), st.floats(1.0, 3.0), st.floats(0.01, 0.5))
+def test_what_is_past_an_end_is_beyond_it_however_the_lengths_are_rounded(
+    first_m: float, second_m: float, past_m: float
+) -> None:
+    line = Polyline(((0.0, 0.0, 0.0), (first_m, 0.0, 0.0), (first_m, second_m, 0.0)))
+    points_m = np.array(
+        [
+            (-past_m, 0.0, 0.0),
+            (0.0, 0.1, 0.0),
+            (first_m, second_m, 0.2),
+            (first_m, second_m + past_m, 0.0),
+        ]
+    )
+    positions_m, _ = line.nearest_to(points_m)
+    assert line.are_beyond(points_m, positions_m).tolist() == [True, False, False, True]
+    assert not line.are_beyond(points_m, positions_m, past_m + 1e-6).any()

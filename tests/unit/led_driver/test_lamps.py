@@ -129,10 +129,10 @@ def test_the_state_lamp_tells_idle_pointing_and_localizing() -> None:
 def test_cues_flash_one_after_the_other() -> None:
     shining = lights("state", flash_s=0.4)
     shining.lamp_colors(NOW_NS)
-    shining.on_feedback("anna", cue((0, 255, 0)), NOW_NS)
-    shining.on_feedback("anna", cue(None), NOW_NS)
+    shining.on_feedback(cue((0, 255, 0)))
+    shining.on_feedback(cue(None))
     assert shining.lamp_colors(NOW_NS) == {"state": (0, 255, 0)}
-    shining.on_feedback("ben", cue((255, 0, 0)), NOW_NS)
+    shining.on_feedback(cue((255, 0, 0)))
     assert shining.lamp_colors(NOW_NS + 399 * MS) == {"state": (0, 255, 0)}
     assert shining.next_lamp_change_ns(NOW_NS + 399 * MS) == NOW_NS + 400 * MS
     assert shining.lamp_colors(NOW_NS + 400 * MS) == {"state": IDLE}
@@ -204,7 +204,7 @@ def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
             shown.append((now_ns, shining.lamp_colors(now_ns)["state"]))
         match what:
             case "cue":
-                shining.on_feedback("anna", cue((255, 255, 255)), now_ns)
+                shining.on_feedback(cue((255, 255, 255)))
             case "cursor":
                 shining.on_cursor("anna", cursor(), now_ns)
             case "lost":

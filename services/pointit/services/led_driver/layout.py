@@ -219,7 +219,7 @@ def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]
     for run, places_m in strips:
         near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
         at_m, apart_m = line.nearest_to(places_m[near])
-        beside = (apart_m <= reach_m) & ~_beyond(line, places_m[near], at_m)
+        beside = (apart_m <= reach_m) & ~line.are_beyond(places_m[near], at_m, END_M)
         order = np.argsort(at_m[beside], kind="stable")
         pixels, along_m = run.pixels[near[beside][order]], at_m[beside][order]
         gaps = np.flatnonzero(np.diff(along_m) > 2.0 * run.pitch_m) + 1
@@ -237,15 +237,6 @@ def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
     middle_m = at_m[:-1] + steps_m / 2.0
     from_m, to_m = np.r_[at_m[0] - half_m, middle_m], np.r_[middle_m, at_m[-1] + half_m]
     return _Run(pixels, at_m, pitch_m, max(float(steps_m.max(initial=0.0)), pitch_m), from_m, to_m)
-
-
-def _beyond(line: Polyline, places_m: Array, at_m: Array) -> NDArray[np.bool_]:
-    """Tell which of the places (n x 3), whose nearest arc lengths are `at_m`, are beyond an end of `line`."""
-    before_m = (places_m - line.vertices_m[0]) @ line.tangents[0]
-    after_m = (places_m - line.vertices_m[-1]) @ line.tangents[-1]
-    is_before: NDArray[np.bool_] = (at_m <= 0.0) & (before_m < -END_M)
-    is_after: NDArray[np.bool_] = (at_m >= line.length_m) & (after_m > END_M)
-    return is_before | is_after
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

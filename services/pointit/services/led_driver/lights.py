@@ -86,8 +86,8 @@ class Lights:
         """Take how `user`'s localization goes: it needs the lamps."""
         self._lamps.on_localization(user, localization)
 
-    def on_feedback(self, user: str, feedback: Feedback, now_ns: int) -> None:  # noqa: ARG002 - as all others
-        """Take a cue for `user`: the state lamp flashes in its colour."""
+    def on_feedback(self, feedback: Feedback) -> None:
+        """Take a cue, whoever it is for: the state lamp flashes in its colour."""
         self._lamps.on_feedback(feedback)
 
     def frame(self, now_ns: int) -> StripsFrame | None:

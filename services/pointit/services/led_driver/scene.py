@@ -19,15 +19,13 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.pointing import LINES
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.layout import Array, Indices, Layout
 from pointit.services.led_driver.looks import NOBODY, Looks, Wardrobe
 from pointit.services.led_driver.render import CursorMark, Segments, tails
 
 T = TypeVar("T")
-
-ON_LINES = ("strip", "belt")
-"""Surfaces whose cursors and objects show on strips."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +72,10 @@ class Scene:
         """Take where `user` points; return whether that shows: their cursor is, or was, on a line."""
         before = self._cursors.get(user)
         self._cursors[user] = (now_ns, cursor)
-        if cursor.surface in ON_LINES:
+        if cursor.surface in LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
             return True
-        return before is not None and before[1].surface in ON_LINES
+        return before is not None and before[1].surface in LINES
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""
@@ -130,7 +128,7 @@ class Scene:
         marks: list[CursorMark] = []
         for user in sorted(self._cursors):
             cursor = self._cursors[user][1]
-            if cursor.surface not in ON_LINES:
+            if cursor.surface not in LINES:
                 continue
             line = self._layout.line(cursor.surface, cursor.surface_id)
             if line is not None:
@@ -211,7 +209,7 @@ class Scene:
 
     def _on_lines(self, objects: Iterable[TrackedObject]) -> Iterable[tuple[int, TrackedObject]]:
         for item in objects:
-            if item.surface in ON_LINES:
+            if item.surface in LINES:
                 line = self._layout.line(item.surface, item.surface_id)
                 if line is not None:
                     yield line, item

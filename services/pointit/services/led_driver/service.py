@@ -154,8 +154,8 @@ class LedDriver(Service[LedDriverConfig]):
         self._lights.on_localization(user, localization)
         self._wish_lamps()
 
-    def _on_feedback(self, feedback: Feedback, user: str) -> None:
-        self._lights.on_feedback(user, feedback, self.clock.now_ns())
+    def _on_feedback(self, feedback: Feedback, _user: str) -> None:
+        self._lights.on_feedback(feedback)
         self._wish_lamps()
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:

@@ -11,8 +11,9 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
+from pointit.schemas.pointing import LINES
 from pointit.services.selector.lines import Lines
-from pointit.services.selector.view import LINES, OnLine, Seen, View
+from pointit.services.selector.view import OnLine, Seen, View
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,7 @@ from pointit.geometry.closest import nearest_in_angle
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Cursor
-
-LINES = ("strip", "belt")
-"""Surfaces with an arc length; on all others places are compared in space."""
+from pointit.schemas.pointing import LINES
 
 SAME_M = 1e-9
 """Places nearer to each other are one."""

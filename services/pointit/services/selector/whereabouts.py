@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, TrackedObject, TrackedObjects
-from pointit.services.selector.view import LINES
+from pointit.schemas.pointing import LINES
 
 Array = NDArray[np.float64]
 

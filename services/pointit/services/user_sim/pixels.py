@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Environment, Strip
+from pointit.schemas.environment import BESIDE_BELT_M
 
 Array = NDArray[np.float64]
 Kind = Literal["strip", "belt"]
@@ -18,11 +19,8 @@ T = TypeVar("T", Strip, Belt)
 
 MAX_PIXELS = 64 * 4096
 """Of all strips together, as many as a frame holds; nobody can look at more."""
-BESIDE_M = 0.1
-"""What is on a belt shows on strips up to half the belt's width and this from its centre line."""
 MOST_PAIRS = 20_000_000
 """Pixels times segments of belts that are compared at most: a map of more is none of a hall."""
-PAIRS_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +87,11 @@ class Pixels:
 
     def _lay_beside(self, belt: Belt, line: Polyline, points: Array) -> None:
         """Find the pixels beside a belt, each with the nearest arc length of its centre line."""
-        reach_m = belt.width_m / 2.0 + BESIDE_M
+        reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
         low, high = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
         near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
-        arcs = np.full(len(near), np.nan)
-        step = max(1, PAIRS_AT_ONCE // len(line.tangents))
-        for first in range(0, len(near), step):
-            some = slice(first, first + step)
-            arcs[some] = _nearest_arcs(line, points[near[some]], reach_m)
-        there = np.flatnonzero(~np.isnan(arcs))
+        arcs, gaps = line.nearest_to(points[near])
+        there = np.flatnonzero((gaps <= reach_m) & ~line.are_beyond(points[near], arcs))
         order = there[np.argsort(arcs[there], kind="stable")]
         if not len(order):
             return
@@ -111,24 +105,6 @@ def drawable(things: Sequence[T]) -> Iterator[tuple[T, Polyline]]:
     for thing in things:
         with contextlib.suppress(ValueError):
             yield thing, Polyline(thing.line_m)
-
-
-def _nearest_arcs(line: Polyline, points: Array, reach_m: float) -> Array:
-    """Return the arc length on `line` nearest to each of `points` (n x 3); NaN beyond reach or its ends."""
-    starts, tangents = line.vertices_m[:-1], line.tangents
-    lengths = np.diff(line.starts_m)
-    along = np.einsum("nsk,sk->ns", points[:, None, :] - starts[None, :, :], tangents)
-    held = np.clip(along, 0.0, lengths)
-    feet = starts[None, :, :] + held[:, :, None] * tangents[None, :, :]
-    gaps = np.linalg.norm(points[:, None, :] - feet, axis=2)
-    best = np.argmin(gaps, axis=1)
-    row = np.arange(len(points))
-    arcs: Array = line.starts_m[best] + held[row, best]
-    beyond = ((best == 0) & (along[row, best] < 0.0)) | (
-        (best == len(tangents) - 1) & (along[row, best] > lengths[best])
-    )
-    arcs[(gaps[row, best] > reach_m) | beyond] = np.nan
-    return arcs
 
 
 def _by_pixel(count: int, lines: Sequence[ShownLine]) -> list[list[Place]]:

@@ -93,6 +93,5 @@ class Polyline:
         before_m = (points_m - self.vertices_m[0]) @ self.tangents[0]
         after_m = (points_m - self.vertices_m[-1]) @ self.tangents[-1]
         is_before: NDArray[np.bool_] = (positions_m <= 0.0) & (before_m < -by_m)
-        # the end as it is added up may be a rounding short of the length
-        is_after: NDArray[np.bool_] = (positions_m >= self.length_m - SAME_M) & (after_m > by_m)
+        is_after: NDArray[np.bool_] = (positions_m >= self.length_m) & (after_m > by_m)
         return is_before | is_after

@@ -60,9 +60,7 @@ def test_many_points_at_once_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch)
 
 
 @given(st.floats(0.01, 0.3), st.floats(1.0, 3.0), st.floats(0.01, 0.5))
-def test_what_is_past_an_end_is_beyond_it_however_the_lengths_are_rounded(
-    first_m: float, second_m: float, past_m: float
-) -> None:
+def test_what_is_past_an_end_is_beyond_it(first_m: float, second_m: float, past_m: float) -> None:
     line = Polyline(((0.0, 0.0, 0.0), (first_m, 0.0, 0.0), (first_m, second_m, 0.0)))
     points_m = np.array(
         [

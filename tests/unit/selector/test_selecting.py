@@ -83,6 +83,21 @@ def test_sweeping_over_objects_selects_nothing() -> None:
     assert room.events == []
 
 
+def test_a_ray_that_passes_over_a_long_object_does_not_select_it_however_long_it_takes() -> None:
+    turning, passed = (
+        Room(package("a", 5.0, length_m=3.0)),
+        Room(package("a", 3.9, speed_mps=1.0, length_m=3.0)),
+    )
+    turning.stay(2.2, 100.0, anna=lambda time_s: 3.9 + time_s)
+    passed.stay(2.2, 100.0, anna=5.0)  # the object moves under a ray at rest
+    for room in (turning, passed):
+        assert {hover.object_id for hover in room.hovers["anna"]} == {"a"}
+        assert room.events == []
+    resting = Room(package("a", 5.0, length_m=3.0))
+    resting.stay(1.0, 100.0, anna=5.0)
+    assert resting.told == [("selected", "a", "anna")]
+
+
 @pytest.mark.parametrize("speed_mps", [0.3, 1.0, 2.0])
 def test_a_moving_object_is_selected_by_who_follows_it_and_by_nobody_else(speed_mps: float) -> None:
     room = Room(package("a", 3.0, speed_mps=speed_mps))

@@ -59,6 +59,27 @@ def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:
     assert (targets(outputs), shown(outputs).ahead) == (["led_0"], ())
 
 
+def test_cues_say_whether_to_wait_or_to_go_on() -> None:
+    cycle = LifeCycle(localize=True)
+    cycle.begin(0)
+    outputs = [*cycle.button(*press(10))]
+    cycle.answered(cycle.run)
+    outputs += cycle.localization(*news(11, "sampling", target_id="led_0"))
+    outputs += cycle.localization(*news(12, "sampling", ahead=("anna",)))  # the lamp is left to her
+    outputs += cycle.localization(*news(13, "sampling", target_id="led_0"))
+    cycle.pose(UserPose(stamp_ns=14 * S, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 14 * S)
+    outputs += cycle.localization(*news(14, "solved"))
+    cues = [output for output in outputs if isinstance(output, Feedback)]
+    assert [(cue.cue, cue.target_id, cue.waits) for cue in cues] == [
+        ("started", "", True),
+        ("target", "led_0", False),
+        ("target", "", True),
+        ("target", "led_0", False),
+        ("localized", "", False),
+        ("started", "", False),
+    ]
+
+
 def test_the_eleventh_is_told_a_number() -> None:
     assert "you are number 11;" in sentences.queue([f"u{number}" for number in range(10)])
 

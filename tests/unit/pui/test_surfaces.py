@@ -293,3 +293,11 @@ def test_a_pose_at_the_end_of_the_world_makes_no_impossible_cursor(x_m: float) -
         cursor = person.cursor(ray)
         assert cursor is not None
         assert cursor.point_m is None or abs(cursor.point_m[0]) <= 1e6
+
+
+@pytest.mark.parametrize(("grazing_deg", "expected"), [(14.0, ("plane", "floor")), (16.0, None)])
+def test_a_plane_is_pointed_at_down_to_the_angle_that_was_asked_for(
+    grazing_deg: float, expected: tuple[str, str] | None
+) -> None:
+    ahead: Vec3 = (-EYES[2] / math.tan(math.radians(15.0)), 0.0, 0.0)
+    assert met(surfaces("plane", grazing_rad=math.radians(grazing_deg)), ahead) == expected

@@ -2,8 +2,10 @@
 
 import asyncio
 import json
+import os
 import socket
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from rich.table import Table
 from benchmarks import bare_chain, cores, our_chain, startup, users
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.process import SWITCH_INTERVAL_S
+from pointit.runtime.state import VARIABLE
 
 RATE_HZ = 100.0
 PARTS = ("latency", "users", "startup", "cores")
@@ -68,6 +71,8 @@ def free_endpoint() -> str:
 def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...]) -> None:
     """Measure speed as ratios to bare Zenoh in the same run; takes about two minutes."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # services keep what they must not lose: not among what this machine's user keeps
+    os.environ[VARIABLE] = click.get_current_context().with_resource(tempfile.TemporaryDirectory())
     wanted = only or PARTS
     console = Console()
     result: dict[str, Any] = {"before": machine()}

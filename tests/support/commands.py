@@ -60,7 +60,12 @@ class Command:
         self._out = folder / f"{next(_numbers)}.out"
         self._err = self._out.with_suffix(".err")
         self._began_s = time.monotonic()
-        inherited = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
+        inherited = {
+            name: value
+            for name, value in os.environ.items()
+            if not name.startswith("POINTIT_")
+            or name == "POINTIT_STATE"  # the test's own, not this machine's
+        }
         with self._out.open("wb") as out, self._err.open("wb") as err:
             self.process = subprocess.Popen(
                 arguments,

@@ -5,6 +5,7 @@ import shlex
 import signal
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 
@@ -64,7 +65,9 @@ class Books:
         return owned
 
 
-async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(commands: Commands) -> None:
+async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(
+    commands: Commands, own_state: Path
+) -> None:
     ended = await commands.pointit(
         *("run", "scenario_4", "--speed", "3", "--duration", "75", "--no-view", "--json"), *listen()
     )
@@ -76,6 +79,10 @@ async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(commands: Com
     assert bays[BAY_SELECTED][TARGET] >= 1, summary
     assert bays[BAY_REST]["blue"] >= 1, summary
     assert bays[BAY_SELECTED]["blue"] == 0, summary
+    kept = {path.parent.name for path in (own_state / "lab").glob("*/*.sqlite")}
+    assert kept == {"selector", "conveyor-sim"}, (
+        "services keep what they must not lose, in the test's own folder"
+    )
 
 
 @pytest.mark.slow

@@ -37,6 +37,12 @@ def test_refusals_say_what_is_wrong_and_what_to_do() -> None:
     assert "too high all the time" in refused(lifted, Trust(max_act_residual_rad=1.0))
 
 
+@pytest.mark.parametrize("trust", [Trust(), LAX])
+def test_targets_nearer_than_an_arm_reaches_are_met_nowhere(trust: Trust) -> None:
+    around = [(0.3 * math.cos(a), 0.3 * math.sin(a), EYES_M - 0.02 * a) for a in (0.0, 2.0, 4.0)]
+    assert "meet nowhere in the world" in refused(pointings(Person(), around), trust)
+
+
 def test_targets_at_the_height_of_the_eyes_tell_no_position() -> None:
     level = tuple((x, y, EYES_M) for x, y, _ in CORNERS[:2])
     sentence = refused(pointings(Person(0.3, 0.2, 0.1), level))

@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import (
@@ -15,10 +15,12 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimator import Trust
 from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.locating import Locating
 from pointit.services.localizer.moving_target import Following, MovingTarget
 from pointit.services.localizer.static_targets import StaticTargets
+from tests.unit.localizer.solving import LOOSE
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -54,18 +56,37 @@ def test_lamps_and_rays_anywhere(
     assert not procedure.running
 
 
+def seen_from(
+    x_m: float, *robots: tuple[float, float]
+) -> list[tuple[tuple[float, float, float], float, float]]:
+    """Return the rays at robots on the floor (x, y) of who stands at (`x_m`, 0) and looks along x."""
+    away = [(x - x_m, y) for x, y in robots]
+    return [((0.0, 0.0, 1.64), math.atan2(y, x), -math.atan2(1.64, math.hypot(x, y))) for x, y in away]
+
+
+AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.tuples(places, places), min_size=1, max_size=5),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
     st.sampled_from([0, 2**62, -START_NS]),
+    st.sampled_from([Trust(), LOOSE]),
+)
+@example(  # a pose that is accepted, further away than can be told
+    [((x, y, 0.0), (x, y, 0.0)) for x, y in AT_THE_EDGE for _ in range(3)],
+    seen_from(FARTHEST + 1.0, *AT_THE_EDGE),
+    0,
+    LOOSE,
 )
 def test_robots_and_rays_anywhere(
     robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
     rays: list[tuple[tuple[float, float, float], float, float]],
     off_ns: int,
+    trust: Trust,
 ) -> None:
-    procedure = MovingTarget(Following(continuous=True))
+    procedure = MovingTarget(Following(continuous=True), trust)
     procedure.start(max(0, START_NS + off_ns))
     for tick in range(200):
         now_ns = START_NS + off_ns + (tick + 1) * S // 50

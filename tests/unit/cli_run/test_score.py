@@ -94,6 +94,9 @@ def test_bays_count_what_came_out_once_however_often_it_is_told() -> None:
         score.on_event(told)
         score.on_event(told)  # the conveyor was killed between telling and noting that it had told
     assert score.dispatched() == {"1": {"red": 1}, "3": {"blue": 1}}
+    assert score.counts() == {**NONE, "selected": 1}
+    missed = dispatched("c", "red", "3")
+    assert of_reds(missed, missed) == {**NONE, "missed": 1}
 
 
 def test_bays_keep_counting_what_is_forgotten() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal
 
 import pytest
@@ -194,6 +195,43 @@ async def test_the_map_is_there_for_whoever_comes_late() -> None:
         maps = bench.collect(MAP)
         await bench.settle()
         assert [(found.name, found.strips) for found in maps] == [("lab", LAB.strips)]
+
+
+THINGS = """
+boxes: {crate: {center: [3, 0, 1], size: [0.5, 2, 2.4]}}
+planes: {floor: {center: [0, 0, 0], normal: [0, 0, 1]}}
+spheres:
+  hidden: {center: [6, 0, 1.6], radius: 0.3}
+  one: {center: [0, 5, 1.6], radius: 0.2}
+  other: {center: [0.6, 5, 1.6], radius: 0.2}
+"""
+FLAT: Vec3 = (-1.64 / math.tan(math.radians(15.0)), 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "config", "met"),
+    [
+        ((6.0, 0.0, 1.6), {"surfaces": ("sphere",)}, ""),
+        ((6.0, 0.0, 1.6), {"surfaces": ("sphere",), "opaque": ()}, "hidden"),
+        ((0.0, 5.0, 1.6), {"surfaces": ("sphere",)}, "one"),
+        ((0.0, 5.0, 1.6), {"surfaces": ("sphere",), "priority": {"other": 1}}, "other"),
+        (FLAT, {"surfaces": ("plane",), "grazing_deg": 14.0}, "floor"),
+        (FLAT, {"surfaces": ("plane",), "grazing_deg": 16.0}, ""),
+    ],
+)
+async def test_what_is_configured_decides_what_is_met(
+    tmp_path: Path, target: Vec3, config: dict[str, Any], met: str
+) -> None:
+    path = tmp_path / "things.yaml"
+    path.write_text(THINGS)
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = await room_of(bench, clock, map=str(path), **config)
+        here = pose_at((0.0, 0.0, 0.0))
+        bench.put(POSE, here, "anna")
+        await bench.settle()
+        await room.point("anna", target, here)
+        assert [cursor.surface_id for cursor in room.cursors["anna"]] == [met]
 
 
 async def test_two_people_have_their_own_cursors() -> None:

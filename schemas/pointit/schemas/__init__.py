@@ -1,7 +1,7 @@
 """What travels: messages, their bytes, and the table of topics."""
 
 from pointit.schemas.base import FARTHEST, NS_PER_S, Message, Part, Query, Reply
-from pointit.schemas.codec import decode, encode, explain
+from pointit.schemas.codec import decode, encode, explain, pack
 from pointit.schemas.environment import (
     Bay,
     BayCount,
@@ -24,7 +24,14 @@ from pointit.schemas.environment import (
     TrackedObjects,
 )
 from pointit.schemas.errors import DecodeError, KeyNameError, SchemaError
-from pointit.schemas.person import BodyMeasures, ButtonEvent, ImuSample, PointingOffset, UserProfile
+from pointit.schemas.person import (
+    BodyMeasures,
+    ButtonEvent,
+    ImuSample,
+    PointingOffset,
+    UserProfile,
+    WristSample,
+)
 from pointit.schemas.pointing import (
     Anchor,
     Candidate,
@@ -46,13 +53,18 @@ from pointit.schemas.requests import (
     PointAnchor,
     ReleaseObject,
     ResetConveyor,
+    RunScenario,
     SetBrightness,
     SetHeading,
+    SetMethod,
+    SetMethodReply,
     SetMounting,
     SetMountingReply,
     SetOffset,
     SetPose,
     SetSpeed,
+    SetTolerance,
+    SetToleranceReply,
     SetWorkspace,
     SetYawOrigin,
     StartLocalization,
@@ -120,17 +132,22 @@ __all__ = [
     "Reply",
     "ReservedObject",
     "ResetConveyor",
+    "RunScenario",
     "SchemaError",
     "SelectedObject",
     "Selection",
     "SelectionEvent",
     "SetBrightness",
     "SetHeading",
+    "SetMethod",
+    "SetMethodReply",
     "SetMounting",
     "SetMountingReply",
     "SetOffset",
     "SetPose",
     "SetSpeed",
+    "SetTolerance",
+    "SetToleranceReply",
     "SetWorkspace",
     "SetYawOrigin",
     "Sphere",
@@ -143,7 +160,9 @@ __all__ = [
     "UndoSelection",
     "UserPose",
     "UserProfile",
+    "WristSample",
     "decode",
     "encode",
     "explain",
+    "pack",
 ]

@@ -33,6 +33,12 @@ def encode(part: Part) -> bytes:
     return msgpack.packb(part.__dict__, default=_fields)
 
 
+def pack(value: object) -> bytes:
+    """Return plain values as msgpack: numbers, text, bytes, lists and maps of them."""
+    packed: bytes = msgpack.packb(value)
+    return packed
+
+
 def decode(kind: type[P], payload: bytes, schema: str = "") -> P:
     """Return the message of `kind` in `payload`.
 

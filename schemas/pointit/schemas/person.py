@@ -30,6 +30,29 @@ class ImuSample(Message):
     ] = 0
 
 
+class WristSample(Message):
+    """Orientation of a person's hand as a page reports it: of the arm a mouse moves, or of a phone.
+
+    Comes at least five times a second as long as the page has the person's wrist, be it moved or not.
+    """
+
+    orientation_xyzw: Annotated[
+        QuaternionXyzw, Field(description="rotates vectors of the device into a frame whose z is up")
+    ]
+    device: Annotated[
+        Literal["arm", "phone"],
+        Field(
+            description="arm: x along the arm to the finger, the frame is {H}; phone: x to the right of its "
+            "screen, y to its top, the frame's yaw is its own"
+        ),
+    ] = "arm"
+    session: Annotated[
+        Count, Field(description="another number: the device may have another yaw origin than before")
+    ] = 0
+    device_time_ns: Annotated[Ns | None, Field(description="the device's own clock, ns")] = None
+    battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
+
+
 class ButtonEvent(Message):
     """The person pressed their button; presses move the interaction on."""
 

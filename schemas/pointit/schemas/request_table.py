@@ -96,6 +96,27 @@ SET_WORKSPACE = Request(
     server="pui",
     about="a surface about the person for their cursor",
 )
+SET_METHOD = Request(
+    key="selector/method",
+    query=requests.SetMethod,
+    reply=requests.SetMethodReply,
+    server="selector",
+    about="how staying on an object selects it",
+)
+SET_TOLERANCE = Request(
+    key="pui/tolerance",
+    query=requests.SetTolerance,
+    reply=requests.SetToleranceReply,
+    server="pui",
+    about="how far a ray may pass what it points at",
+)
+RUN_SCENARIO = Request(
+    key="run/scenario",
+    query=requests.RunScenario,
+    reply=requests.Done,
+    server="cli",
+    about="run another scenario in its place",
+)
 SET_BRIGHTNESS = Request(
     key="leds/brightness",
     query=requests.SetBrightness,
@@ -132,6 +153,9 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     UNDO_SELECTION,
     RELEASE_OBJECT,
     SET_WORKSPACE,
+    SET_METHOD,
+    SET_TOLERANCE,
+    RUN_SCENARIO,
     SET_BRIGHTNESS,
     SET_YAW_ORIGIN,
     SET_MOUNTING,

@@ -131,6 +131,51 @@ class SetWorkspace(Query):
     point_m: Vec3 | None = None
 
 
+class SetMethod(Query):
+    """Choose how staying on an object selects it, and for how long; with nothing set it only asks."""
+
+    method: Annotated[Literal["hold", "fraction", "gauge"] | None, Field(description="empty: as it is")] = (
+        None
+    )
+    dwell_s: Annotated[
+        float | None,
+        Field(gt=0, le=10, description="time on an object that selects it; empty: the method's own"),
+    ] = None
+
+
+class SetMethodReply(Reply):
+    """What is in use now."""
+
+    method: Literal["hold", "fraction", "gauge"]
+    dwell_s: Annotated[float, Field(gt=0, le=10)]
+
+
+class SetTolerance(Query):
+    """Choose how far a ray may pass things that it still points at; with nothing set it only asks."""
+
+    tolerance_rad: Annotated[
+        float | None, Field(gt=0, lt=1.57, description="angle at the eyes; empty: as it is")
+    ] = None
+
+
+class SetToleranceReply(Reply):
+    """What is in use now."""
+
+    tolerance_rad: Annotated[
+        float | None, Field(gt=0, lt=1.57, description="empty: metres tell what is near enough")
+    ] = None
+
+
+class RunScenario(Query):
+    """End what runs and run another scenario in its place, on the same site."""
+
+    scenario: Annotated[str, Field(min_length=1, max_length=64, description="one of the deployment's")]
+    users: Annotated[int | None, Field(ge=0, le=64, description="how many people; empty: as now")] = None
+    localizes: Annotated[
+        bool | None, Field(description="find people by their pointing at lamps; empty: as now")
+    ] = None
+
+
 class SetBrightness(Query):
     """Dim all strips."""
 

@@ -74,8 +74,15 @@ class ExpectedService(Part):
 class Deployment(Message):
     """What `pointit run` or `pointit user` started; lets `doctor` tell what is missing."""
 
+    version: ClassVar[int] = 2
+
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 64 people."""
 
     name: Annotated[str, Field(description="the scenario, or the user")]
     services: Many[ExpectedService] = ()
+    scenario: Annotated[str, Field(description="that runs; empty: none that has a name")] = ""
+    scenarios: Annotated[
+        Many[str], Field(description="that it can run instead when asked to; empty: it takes no such wish")
+    ] = ()
+    localizes: Annotated[bool, Field(description="people are found by pointing at lamps")] = False

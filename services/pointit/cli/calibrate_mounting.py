@@ -15,7 +15,7 @@ from pointit.cli.lazy import Mistake
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.output import INTERRUPTED, json_option, print_json
 from pointit.cli.prompt import changing_line, enter
-from pointit.cli.writers import instance_of, why_silent
+from pointit.diagnosis.writers import instance_of, why_silent
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.runtime import NoAnswerError, PointItError
 from pointit.runtime.bus import Bus

@@ -18,7 +18,7 @@ from pointit.cli.offset_report import Pointing, assess, describe, doubt, shown_r
 from pointit.cli.output import INTERRUPTED, Section, console, json_option, print_json, print_table
 from pointit.cli.pose import found
 from pointit.cli.prompt import ChangingLine, changing_line
-from pointit.cli.writers import why_silent
+from pointit.diagnosis.writers import why_silent
 from pointit.runtime import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.bus import AnyTopic, Bus
 from pointit.runtime.clock import SiteClock

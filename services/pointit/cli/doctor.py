@@ -9,12 +9,12 @@ from typing import Any
 import click
 from rich.text import Text
 
-from pointit.cli.diagnosis import diagnose, is_healthy
 from pointit.cli.finite import Finite
 from pointit.cli.link import PATIENCE_S, address, joined, quiet, site_options, telling
-from pointit.cli.observation import SILENT_S, Finding, Observation, Report
 from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
-from pointit.cli.writers import split
+from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
+from pointit.diagnosis.writers import split
 from pointit.runtime.bus import Bus
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.process import EXIT_FAILED, run_async

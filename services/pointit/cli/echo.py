@@ -9,7 +9,7 @@ import click
 from pointit.cli.keys import Wanted, resolve
 from pointit.cli.link import joined, quiet, site_options
 from pointit.cli.output import json_option, to_json, to_line, write_line
-from pointit.cli.writers import why_silent
+from pointit.diagnosis.writers import why_silent
 from pointit.runtime.process import run_async
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Message

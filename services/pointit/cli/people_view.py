@@ -6,8 +6,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pointit.cli.certainty import UNSURE_DEG, UNSURE_M, position_sigma_m, yaw_sigma_deg
 from pointit.cli.monitor import Monitor
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M, position_sigma_m, yaw_sigma_deg
 from pointit.schemas import NS_PER_S, Localization, UserPose
 
 WHITE = (255, 255, 255)

@@ -8,7 +8,7 @@ import click
 
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
 from pointit.cli.output import json_option, print_json
-from pointit.cli.writers import instance_of, split
+from pointit.diagnosis.writers import instance_of, split
 from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
 from pointit.runtime.clock import SiteClock

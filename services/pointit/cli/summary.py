@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from pointit.cli.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.cli.monitor import Monitor
 from pointit.cli.plan import Plan
+from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.runtime import ConfigError
 
 

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from pointit.cli.fit import Block, Worth, fitted
 from pointit.cli.monitor import Monitor
-from pointit.cli.observation import SILENT_S
 from pointit.cli.people_view import ROOMY_WIDTH, color_of, doings, places, words
+from pointit.diagnosis.observation import SILENT_S
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic

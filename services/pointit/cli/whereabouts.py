@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 
-from pointit.cli.writers import split, why_silent
+from pointit.diagnosis.writers import split, why_silent
 from pointit.runtime.bus import AnyTopic
 from pointit.schemas import Environment, Localization
 from pointit.schemas.base import Vec3

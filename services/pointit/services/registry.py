@@ -1,4 +1,4 @@
-"""THE PROCESS TABLE: every process, what it reads, writes and answers.
+"""THE PROCESS TABLE: every process, bridges to foreign worlds too, what it reads, writes and answers.
 
 `pointit list`, the scenarios and the architecture tests come from it; modules are named, not imported, so
 that a process loads only what it needs.
@@ -23,23 +23,47 @@ class Process:
     reads: tuple[Topic[Any], ...]
     writes: tuple[Topic[Any], ...]
     serves: tuple[Request[Any, Any], ...] = ()
+    room: Literal["services", "bridges"] = "services"
+    """Where its folder is."""
+    extra: str = ""
+    """Of the distribution, where it needs more than the base."""
 
     @property
     def package(self) -> str:
         """Return the module that holds it, runnable with `python -m`."""
-        return f"pointit.services.{self.name.replace('-', '_')}"
+        return f"pointit.{self.room}.{self.name.replace('-', '_')}"
 
     def load(self) -> Any:
         """Return its service class."""
         return importlib.import_module(f"{self.package}.service").SERVICE
 
 
+SHOWN: tuple[Topic[Any], ...] = (
+    topics.PROFILE,
+    topics.POSE,
+    topics.LOCALIZATION,
+    topics.CURSOR,
+    topics.HOVER,
+    topics.INTERACTION,
+    topics.FEEDBACK,
+    topics.MAP,
+    topics.OBJECTS,
+    topics.SELECTION,
+    topics.SELECTION_EVENTS,
+    topics.LAMP_COLOR,
+    topics.STRIPS_FRAME,
+    topics.CONVEYOR_STATE,
+    topics.HEALTH,
+    topics.DEPLOYMENT,
+)
+"""What onlookers are shown: everything but raw IMU samples and rays."""
+
 PROCESSES: tuple[Process, ...] = (
     Process(
         name="imu-bridge",
         scope="user",
-        about="a wrist's IMU: serial device, recording or simulated movement",
-        reads=(),
+        about="a wrist's IMU: serial device, recording, simulated movement, or a page's mouse or phone",
+        reads=(topics.WRIST,),
         writes=(topics.IMU, topics.BUTTON),
         serves=(topics.SET_YAW_ORIGIN, topics.SET_MOUNTING),
     ),
@@ -91,6 +115,7 @@ PROCESSES: tuple[Process, ...] = (
             topics.LAMP_COLOR,
             topics.FEEDBACK,
             topics.PROFILE,
+            topics.WRIST,
         ),
         writes=(topics.IMU, topics.BUTTON),
     ),
@@ -100,7 +125,7 @@ PROCESSES: tuple[Process, ...] = (
         about="rays, poses and the map to cursors",
         reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS),
         writes=(topics.MAP, topics.CURSOR),
-        serves=(topics.SET_WORKSPACE,),
+        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE),
     ),
     Process(
         name="selector",
@@ -108,7 +133,12 @@ PROCESSES: tuple[Process, ...] = (
         about="cursors that rest on objects to selections",
         reads=(topics.CURSOR, topics.OBJECTS, topics.MAP, topics.BUTTON),
         writes=(topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK),
-        serves=(topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT),
+        serves=(
+            topics.CLEAR_SELECTION,
+            topics.UNDO_SELECTION,
+            topics.RELEASE_OBJECT,
+            topics.SET_METHOD,
+        ),
     ),
     Process(
         name="led-driver",
@@ -141,6 +171,24 @@ PROCESSES: tuple[Process, ...] = (
         about="the robot of a recording, as a tracker would report it",
         reads=(),
         writes=(topics.OBJECTS,),
+    ),
+    Process(
+        name="web",
+        scope="site",
+        room="bridges",
+        extra="web",
+        about="a page in browsers: the scene, controls, health; the mouse or a phone as a wrist",
+        reads=SHOWN,
+        writes=(topics.WRIST, topics.BUTTON),
+    ),
+    Process(
+        name="foxglove",
+        scope="site",
+        room="bridges",
+        extra="foxglove",
+        about="the scene for Foxglove's and Lichtblick's viewer",
+        reads=SHOWN,
+        writes=(),
     ),
 )
 

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from pointit.cli.certainty import UNSURE_M, position_sigma_m
 from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.scenario import read_scenario
+from pointit.diagnosis.certainty import UNSURE_M, position_sigma_m
 from pointit.runtime import Exchange, MemoryBus, run_services
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE

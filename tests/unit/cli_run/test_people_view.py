@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.certainty import UNSURE_DEG, UNSURE_M
 from pointit.cli.monitor import Monitor
 from pointit.cli.view import draw
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
 from pointit.runtime import Exchange, MemoryBus
 from pointit.schemas import (
     NS_PER_S,

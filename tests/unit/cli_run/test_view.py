@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.segment import Segment
 
 from pointit.cli.monitor import LINES, Monitor
-from pointit.cli.observation import SILENT_S
 from pointit.cli.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
+from pointit.diagnosis.observation import SILENT_S
 from pointit.runtime import Exchange, MemoryBus
 from pointit.schemas import (
     Cursor,

@@ -5,7 +5,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from pointit.cli.certainty import UNSURE_DEG, UNSURE_M
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.choice import Choice
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.config_of_belief import DriftConfig, TrustConfig

@@ -27,9 +27,9 @@ from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.lights import Lights
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.user_sim.aim import Stance
 from pointit.services.user_sim.config import AimConfig, ArmConfig, MindConfig, UserSimConfig, WristbandConfig
 from pointit.services.user_sim.person import Person
+from pointit.sim.aim import Stance
 
 PERIOD_NS = NS_PER_S // 50
 ROOM = Environment(

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.aim import Aim
 from pointit.services.user_sim.arm import Arm, fading
 from pointit.services.user_sim.config import ArmConfig
 from pointit.services.user_sim.unrest import Unrest
+from pointit.sim.aim import Aim
 
 STILL = ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0)
 

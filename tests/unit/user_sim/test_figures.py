@@ -13,11 +13,11 @@ import pytest
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, Feedback, StripsFrame, TrackedObject, TrackedObjects, UserProfile
-from pointit.services.user_sim.aim import Stance
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.eyes import Eyes, SeenCursor, Span
 from pointit.services.user_sim.person import Person
 from pointit.services.user_sim.pixels import Kind
+from pointit.sim.aim import Stance
 
 PERIOD_NS = 20_000_000
 PERIOD_S = 0.02

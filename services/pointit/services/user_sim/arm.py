@@ -7,9 +7,9 @@ import numpy as np
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.aim import Aim
 from pointit.services.user_sim.config import ArmConfig
 from pointit.services.user_sim.unrest import Unrest
+from pointit.sim.aim import Aim
 
 State = tuple[float, float, float]
 """Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""

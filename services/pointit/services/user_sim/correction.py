@@ -12,9 +12,9 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.aim import Stance
 from pointit.services.user_sim.config import AimConfig
 from pointit.services.user_sim.goal import Goal
+from pointit.sim.aim import Stance
 
 MEMORY_S = 1.5
 """How far back a person recalls what their hand did."""

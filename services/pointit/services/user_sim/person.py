@@ -7,7 +7,6 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
-from pointit.services.user_sim.aim import Aim, Stance
 from pointit.services.user_sim.arm import Arm
 from pointit.services.user_sim.behaviour import asked_goal, wish_of
 from pointit.services.user_sim.config import UserSimConfig
@@ -20,6 +19,7 @@ from pointit.services.user_sim.pace import Pace
 from pointit.services.user_sim.press import Press
 from pointit.services.user_sim.sight import Sight
 from pointit.services.user_sim.wristband import Wristband
+from pointit.sim.aim import Aim, Stance
 
 RATE_STEP_NS = 10_000_000
 """Over which an aim's rate is measured."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from pointit.cli.certainty import (
+from pointit.diagnosis.certainty import (
     ANCHOR_AGE,
     OLD_ANCHOR_S,
     POSITION_SIGMA,
@@ -12,8 +12,8 @@ from pointit.cli.certainty import (
     YAW_SIGMA,
     figure,
 )
-from pointit.cli.observation import Finding, Observation, Report
-from pointit.cli.staleness import stale_inputs
+from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.staleness import stale_inputs
 from pointit.schemas import Health
 from pointit.schemas.topics import TOPICS, Delivery
 

@@ -11,7 +11,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, ImuSample, UserProfile
 from pointit.services.pointing.pointer import Pointer
-from pointit.services.user_sim.aim import Stance
+from pointit.sim.aim import Stance
 
 coordinates = st.floats(-6.0, 6.0)
 heights = st.floats(0.0, 3.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.cli.writers import instance_of, present_writers, split, why_silent
+from pointit.diagnosis.writers import instance_of, present_writers, split, why_silent
 from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY
 
 PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}

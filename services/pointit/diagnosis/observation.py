@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pointit.cli.writers import instance_of
+from pointit.diagnosis.writers import instance_of
 from pointit.schemas import Deployment, Health
 
 SILENT_S = 3.0

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from pointit.cli.observation import Finding, Observation
-from pointit.cli.writers import present_writers
+from pointit.diagnosis.observation import Finding, Observation
+from pointit.diagnosis.writers import present_writers
 from pointit.runtime.bus import AnyTopic
 from pointit.schemas import Health, KeyHealth
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
-from pointit.cli.diagnosis import diagnose, is_healthy
-from pointit.cli.observation import Finding, Observation, Report
-from pointit.cli.writers import split
+from pointit.diagnosis.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
+from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.writers import split
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
 

@@ -88,8 +88,7 @@ def test_every_service_is_what_its_row_says(row: Process) -> None:
 def test_every_main_is_the_same_five_lines(row: Process) -> None:
     statements = sources.tree(folder_of(row) / "__main__.py").body[1:]
     assert [ast.unparse(statement) for statement in statements] == [
-        "from pointit.runtime.process import main",
-        f"from {row.package}.service import SERVICE",
+        *sorted(["from pointit.runtime.process import main", f"from {row.package}.service import SERVICE"]),
         "main(SERVICE)",
     ]
 

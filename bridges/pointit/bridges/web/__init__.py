@@ -1,0 +1,1 @@
+"""A page in browsers: the scene, controls, health; its mouse or a phone as a person's wrist."""

@@ -1,0 +1,28 @@
+// Bundles src into ../static: the page (app.js, app.css), the phone's page (phone.js, phone.css), the licences.
+// The same sources and lock file give the same bytes on every machine.
+import { build } from "esbuild";
+import { cpSync, existsSync, mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const out = process.argv[2] ?? join(here, "../static");
+rmSync(out, { recursive: true, force: true });
+mkdirSync(out, { recursive: true });
+const entries = ["app", "phone"].filter((name) => existsSync(join(here, "src", `${name}.ts`)));
+await build({
+  absWorkingDir: here,
+  entryPoints: entries.map((name) => `src/${name}.ts`),
+  outdir: out, bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "none", logLevel: "warning",
+  charset: "utf8",
+});
+cpSync(join(here, "public"), out, { recursive: true });
+const bundled = Object.keys(JSON.parse(readFileSync(join(here, "package.json"))).dependencies).sort();
+const licences = bundled.map((name) => {
+  const folder = join(here, "node_modules", name);
+  const { version } = JSON.parse(readFileSync(join(folder, "package.json")));
+  const file = ["LICENSE", "LICENSE.md", "LICENSE.txt"].map((each) => join(folder, each)).find(existsSync);
+  if (!file) throw new Error(`${name}: no licence file`);
+  return `${name} ${version}\n\n${readFileSync(file, "utf8").trim()}\n`;
+});
+writeFileSync(join(out, "LICENSES.txt"), licences.join(`\n${"-".repeat(80)}\n\n`));

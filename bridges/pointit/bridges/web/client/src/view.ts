@@ -1,0 +1,40 @@
+/** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
+
+import type { Site } from "./site";
+
+export type Vec3 = [number, number, number];
+
+/** From where a view looks; `eyes` are those of the chosen person. A view may lack some. */
+export type Camera = "room" | "top" | "eyes";
+
+export interface ViewStats {
+  /** Frames drawn in the last second. */
+  fps: number;
+  /** As WebGL names it, or "SVG". */
+  renderer: string;
+  /** Drawn without a graphics processor: the view is in its light mode. */
+  software: boolean;
+}
+
+export interface ViewOptions {
+  /** Called while the mouse (or a finger, or the arrow keys) points: a place in {W} on what is under it. */
+  onAim(at: Vec3): void;
+}
+
+export interface View {
+  readonly stats: ViewStats;
+  readonly cameras: readonly Camera[];
+  /** Draw `site` as of now. Called from an animation frame, at most once for each, when something has changed. */
+  draw(site: Site): void;
+  setTheme(dark: boolean): void;
+  setCamera(camera: Camera, user: string): void;
+  /** While on, moving over the view aims (a cross-hair shows, dragging still turns the camera); `user`: whose arm. */
+  setPointing(on: boolean, user: string): void;
+  /** Move the aimed-at place by so many metres to the right of the view and up (away) in it; for arrow keys. */
+  nudge(right: number, away: number): void;
+  /** Remove everything from the page. */
+  dispose(): void;
+}
+
+/** Makes a view within `host`; throws when it cannot (no WebGL). */
+export type MakeView = (host: HTMLElement, options: ViewOptions) => View;

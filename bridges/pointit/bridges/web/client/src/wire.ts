@@ -1,0 +1,176 @@
+// What travels between server and page, from wire.json. Written by `npm run types`; do not edit.
+
+export interface Everything {
+  Ack: Ack;
+  AimAt: AimAt;
+  Answer: Answer;
+  Ask: Ask;
+  Cue: Cue;
+  FindingLine: FindingLine;
+  Hello: Hello;
+  PersonLine: PersonLine;
+  ServiceLine: ServiceLine;
+  Status: Status;
+  Turn: Turn;
+}
+/**
+ * A batch was shown.
+ */
+export interface Ack {
+  kind: "ack";
+  /**
+   * from the capture at the wrist to this frame
+   */
+  latency_ms: number | null;
+  n: number;
+}
+/**
+ * The mouse points at a place, {W}.
+ */
+export interface AimAt {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  at_m: [number, number, number];
+  kind: "aim";
+  user: string;
+}
+/**
+ * What came of an `Ask`.
+ */
+export interface Answer {
+  /**
+   * one sentence, why not; empty: it was done
+   */
+  error: string;
+  id: number;
+  kind: "answer";
+  /**
+   * fields of the reply; empty: refused
+   */
+  reply: {
+    [k: string]: unknown;
+  } | null;
+}
+/**
+ * A wish: a request of the table by its key pattern, or a deed of the server's own.
+ */
+export interface Ask {
+  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre") | null;
+  id: number;
+  /**
+   * `conveyor/set_speed`; or empty
+   */
+  key: string;
+  kind: "ask";
+  /**
+   * user or other placeholder of the key
+   */
+  name: string;
+  /**
+   * fields of the query
+   */
+  query: {
+    [k: string]: unknown;
+  };
+}
+/**
+ * What a phone tells its person: a `Feedback` of the bus, or the state of the interaction.
+ */
+export interface Cue {
+  chime: string;
+  haptic_ms: number[];
+  kind: "cue";
+  next_step: string;
+  state: string;
+  text: string;
+}
+/**
+ * One thing that is wrong, and what to do.
+ */
+export interface FindingLine {
+  remedy: string;
+  sentence: string;
+  service: string;
+  severity: "error" | "warning" | "note";
+}
+/**
+ * Who the page is to this server.
+ */
+export interface Hello {
+  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre")[];
+  kind: "hello";
+  /**
+   * keys of the requests this page may ask
+   */
+  requests: string[];
+  role: "operator" | "viewer" | "wrist";
+  site: string;
+  /**
+   * of a phone: whose wrist it is
+   */
+  user: string;
+  /**
+   * of PointIt
+   */
+  version: string;
+}
+/**
+ * A person who is there.
+ */
+export interface PersonLine {
+  battery: number | null;
+  /**
+   * by this very page
+   */
+  is_mine: boolean;
+  moved_by: "own" | "mouse" | "phone";
+  /**
+   * what a paired phone says of itself; empty: none is paired
+   */
+  phone: string;
+  user: string;
+}
+/**
+ * A service that is there, was there, or should be.
+ */
+export interface ServiceLine {
+  instance: string;
+  present: boolean;
+  /**
+   * up, or down, for so long, wall seconds
+   */
+  since_s: number;
+}
+/**
+ * How the site is; what topics do not say.
+ */
+export interface Status {
+  findings: FindingLine[];
+  kind: "status";
+  /**
+   * where the local network finds the page; empty: closed
+   */
+  lan_url: string;
+  people: PersonLine[];
+  services: ServiceLine[];
+  viewers: number;
+}
+/**
+ * The orientation of a phone.
+ */
+export interface Turn {
+  battery: number | null;
+  kind: "turn";
+  /**
+   * @minItems 4
+   * @maxItems 4
+   */
+  q: [number, number, number, number];
+  session: number;
+  /**
+   * the phone's own clock
+   */
+  t_ms: number;
+}

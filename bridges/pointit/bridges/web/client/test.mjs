@@ -1,0 +1,19 @@
+// Bundles every src/**/*.test.ts and runs it with `node --test`.
+import { build } from "esbuild";
+import { mkdtempSync, readdirSync, rmSync } from "node:fs";
+import { spawnSync } from "node:child_process";
+import { tmpdir } from "node:os";
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const tests = readdirSync(join(here, "src"), { recursive: true }).filter((file) => file.endsWith(".test.ts")).sort();
+const out = mkdtempSync(join(tmpdir(), "pointit-page-"));
+try {
+  await build({ absWorkingDir: here, entryPoints: tests.map((file) => `src/${file}`), outdir: out, bundle: true,
+    platform: "node", format: "esm", outExtension: { ".js": ".mjs" }, logLevel: "warning" });
+  const ran = spawnSync(process.execPath, ["--test", out], { stdio: "inherit" });
+  process.exitCode = ran.status ?? 1;
+} finally {
+  rmSync(out, { recursive: true, force: true });
+}

@@ -1,0 +1,176 @@
+"""The wire between the server and its pages; the contract of this folder's Python with `client`'s TypeScript.
+
+One WebSocket, `/ws`, opened with the cookie that `/?token=...` has set and with the page's own origin.
+
+Server to page:
+
+- text, JSON, `{"kind": ...}`: `Hello` once, first; `Status` once a second and when it changes; `Answer` to
+  each `Ask`. Their fields are the models below, named as they travel.
+- binary, msgpack: a *batch* of what is new on the bus since the batch before, `[n, sent_ns, speed, states,
+  events, dropped]`. `n` counts batches from 1; `sent_ns` is the site's time when it was sent, which runs
+  `speed` times as fast as the wall's; `states` and `events` are lists of `[topic, name, payload]`: the key
+  pattern of the topic table (`users/{user}/cursor`), what stands for its placeholder (empty where there is
+  none) and the message as on the bus, msgpack, itself bytes. `states` has of each key (latest and state
+  topics) the newest only; `events` has every event in order, `dropped` counts those of this page that were
+  lost because it was too slow. The first batch has the newest of everything that is still true.
+
+Page to server, JSON text, `{"kind": ...}`:
+
+- `Ack` for every batch, from the animation frame that shows it. At most `IN_FLIGHT` batches are on their way;
+  a page that does not acknowledge gets nothing more until it does, and then the newest.
+- `Ask`, answered with the same `id`: a request of the table, or one of `DEEDS`.
+- `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
+
+A phone speaks `Turn` and `Ask` on `/ws/wrist`, or posts a list of them to `/wrist`; it is answered with
+`Hello`, `Answer`s, and `Cue`s (see `phone`).
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.json_schema import models_json_schema
+
+from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Vec3
+
+IN_FLIGHT = 3
+"""Batches that a page may have been sent and not acknowledged."""
+
+Role = Literal["operator", "viewer", "wrist"]
+"""May control; looks on; is one person's phone."""
+
+Mover = Literal["own", "mouse", "phone"]
+"""Who moves a person's wrist: their own device or the simulation, a page's mouse, a phone."""
+
+Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "centre"]
+"""What a page can ask of this server itself: press a person's button; take their wrist with the mouse, give
+it back; let the mouse's arm tremble; pair a phone; open the page to the local network; a phone, held as the
+page says, points ahead."""
+
+Id = Annotated[int, Field(ge=0, le=2**53)]
+
+
+class Part(BaseModel):
+    """What travels to and from pages."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Hello(Part):
+    """Who the page is to this server."""
+
+    kind: Literal["hello"] = "hello"
+    version: Annotated[str, Field(description="of PointIt")]
+    site: str
+    role: Role
+    requests: Annotated[tuple[str, ...], Field(description="keys of the requests this page may ask")]
+    deeds: tuple[Deed, ...]
+    user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
+
+
+class ServiceLine(Part):
+    """A service that is there, was there, or should be."""
+
+    instance: str
+    present: bool
+    since_s: Annotated[float, Field(description="up, or down, for so long, wall seconds")]
+
+
+class FindingLine(Part):
+    """One thing that is wrong, and what to do."""
+
+    severity: Literal["error", "warning", "note"]
+    service: str
+    sentence: str
+    remedy: str
+
+
+class PersonLine(Part):
+    """A person who is there."""
+
+    user: str
+    moved_by: Mover = "own"
+    is_mine: Annotated[bool, Field(description="by this very page")] = False
+    phone: Annotated[str, Field(description="what a paired phone says of itself; empty: none is paired")] = ""
+    battery: Fraction | None = None
+
+
+class Status(Part):
+    """How the site is; what topics do not say."""
+
+    kind: Literal["status"] = "status"
+    services: tuple[ServiceLine, ...]
+    findings: tuple[FindingLine, ...]
+    people: tuple[PersonLine, ...]
+    viewers: Annotated[int, Field(ge=0)]
+    lan_url: Annotated[str, Field(description="where the local network finds the page; empty: closed")] = ""
+
+
+class Answer(Part):
+    """What came of an `Ask`."""
+
+    kind: Literal["answer"] = "answer"
+    id: Id
+    reply: Annotated[dict[str, Any] | None, Field(description="fields of the reply; empty: refused")] = None
+    error: Annotated[str, Field(description="one sentence, why not; empty: it was done")] = ""
+
+
+class Cue(Part):
+    """What a phone tells its person: a `Feedback` of the bus, or the state of the interaction."""
+
+    kind: Literal["cue"] = "cue"
+    chime: str = ""
+    haptic_ms: tuple[int, ...] = ()
+    text: str = ""
+    state: str = ""
+    next_step: str = ""
+
+
+class Ack(Part):
+    """A batch was shown."""
+
+    kind: Literal["ack"] = "ack"
+    n: Id
+    latency_ms: Annotated[
+        float | None, Field(ge=0, le=1e7, description="from the capture at the wrist to this frame")
+    ] = None
+
+
+class Ask(Part):
+    """A wish: a request of the table by its key pattern, or a deed of the server's own."""
+
+    kind: Literal["ask"] = "ask"
+    id: Id
+    key: Annotated[str, Field(max_length=64, description="`conveyor/set_speed`; or empty")] = ""
+    deed: Deed | None = None
+    name: Annotated[str, Field(max_length=64, description="user or other placeholder of the key")] = ""
+    query: Annotated[dict[str, Any], Field(description="fields of the query")] = {}
+
+
+class AimAt(Part):
+    """The mouse points at a place, {W}."""
+
+    kind: Literal["aim"] = "aim"
+    user: Name
+    at_m: Vec3
+
+
+class Turn(Part):
+    """The orientation of a phone."""
+
+    kind: Literal["turn"] = "turn"
+    q: QuaternionXyzw
+    t_ms: Annotated[float, Field(ge=0, le=1e15, description="the phone's own clock")]
+    session: Annotated[int, Field(ge=0, le=2**53)] = 0
+    battery: Fraction | None = None
+
+
+Received = Annotated[Ack | Ask | AimAt | Turn, Field(discriminator="kind")]
+"""What a page or phone may send."""
+
+MODELS = (Hello, Status, Answer, Cue, Ack, Ask, AimAt, Turn)
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of all that travels, from which `client/wire.json` and its types come."""
+    _, schema = models_json_schema([(model, "validation") for model in MODELS], ref_template="#/$defs/{model}")
+    return schema

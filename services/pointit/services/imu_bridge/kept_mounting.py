@@ -10,6 +10,9 @@ from pointit.services.imu_bridge.config import ImuBridgeConfig, MountingName
 PURPOSE = "mounting"
 """Under this name it is kept, a file for each person."""
 
+PHONE = "phone"
+"""Among the kinds of sources: a page's phone, whatever the source of imu-bridge itself is."""
+
 
 class KeptMounting(Part):
     """A measured mounting, and what was configured then."""
@@ -28,15 +31,20 @@ class KeptMountings(Part):
 class Wearing:
     """How the person wears the sensor now; a rotation in the configuration wins over one that was kept."""
 
-    def __init__(self, config: ImuBridgeConfig, kept: KeptMountings | None = None) -> None:
+    def __init__(
+        self, config: ImuBridgeConfig, kept: KeptMountings | None = None, *, key: str | None = None
+    ) -> None:
+        """Take what is configured and `kept`, there under `key`; none: under the source."""
         self._config = config
-        self._kept = kept or KeptMountings()
+        self._key = key or config.source
+        self.kept = kept or KeptMountings()
+        """Of all kinds of sources."""
         self.sensor_from_arm = config.configured_mounting
         self.is_measured = False
         """Whether it is other than configured."""
         self.warning = ""
         """One sentence when something is kept and not used; empty when not."""
-        own = self._kept.by_source.get(config.source)
+        own = self.kept.by_source.get(self._key)
         if own is None:
             return
         if config.explicit_mounting is not None:
@@ -55,19 +63,24 @@ class Wearing:
             self.sensor_from_arm = rotation.normalized(own.sensor_from_arm_xyzw)
             self.is_measured = True
 
+    @classmethod
+    def of_phone(cls, kept: KeptMountings | None = None) -> "Wearing":
+        """Return how a page's phone is worn."""
+        return cls(ImuBridgeConfig(source="page", mounting="phone"), kept, key=PHONE)
+
     def set(self, query: SetMounting, now_ns: int) -> KeptMountings | None:
         """Take what was asked for; return what is to be kept from now on, or none when that is as before.
 
         A relative rotation that turns nothing only asks: it changes nothing.
         """
         wanted = query.sensor_from_arm_xyzw
-        others = {name: kept for name, kept in self._kept.by_source.items() if name != self._config.source}
+        others = {name: kept for name, kept in self.kept.by_source.items() if name != self._key}
         if wanted is None:
             self.sensor_from_arm = self._config.configured_mounting
             self.is_measured = False
             self.warning = ""
-            self._kept = KeptMountings(by_source=others)
-            return self._kept
+            self.kept = KeptMountings(by_source=others)
+            return self.kept
         if query.is_relative:
             if wanted[:3] == (0.0, 0.0, 0.0):
                 return None
@@ -79,8 +92,8 @@ class Wearing:
         own = KeptMounting(
             sensor_from_arm_xyzw=self.sensor_from_arm, configured=self._config.mounting, set_ns=now_ns
         )
-        self._kept = KeptMountings(by_source={**others, self._config.source: own})
-        return self._kept
+        self.kept = KeptMountings(by_source={**others, self._key: own})
+        return self.kept
 
     def describe(self) -> str:
         """Return one sentence on what is in use."""

@@ -1,13 +1,13 @@
-"""Reads a device, a recording or a simulation, writes samples of the arm's orientation and button events."""
+"""Reads a device, a recording, a simulation or a page, writes the arm's orientation and button events."""
 
 import asyncio
+import itertools
 import math
 from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.service import Scope
-from pointit.runtime.state import StateFile
 from pointit.schemas import (
     ButtonEvent,
     Done,
@@ -15,12 +15,16 @@ from pointit.schemas import (
     SetMounting,
     SetMountingReply,
     SetYawOrigin,
+    WristSample,
 )
-from pointit.schemas.topics import BUTTON, IMU, SET_MOUNTING, SET_YAW_ORIGIN
+from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings, Wearing
-from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
+from pointit.services.imu_bridge.kept_mounting import Wearing
+from pointit.services.imu_bridge.mounting_file import MountingFile
+from pointit.services.imu_bridge.page_health import PageHealth
+from pointit.services.imu_bridge.page_wrist import PageWrist
+from pointit.services.imu_bridge.reading import Item, NoDevice, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
 from pointit.services.imu_bridge.simulated import SimulatedSource
@@ -29,7 +33,10 @@ from pointit.sim.recordings import read_imu_csv
 
 
 class ImuBridge(Service[ImuBridgeConfig]):
-    """Publishes the orientation of one person's arm from a serial device, a recording or a simulation."""
+    """Publishes the orientation of one person's arm from a device, a recording, a simulation, or a page.
+
+    As long as a page moves the wrist its samples win, and what the own source says is held back.
+    """
 
     NAME: ClassVar[str] = "imu-bridge"
     SCOPE: ClassVar[Scope] = "user"
@@ -43,12 +50,19 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """
         super().__init__(config, context)
         _check_named(config)
-        self._state = StateFile(KeptMountings, self.user, PURPOSE)
+        self._file = MountingFile(self.user, self.bus)
         self._setting = asyncio.Lock()
-        self._wearing = Wearing(config, self._read_state())
+        kept = self._file.read()
+        self._wearing, self._phone = Wearing(config, kept), Wearing.of_phone(kept)
         self._tell("mounting", self._wearing.warning)
         self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
-        self._epoch = YawEpoch()
+        numbers = itertools.count(1)
+        self._epoch = YawEpoch(numbers)
+        self._page = PageWrist(config.page.patience_s, self._phone.sensor_from_arm, numbers)
+        self._shown = PageHealth(self.bus, self.user)
+        self._letting_go: asyncio.TimerHandle | None = None
+        self._others: set[str] = set()
+        """Services that write this wrist's samples, too."""
         self._newest: Reading | None = None
         self._sample_count = 0
         self._button_count = 0
@@ -57,6 +71,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._buttons = self.bus.publisher(BUTTON, self.user)
         self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
         self.bus.serve(SET_MOUNTING, self._set_mounting, self.user)
+        self.bus.watch(SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(WRIST, self._on_wrist, self.user)
 
     @classmethod
     def check(cls, config: ImuBridgeConfig) -> None:
@@ -75,21 +91,27 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return SerialSource(config.serial, self.clock, self.bus)
         if config.source == "replay":
             return ReplaySource(config.replay, self.clock)
+        if config.source == "page":
+            return NoDevice()
         return SimulatedSource(config.simulated, config.configured_mounting, self.clock)
 
     def _deliver(self, item: Item) -> None:
         if isinstance(item, Reconnected):
             self._epoch.reconnected()
             return
+        is_held_back = self._has_page
         if isinstance(item, Press):
-            self._button_count += 1
-            self._buttons.put(
-                ButtonEvent(stamp_ns=item.stamp_ns, seq=self._button_count, gesture=item.gesture)
-            )
+            if not is_held_back:
+                self._button_count += 1
+                self._buttons.put(
+                    ButtonEvent(stamp_ns=item.stamp_ns, seq=self._button_count, gesture=item.gesture)
+                )
             return
         self._newest = item
+        device_time_ns = self._epoch.read(item.device_time_ns)  # held back or not: it tells of restarts
+        if is_held_back:
+            return
         self._sample_count += 1
-        device_time_ns = self._epoch.read(item.device_time_ns)
         self._samples.put(
             ImuSample(
                 stamp_ns=item.stamp_ns,
@@ -100,47 +122,95 @@ class ImuBridge(Service[ImuBridgeConfig]):
             )
         )
 
+    @property
+    def _has_page(self) -> bool:
+        return self._page.has_wrist(self.clock.now_ns(), self.clock.speed)
+
+    def _on_wrist(self, sample: WristSample, _user: str) -> None:
+        turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
+        self._shown.show(self._page, sample)
+        if self._letting_go is None:
+            self._letting_go = self.bus.call_later(self.config.page.patience_s, self._let_go)
+        if turned is None:
+            return
+        self._sample_count += 1
+        self._samples.put(
+            ImuSample(
+                stamp_ns=sample.stamp_ns,
+                seq=self._sample_count,
+                orientation_xyzw=turned.orientation_xyzw,
+                device_time_ns=turned.device_time_ns,
+                battery=sample.battery,
+                yaw_epoch=turned.yaw_epoch,
+            )
+        )
+
+    def _home(self) -> int | None:
+        """Return the number of the yaw's origin while no page moves the wrist; none: nobody else does."""
+        return self._epoch.count if self._newest is not None or self._others else None
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        name, _, user = instance.partition(".")
+        if user == self.user and name in IMU.writers and name != self.NAME:
+            (self._others.add if present else self._others.discard)(name)
+
+    def _let_go(self) -> None:
+        """Take note that the page has let go; look again later while it has not."""
+        self._letting_go = None
+        if self._has_page:
+            self._letting_go = self.bus.call_later(self.config.page.patience_s, self._let_go)
+        else:
+            self._shown.end()
+
     async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
-        if self._newest is None:
-            raise RefusedError("the IMU has sent nothing yet: connect it and ask again")
         try:
-            self._frame.turn_to(query.yaw_rad, self._newest.world_from_sensor)
+            if self._has_page:
+                self._page.turn_to(query.yaw_rad)
+            elif self._newest is not None:
+                self._frame.turn_to(query.yaw_rad, self._newest.world_from_sensor)
+                self._epoch.set_anew()
+            elif self.config.source == "page":
+                raise RefusedError("nothing moves the wrist: take it with a page's phone and ask again")
+            else:
+                raise RefusedError("the IMU has sent nothing yet: connect it and ask again")
         except ValueError as error:
             raise RefusedError(str(error)) from error
-        self._epoch.set_anew()
         return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
 
     async def _set_mounting(self, query: SetMounting, _user: str) -> SetMountingReply:
         async with self._setting:  # what is kept is what was set last
-            before = self._wearing.sensor_from_arm
-            kept = self._wearing.set(query, self.clock.now_ns())
-            self._frame.set_mounting(self._wearing.sensor_from_arm)
-            if self._wearing.sensor_from_arm != before:
-                self._epoch.set_anew()
-            self._tell("mounting", self._wearing.warning)
-            trouble = "" if kept is None else await self._keep(kept)
-        message = self._wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")
-        return SetMountingReply(message=message, sensor_from_arm_xyzw=self._wearing.sensor_from_arm)
-
-    def _read_state(self) -> KeptMountings | None:
-        try:
-            return self._state.read()
-        except ConfigError as error:
-            self.bus.warn("state", f"the person's measured mounting is not used: {error}")
-            return None
-
-    async def _keep(self, kept: KeptMountings) -> str:
-        """Write or erase what outlives this process; return what went wrong."""
-        try:
-            if kept.by_source:
-                await asyncio.to_thread(self._state.write, kept)
+            wearing = self._worn()
+            before = wearing.sensor_from_arm
+            kept = wearing.set(query, self.clock.now_ns())
+            is_new = wearing.sensor_from_arm != before
+            if wearing is self._phone:
+                if is_new:
+                    self._page.wear_phone(wearing.sensor_from_arm)
             else:
-                await asyncio.to_thread(self._state.erase)
-        except ConfigError as error:
-            self.bus.warn("state", f"the person's mounting is used, but will be lost at the end: {error}")
-            return str(error)
-        self.bus.clear("state")
-        return ""
+                self._frame.set_mounting(wearing.sensor_from_arm)
+                if is_new:
+                    self._epoch.set_anew()
+                self._tell("mounting", wearing.warning)
+            trouble = ""
+            if kept is not None:
+                self._wearing.kept = self._phone.kept = kept
+                trouble = await self._file.keep(kept)
+        message = wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")
+        return SetMountingReply(message=message, sensor_from_arm_xyzw=wearing.sensor_from_arm)
+
+    def _worn(self) -> Wearing:
+        """Return how what moves the wrist is worn.
+
+        Raises:
+            RefusedError: it is a page's mouse.
+        """
+        if not self._has_page:
+            return self._phone if self.config.source == "page" else self._wearing
+        if self._page.device == "arm":
+            raise RefusedError(
+                "a page's mouse moves the wrist, and nothing is mounted on it: let go of it in the page first"
+            )
+        return self._phone
 
     def _tell(self, topic: str, warning: str) -> None:
         if warning:

@@ -1,5 +1,8 @@
 """When the device's yaw origin is another one than before, as far as its own time and its connection tell."""
 
+import itertools
+from collections.abc import Iterator
+
 from pointit.schemas import NS_PER_S
 
 BACK_NS = NS_PER_S
@@ -12,9 +15,11 @@ WRAP_NS = 2**32 * 1000
 class YawEpoch:
     """Counts yaw origins, and makes one line of a device time that wraps."""
 
-    def __init__(self) -> None:
+    def __init__(self, numbers: Iterator[int] | None = None) -> None:
+        """Take the number of each new origin from `numbers`, which others may take from, too; or count."""
+        self._numbers = itertools.count(1) if numbers is None else numbers
         self.count = 0
-        """How often the origin was set anew."""
+        """The number of the origin; another origin never has the same."""
         self._has_read = False
         self._newest_ns: int | None = None
         """Device time as it was sent."""
@@ -22,12 +27,12 @@ class YawEpoch:
 
     def set_anew(self) -> None:
         """Take that whoever sets origin or mounting has set it."""
-        self.count += 1
+        self.count = next(self._numbers)
 
     def reconnected(self) -> None:
         """Take that the device came back: nobody knows what happened to it meanwhile."""
         if self._has_read:
-            self.count += 1
+            self.count = next(self._numbers)
         self._newest_ns = None
         self._wrapped_ns = 0
 
@@ -43,7 +48,7 @@ class YawEpoch:
             if 0 <= WRAP_NS - newest_ns < BACK_NS and device_time_ns < BACK_NS:
                 self._wrapped_ns += WRAP_NS
             else:
-                self.count += 1
+                self.count = next(self._numbers)
                 self._wrapped_ns = 0
             self._newest_ns = device_time_ns
         return device_time_ns + self._wrapped_ns

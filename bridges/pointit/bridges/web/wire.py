@@ -11,14 +11,17 @@ Server to page:
   `speed` times as fast as the wall's; `states` and `events` are lists of `[topic, name, payload]`: the key
   pattern of the topic table (`users/{user}/cursor`), what stands for its placeholder (empty where there is
   none) and the message as on the bus, msgpack, itself bytes. `states` has of each key (latest and state
-  topics) the newest only; `events` has every event in order, `dropped` counts those of this page that were
-  lost because it was too slow. The first batch has the newest of everything that is still true.
+  topics) the newest only, and nil instead of a payload where the key's message is no longer true (its writer,
+  person or scenario has gone): the page forgets it; `events` has every event in order, `dropped` counts those
+  of this page that were lost because it was too slow. The first batch has the newest of everything that is
+  still true. States of a person may come before `Status.people` has them: it decides who is shown.
 
 Page to server, JSON text, `{"kind": ...}`:
 
 - `Ack` for every batch, from the animation frame that shows it. At most `IN_FLIGHT` batches are on their way;
   a page that does not acknowledge gets nothing more until it does, and then the newest.
-- `Ask`, answered with the same `id`: a request of the table, or one of `DEEDS`.
+- `Ask`, answered with the same `id`: a request of the table, or a `Deed`. `Hello.requests` has what the role
+  may ask at all; whether its server is there tells `Status.services`, and an answer that nobody gave.
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
 
 A phone speaks `Turn` and `Ask` on `/ws/wrist`, or posts a list of them to `/wrist`; it is answered with

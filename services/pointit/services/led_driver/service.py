@@ -73,6 +73,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._ended = False
         self._outputs = self._make_outputs()
         self._frames = self.bus.publisher(STRIPS_FRAME)
+        self.bus.figure("brightness", self._lights.brightness)
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(PROFILE, self._on_profile)
@@ -160,6 +161,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
         self._lights.set_brightness(query.brightness)
+        self.bus.figure("brightness", query.brightness)
         self._wish()
         return Done(message=f"the strips' brightness is {query.brightness:.0%} now")
 

@@ -10,6 +10,8 @@ from pointit.schemas import (
     Done,
     Interaction,
     PointingRay,
+    SetTolerance,
+    SetToleranceReply,
     SetWorkspace,
     TrackedObjects,
     UserPose,
@@ -21,6 +23,7 @@ from pointit.schemas.topics import (
     OBJECTS,
     POSE,
     RAY,
+    SET_TOLERANCE,
     SET_WORKSPACE,
     USER_ALIVE,
 )
@@ -33,6 +36,9 @@ from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
 from pointit.services.pui.workspace import WorkspaceError
 from pointit.services.pui.workspace_start import WorkspaceStart
+
+WIDEST_RAD = 1.569
+"""A reply about tolerances has no wider one; configured can be up to 90 degrees."""
 
 
 class Pui(Service[PuiConfig]):
@@ -73,6 +79,7 @@ class Pui(Service[PuiConfig]):
         self._cursors: dict[str, Publisher[Cursor]] = {}
         self.bus.publisher(MAP).put(environment)
         self.bus.serve(SET_WORKSPACE, self._on_workspace)
+        self.bus.serve(SET_TOLERANCE, self._on_tolerance)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(POSE, self._on_pose)
         self.bus.subscribe(INTERACTION, self._on_interaction)
@@ -109,6 +116,27 @@ class Pui(Service[PuiConfig]):
         if query.kind == "none":
             return Done(message=f"{user} points at the things of the map")
         return Done(message=f"{user}'s cursor moves on a {query.kind} workspace")
+
+    async def _on_tolerance(self, query: SetTolerance, _name: str) -> SetToleranceReply:
+        surfaces = self._surfaces
+        if query.tolerance_rad is not None:
+            try:
+                surfaces.set_tolerance(query.tolerance_rad)
+            except ValueError as error:
+                raise RefusedError(f"{error} here: {self._by_metres()}") from error
+        tolerance_rad = surfaces.tolerance_rad
+        if tolerance_rad is None:
+            return SetToleranceReply(message=f"metres tell what is near enough: {self._by_metres()}")
+        return SetToleranceReply(
+            message=f"a ray may pass what it points at by {math.degrees(tolerance_rad):.1f}°",
+            tolerance_rad=min(tolerance_rad, WIDEST_RAD),
+        )
+
+    def _by_metres(self) -> str:
+        """Return why no angle can be set."""
+        if self.config.method == "kd_tree":
+            return "the method is kd_tree; start pui with method=exact to have an angle"
+        return f"tolerance_m is {self.config.tolerance_m}; start pui without it to have an angle"
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
         self._person(user).set_pose(pose, self.clock.now_ns())

@@ -90,6 +90,21 @@ class Surfaces:
         hiding = solids_of(environment, opaque, grazing_rad)
         self._screens = Screens([solid for _, solid in hiding]) if hiding else None
 
+    @property
+    def tolerance_rad(self) -> float | None:
+        """Return the largest angle at the eyes; none where metres tell what is near enough."""
+        return self._tolerance if self._measure == "angle" else None
+
+    def set_tolerance(self, tolerance_rad: float) -> None:
+        """Take the largest angle at the eyes from now on.
+
+        Raises:
+            ValueError: metres tell what is near enough.
+        """
+        if self._measure != "angle":
+            raise ValueError("metres tell what is near enough")
+        self._tolerance = tolerance_rad
+
     def meet(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
         """Return what the ray (in {W}, unit direction) points at and where, or none beyond the tolerance."""
         first_m = math.inf if self._screens is None else self._screens.first(origin_m, direction)

@@ -83,10 +83,14 @@ class JournalConfig(Config):
     )
 
 
+Method = Literal["hold", "fraction", "gauge"]
+"""How staying on an object selects it."""
+
+
 class SelectorConfig(Config):
     """When a cursor is on an object, and when staying there toggles it."""
 
-    method: Literal["hold", "fraction", "gauge"] = Field(
+    method: Method = Field(
         default="gauge",
         description="gauge: it fills while one points steadily at an object; hold: on the same object at "
         "every timestep of the window; fraction: on a share of them",
@@ -177,3 +181,8 @@ class SelectorConfig(Config):
         if self.window_s < self.timestep_s:
             raise ValueError(f"window_s ({self.window_s}) must be at least timestep_s ({self.timestep_s})")
         return self
+
+    @property
+    def dwell_s(self) -> float:
+        """Return the time on an object that selects it by the method in use, s."""
+        return self.gauge.full_s if self.method == "gauge" else self.window_s

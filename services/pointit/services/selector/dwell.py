@@ -59,10 +59,10 @@ class Dwell:
         Cursors out of order are left out; a stamp more than a window back starts everything anew.
         """
         index = stamp_ns // self._step_ns
-        if self._index is None or index < self._index - self.window:
+        if self._index is not None and index < self._index - self.window:
             self._steps.clear()
             self._away.clear()
-        elif stamp_ns < self._stamp_ns:
+        elif self._index is not None and stamp_ns < self._stamp_ns:
             return None
         toggled = self._pass(index - self._index) if self._index is not None else None
         self._index, self._stamp_ns, self._object = index, stamp_ns, object_id

@@ -37,30 +37,13 @@ class Pointer:
     """Follows one person's cursors with the configured method."""
 
     def __init__(self, config: SelectorConfig) -> None:
-        self._config = config
         gauge = config.gauge
         self._snap_rad = math.radians(gauge.snap_deg)
         self._sparse_rad = math.radians(gauge.sparse_deg)
         self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
-        self._gauges = Gauges(
-            drain_share=gauge.drain_share,
-            leave_s=gauge.leave_s,
-            longest_gap_s=config.longest_gap_s,
-            full_s=gauge.full_s,
-        )
         self._steadiness = Steadiness(gauge.speed_window_s)
-        self._dwell = (
-            None
-            if config.method == "gauge"
-            else Dwell(
-                config.method,
-                window_s=config.window_s,
-                timestep_s=config.timestep_s,
-                fraction=config.fraction,
-                release_s=config.release_s,
-            )
-        )
+        self._set_method(config)
         self.hovered: str | None = None
         """With the last cursor."""
         self._ready: str | None = None
@@ -68,6 +51,17 @@ class Pointer:
         self._press_ns: int | None = None
         self._history: deque[tuple[int, str | None]] = deque()
         """What was hovered since when."""
+
+    def use(self, config: SelectorConfig) -> None:
+        """Take another method, or other times of it: progress begins anew.
+
+        What was toggled and not left since still does nothing until it is left.
+        """
+        latched = set((self._gauges if self._dwell is None else self._dwell).latched)
+        self._set_method(config)
+        for object_id in latched:
+            self.latch(object_id)
+        self._ready = None
 
     def is_timely(self, stamp_ns: int) -> bool:
         """Return whether a cursor of `stamp_ns` is new; after a clock was set back all begins anew."""
@@ -127,6 +121,26 @@ class Pointer:
     def is_latched(self, object_id: str) -> bool:
         """Return whether staying on `object_id` does nothing until it is left."""
         return object_id in (self._gauges if self._dwell is None else self._dwell).latched
+
+    def _set_method(self, config: SelectorConfig) -> None:
+        self._config = config
+        self._gauges = Gauges(
+            drain_share=config.gauge.drain_share,
+            leave_s=config.gauge.leave_s,
+            longest_gap_s=config.longest_gap_s,
+            full_s=config.gauge.full_s,
+        )
+        self._dwell = (
+            None
+            if config.method == "gauge"
+            else Dwell(
+                config.method,
+                window_s=config.window_s,
+                timestep_s=config.timestep_s,
+                fraction=config.fraction,
+                release_s=config.release_s,
+            )
+        )
 
     def _forget(self) -> None:
         self._gauges.clear()

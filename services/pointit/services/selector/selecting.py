@@ -68,6 +68,13 @@ class Selecting:
         self._sent: Counter[tuple[str, str]] = Counter()
         """Messages by kind and person."""
 
+    def use(self, config: SelectorConfig) -> None:
+        """Take another method, or other times of it; what is selected and reserved stays as it is."""
+        self._config = config
+        self._is_by_metres = config.method != "gauge"
+        for pointer in self._people.values():
+            pointer.use(config)
+
     def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
         """Take up what was selected before a restart, and go on counting from `events`."""
         self._ledger.restore(entries)

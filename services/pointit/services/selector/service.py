@@ -17,6 +17,8 @@ from pointit.schemas import (
     ReleaseObject,
     Selection,
     SelectionEvent,
+    SetMethod,
+    SetMethodReply,
     TrackedObjects,
     UndoSelection,
 )
@@ -31,11 +33,13 @@ from pointit.schemas.topics import (
     RELEASE_OBJECT,
     SELECTION,
     SELECTION_EVENTS,
+    SET_METHOD,
     UNDO_SELECTION,
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal, Kept
+from pointit.services.selector.method import changed
 from pointit.services.selector.outputs import event_of
 from pointit.services.selector.selecting import Output, Selecting
 
@@ -62,6 +66,7 @@ class Selector(Service[SelectorConfig]):
     def __init__(self, config: SelectorConfig, context: Context) -> None:
         super().__init__(config, context)
         self._journal = self._open_journal(config)
+        self._in_use = config
         self._selecting = Selecting(config, self._journal.add if self._journal else None)
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
@@ -70,6 +75,7 @@ class Selector(Service[SelectorConfig]):
         self.bus.serve(CLEAR_SELECTION, self._clear)
         self.bus.serve(UNDO_SELECTION, self._undo)
         self.bus.serve(RELEASE_OBJECT, self._release)
+        self.bus.serve(SET_METHOD, self._set_method)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(CURSOR, self._on_cursor)
@@ -144,6 +150,20 @@ class Selector(Service[SelectorConfig]):
         now_ns = self.clock.now_ns()
         outputs = self._put(self._selecting.release(user, query.object_id, query.take_over, now_ns))
         return Done(message=_what_was_done(outputs))
+
+    async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
+        try:
+            wanted = changed(self.config, self._in_use, query.method, query.dwell_s)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
+        if wanted != self._in_use:
+            self._in_use = wanted
+            self._selecting.use(wanted)
+        return SetMethodReply(
+            message=f"staying on an object for {wanted.dwell_s:g} s selects it: {wanted.method}",
+            method=wanted.method,
+            dwell_s=wanted.dwell_s,
+        )
 
     def _put(self, outputs: list[Output]) -> list[Output]:
         """Publish `outputs`, which the journal has by then, and return them."""

@@ -81,17 +81,28 @@ class Person:
         """Put a message before the person's eyes."""
         self._sight.show(now_ns, message, name)
 
-    def step(self, now_ns: int) -> tuple[ImuSample | None, ButtonEvent | None]:
-        """Live up to `now_ns`; return what the wristband sends and the button, if pressed."""
+    def step(self, now_ns: int, *, yields: bool = False) -> tuple[ImuSample | None, ButtonEvent | None]:
+        """Live up to `now_ns`; return what the wristband sends and the button, if pressed.
+
+        Who `yields`, because somebody else moves their wrist, lets the arm rest and sends nothing; they go on
+        seeing and hearing what comes of it.
+        """
         self._sight.look(now_ns)
-        self._mind.think(now_ns, self._goal)
+        if yields:
+            self._mind.watch(now_ns)
+        else:
+            self._mind.think(now_ns, self._goal)
         self._stance.move(self._feet.at(now_ns))
-        self._decide(now_ns)
+        self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
         correction, closed = self._correction, self._goal.closed_loop
         if closed and correction.step(now_ns):
             self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
         correction.remember(now_ns, self._arm.deviation(now_ns))
+        if yields:
+            self._press.wait(now_ns)
+            self._band.sample(now_ns, orientation)  # it drifts on
+            return None, None
         press = self._press.step(
             now_ns,
             self._mind.belief,
@@ -101,14 +112,15 @@ class Person:
         )
         return self._band.sample(now_ns, orientation), press
 
-    def _decide(self, now_ns: int) -> None:
-        """Follow the same goal on; turn to another one only after the reaction time."""
+    def _wants(self, now_ns: int) -> Goal:
+        """Return what the person would point at now."""
         belief = self._mind.belief
-        wanted = REST
         if belief.state == "asked" and self._config.points_when_asked:
-            wanted = asked_goal(now_ns, self._sight, belief)
-        elif belief.state == "pointing":
-            wanted = self._wish.goal(now_ns, self._sight)
+            return asked_goal(now_ns, self._sight, belief)
+        return self._wish.goal(now_ns, self._sight) if belief.state == "pointing" else REST
+
+    def _turn_when_decided(self, now_ns: int, wanted: Goal) -> None:
+        """Follow the same goal on; turn to another one only after the reaction time."""
         if wanted.key != self._wanted.key:
             aim = self._config.aim
             thinks_s = max(aim.reaction_s - aim.visual_delay_s, 0.0)  # the delay has passed with the sight

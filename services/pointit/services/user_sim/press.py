@@ -36,6 +36,13 @@ class Press:
         """How long it has been looked for since it was seen last."""
         self._before_ns = 0
         self._presses = 0
+        self._free_ns: int | None = None
+        """When somebody else had the button last; none: nobody ever."""
+
+    def wait(self, now_ns: int) -> None:
+        """Press nothing, as somebody else has the button; nothing that was waited for goes on."""
+        self._free_ns = self._on_ns = self._before_ns = now_ns
+        self._in_vain_ns = 0
 
     def step(
         self,
@@ -71,6 +78,8 @@ class Press:
     def _begin(self, now_ns: int, belief: Belief, known_ns: int | None) -> ButtonEvent | None:
         greeted_ns = (self._born_ns or 0) + round(GREETING_S * NS_PER_S)
         ready_ns = max(belief.since_ns, greeted_ns if known_ns is None else known_ns) + self._think_ns
+        if self._free_ns is not None and self._free_ns <= now_ns:
+            ready_ns = max(ready_ns, self._free_ns + self._think_ns)
         if self._pressed_ns is not None and self._pressed_ns <= now_ns:
             ready_ns = max(ready_ns, self._pressed_ns + self._pause_ns)
         if now_ns < ready_ns <= now_ns + self._think_ns + self._pause_ns + 10 * NS_PER_S:

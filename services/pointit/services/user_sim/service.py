@@ -8,7 +8,7 @@ import numpy as np
 from pointit.runtime import Context, Service
 from pointit.runtime.clock import ticks
 from pointit.runtime.service import Scope
-from pointit.schemas import Message
+from pointit.schemas import NS_PER_S, Message, WristSample
 from pointit.schemas.topics import (
     BUTTON,
     FEEDBACK,
@@ -18,6 +18,7 @@ from pointit.schemas.topics import (
     OBJECTS,
     PROFILE,
     STRIPS_FRAME,
+    WRIST,
     Topic,
 )
 from pointit.services.user_sim.config import UserSimConfig
@@ -30,7 +31,10 @@ OWN: tuple[Topic[Any], ...] = (FEEDBACK, PROFILE)
 
 
 class UserSim(Service[UserSimConfig]):
-    """A simulated person together with their wristband."""
+    """A simulated person together with their wristband.
+
+    While somebody moves their wrist with a page, they watch and send nothing.
+    """
 
     NAME: ClassVar[str] = "user-sim"
     SCOPE: ClassVar[Scope] = "user"
@@ -41,21 +45,36 @@ class UserSim(Service[UserSimConfig]):
         # the name is part of the seed, so that several people with one seed are not the same person
         seed = None if config.seed is None else [config.seed, zlib.crc32(self.user.encode())]
         self._person = Person(config, self.user, np.random.default_rng(seed))
+        self._page_ns: int | None = None
+        """When the page that moves the wrist was heard last."""
+        self._has_yielded = False
         self._imu = self.bus.publisher(IMU, self.user)
         self._button = self.bus.publisher(BUTTON, self.user)
         for shared in IN_THE_ROOM:
             self.bus.subscribe(shared, self._see)
         for own in OWN:
             self.bus.subscribe(own, self._see, self.user)
+        self.bus.subscribe(WRIST, self._on_wrist, self.user)
 
     async def run(self) -> None:
         """Live at the band's rate until cancelled."""
         async for now_ns in ticks(self.clock, self.config.rate_hz):
-            sample, press = self._person.step(now_ns)
+            yields = self._yields(now_ns)
+            if yields != self._has_yielded:
+                self._has_yielded = yields
+                self.bus.figure("a page moves the wrist", 1.0 if yields else None)
+            sample, press = self._person.step(now_ns, yields=yields)
             if sample is not None:
                 self._imu.put(sample)
             if press is not None:
                 self._button.put(press)
+
+    def _on_wrist(self, _sample: WristSample, _user: str) -> None:
+        self._page_ns = self.clock.now_ns()
+
+    def _yields(self, now_ns: int) -> bool:
+        patience_ns = self.config.page.patience_s * NS_PER_S * self.clock.speed
+        return self._page_ns is not None and abs(now_ns - self._page_ns) <= patience_ns
 
     def _see(self, message: Message, name: str) -> None:
         self._person.see(self.clock.now_ns(), message, name)

@@ -6,9 +6,8 @@ import numpy as np
 
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import ArmConfig
+from pointit.sim.tremor import Tremor
 
-TREMOR_HZ = (6.0, 12.0)
-TREMOR_TONES = 3
 SECOND_SHARE = 1.0 / 3.0
 """Of the correlation time: the second pole of the wandering, so that little of it is above 2 Hz."""
 STEADIER = 0.5
@@ -41,10 +40,7 @@ class Unrest:
         self._passed_s = -1.0
         self._step = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._factor = self._wanted = 1.0
-        shape = (2, TREMOR_TONES)
-        self._tone_radps = (math.tau * rng.uniform(*TREMOR_HZ, shape)).tolist()
-        self._phase_rad = rng.uniform(0.0, math.tau, shape).tolist()
-        self._tone_rad = math.radians(config.tremor_rms_deg) * math.sqrt(2.0 / TREMOR_TONES)
+        self._tremor = Tremor(math.radians(config.tremor_rms_deg), rng)
         self._at_ns: int | None = None
 
     def draw(self) -> None:
@@ -66,8 +62,8 @@ class Unrest:
         ]
         self._factor += (self._wanted - self._factor) * (1.0 - math.exp(-passed_s / EASING_S))
         yaw, pitch = (
-            self._factor * sd * x + self._tremor(k, passed_s)
-            for k, (sd, (_, x)) in enumerate(zip(self._sd_rad, self._state, strict=True))
+            self._factor * sd * x + tremor
+            for sd, (_, x), tremor in zip(self._sd_rad, self._state, self._tremor.step(passed_s), strict=True)
         )
         return (yaw, pitch)
 
@@ -83,13 +79,3 @@ class Unrest:
         low = math.sqrt(max(yy, 0.0))
         cross = yx / low if low > 0.0 else 0.0
         return (k1, c, k2, low, cross, math.sqrt(max(xx - cross * cross, 0.0)))
-
-    def _tremor(self, axis: int, passed_s: float) -> float:
-        if self._tone_rad == 0.0:
-            return 0.0
-        phases = [
-            (phase + rate * passed_s) % math.tau
-            for phase, rate in zip(self._phase_rad[axis], self._tone_radps[axis], strict=True)
-        ]
-        self._phase_rad[axis] = phases
-        return self._tone_rad * math.fsum(map(math.sin, phases))

@@ -1,0 +1,120 @@
+"""Where a person truly stands whose wrist a page moves: what their pose says, or what it is yet to find."""
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pointit.bridges.web.config import Place
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Environment, Localization, UserPose
+
+Stand = tuple[Vec3, float]
+"""Feet in {W}, m, and the azimuth of {H}'s x axis in {W}, rad."""
+
+CLEAR_M = 2.0
+"""From the nearest thing, for who is put somewhere in a room."""
+_STEP_M = 0.25
+_TOO_NEAR = 3.0
+"""A metre too near a thing counts as so many metres away from the middle."""
+
+
+def places(room: Environment) -> NDArray[np.float64]:
+    """Return places of all that can be pointed at, n x 3, {W}, m: vertices of lines, middles of solids."""
+    lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
+    found = [point for line in lines for point in _along(line)]
+    found += [lamp.position_m for lamp in room.lamps]
+    solids = (*room.boxes, *room.cylinders, *room.spheres, *(p for p in room.planes if p.size_m is not None))
+    found += [solid.center_m for solid in solids]
+    found += [corner for cloud in room.clouds for corner in (cloud.low_m, cloud.high_m)]
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
+
+
+def middle(room: Environment) -> Vec3:
+    """Return the middle of all that can be pointed at, {W}, m; of an empty room 2 m ahead of the origin."""
+    points = places(room)
+    if not len(points):
+        return (CLEAR_M, 0.0, 1.0)
+    x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2.0).tolist()
+    return (x, y, z)
+
+
+def stand_in(room: Environment) -> Stand:
+    """Return a place near the middle of `room`, `CLEAR_M` away from its things, facing the middle.
+
+    Where the room is too small for both, it gives way to the middle rather than through the walls.
+    """
+    points = places(room)[:, :2]
+    if not len(points):
+        return ((0.0, 0.0, 0.0), 0.0)
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = (low + high) / 2.0
+    axes = [
+        np.arange(a - CLEAR_M - 0.5, b + CLEAR_M + 0.75, _spacing(low, high))
+        for a, b in zip(low, high, strict=True)
+    ]
+    grid = np.vstack([center, np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)])
+    clear = np.asarray(KDTree(points).query(grid)[0])
+    cost = np.hypot(*(grid - center).T) + _TOO_NEAR * np.maximum(0.0, CLEAR_M - clear)
+    x, y = grid[int(np.argmin(cost))].tolist()
+    ahead = (center - (x, y)).tolist()
+    yaw_rad = math.atan2(ahead[1], ahead[0]) if math.hypot(*ahead) > 0.1 else 0.0
+    return ((x, y, 0.0), yaw_rad)
+
+
+class Standing:
+    """One person's place, from what the bus says of them."""
+
+    def __init__(self, place: Place | None = None) -> None:
+        """Take `place`, of the configuration, where no pose is known."""
+        self._place = None if place is None else (place.position_m, math.radians(place.yaw_deg))
+        self._in_room: Stand = ((0.0, 0.0, 0.0), 0.0)
+        self._pose: Stand | None = None
+        self._truth: Stand | None = None
+        """While they are being localized."""
+
+    @property
+    def at(self) -> Stand:
+        """Return where they stand.
+
+        While they are localized that is where they stood when it began, so that a localization by the mouse
+        has something true to find; else what the newest pose says.
+        """
+        return self._truth or self._known
+
+    def room(self, stand: Stand) -> None:
+        """Take where somebody of whom nothing is known stands, see `stand_in`."""
+        self._in_room = stand
+
+    def pose(self, pose: UserPose) -> None:
+        """Take a pose."""
+        self._pose = (pose.position_m, pose.yaw_rad)
+
+    def localization(self, progress: Localization) -> None:
+        """Take how far a localization has come."""
+        if progress.phase != "sampling" or progress.purpose != "pose":
+            self._truth = None
+        elif self._truth is None:
+            self._truth = self._known
+
+    @property
+    def _known(self) -> Stand:
+        return self._pose or self._place or self._in_room
+
+
+def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
+    """Return the vertices of `line` and, of long parts, places in between."""
+    found = [line[0]]
+    for a, b in itertools.pairwise(line):
+        parts = min(64, max(1, math.ceil(math.dist(a, b) / 0.5)))
+        for k in range(1, parts + 1):
+            s = k / parts
+            found.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
+    return found
+
+
+def _spacing(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Return the grid's step, m: coarser in a huge room."""
+    return max(_STEP_M, float((high - low).max()) / 100.0)

@@ -1,0 +1,116 @@
+/** Tracked objects in the plan: their kind by colour and letter, whose they are by pattern and name. */
+
+import type { TrackedObject } from "../messages";
+import { siteNow, type Site } from "../site";
+import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import type { Lanes } from "./lanes";
+import { inkOn, signOf } from "./signs";
+import { cm, draw, say, set, show, turned, xy } from "./svg";
+import type { Thing } from "./under";
+
+/** An object as it is drawn now. */
+export interface Drawn extends Thing {
+  readonly object: TrackedObject;
+}
+
+interface Figure {
+  turning: SVGGElement;
+  box: SVGElement;
+  ring: SVGElement;
+  hold: SVGElement;
+  place: SVGGElement;
+  letter: SVGTextElement;
+  owner: SVGTextElement;
+}
+
+/** How far beyond its outline an object's ring is drawn, m. */
+const RING_M = 0.035;
+
+export class Packages {
+  /** By id: where objects are drawn; of this frame. */
+  readonly drawn = new Map<string, Drawn>();
+  private readonly figures = new Map<string, Figure>();
+
+  /** `boxes` lie below strips and people, `letters` above them. */
+  constructor(private readonly boxes: Element, private readonly letters: Element) {}
+
+  update(site: Site, lanes: Lanes): void {
+    const now = siteNow(site);
+    const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
+    const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
+    this.drawn.clear();
+    for (const { objects, stamp_ns } of site.objects.values()) {
+      for (const object of objects) {
+        const { at, heading } = lanes.placed(object, stamp_ns, now);
+        const drawn: Drawn = { object, at, heading, halfLength: object.length_m / 2, halfBreadth: lanes.breadth(object) / 2 };
+        this.drawn.set(object.id, drawn);
+        const figure = this.figures.get(object.id) ?? this.make(object);
+        this.place(figure, drawn);
+        this.mark(figure, site, owners.get(object.id) ?? "", holders.get(object.id) ?? "");
+      }
+    }
+    for (const [id, figure] of this.figures) {
+      if (this.drawn.has(id)) continue;
+      figure.turning.remove();
+      figure.place.remove();
+      this.figures.delete(id);
+    }
+  }
+
+  /** Remove all; the next update draws anew. */
+  clear(): void {
+    for (const { turning, place } of this.figures.values()) for (const element of [turning, place]) element.remove();
+    this.figures.clear();
+    this.drawn.clear();
+  }
+
+  private make(object: TrackedObject): Figure {
+    const turning = draw(this.boxes, "g");
+    const isRound = object.surface === "none" || object.surface === "points";
+    const shape = (name: string) => draw(turning, isRound ? "circle" : "rect", { class: name });
+    const [hold, ring, box] = [shape("plan-held"), shape("plan-owned"), shape("plan-box")];
+    const color = kindColor(object.kind);
+    set(box, "fill", cssColor(color));
+    const place = draw(this.letters, "g");
+    const upright = draw(place, "g", { class: "plan-upright" });
+    const isThin = object.surface === "strip";
+    const letter = draw(upright, "text", { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 }, kindLetter(object.kind));
+    if (!isThin) set(letter, "fill", inkOn(color));
+    const owner = draw(upright, "text", { class: "plan-owner", "text-anchor": "middle" });
+    const figure = { turning, box, ring, hold, place, letter, owner };
+    this.figures.set(object.id, figure);
+    return figure;
+  }
+
+  private place(figure: Figure, { object, at, heading, halfLength, halfBreadth }: Drawn): void {
+    set(figure.turning, "transform", `translate(${xy(at)}) rotate(${turned(heading)})`);
+    const isThin = object.surface === "strip";
+    const aside = isThin ? halfBreadth + 0.1 : 0;
+    set(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
+    for (const [shape, by] of [[figure.box, 0], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
+      if (shape.tagName === "circle") {
+        set(shape, "r", cm(halfLength + by));
+        continue;
+      }
+      const [long, broad] = [halfLength + by, halfBreadth + by];
+      set(shape, "x", cm(-long));
+      set(shape, "y", cm(-broad));
+      set(shape, "width", cm(2 * long));
+      set(shape, "height", cm(2 * broad));
+      set(shape, "rx", cm(0.03 + by));
+    }
+  }
+
+  private mark(figure: Figure, site: Site, owner: string, holder: string): void {
+    show(figure.ring, owner !== "");
+    show(figure.hold, holder !== "" && holder !== owner);
+    for (const [element, user] of [[figure.ring, owner], [figure.hold, holder]] as const) {
+      if (!user) continue;
+      const sign = signOf(site.people.get(user)?.profile);
+      set(element, "stroke", sign.color);
+      set(element, "stroke-dasharray", sign.dashes);
+    }
+    say(figure.owner, owner ? owner : holder ? `${holder} …` : "");
+    set(figure.owner, "y", 22);
+  }
+}

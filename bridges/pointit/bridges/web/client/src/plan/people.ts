@@ -1,0 +1,164 @@
+/** People in the plan: body, arm, ray, cursor, the gauge of what they hover, how unsure their place is. */
+
+import type { Person, Site } from "../site";
+import type { Vec3 } from "../view";
+import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
+import { ellipseOf } from "../geometry/ellipse";
+import type { Packages } from "./packages";
+import { signOf } from "./signs";
+import { cm, draw, path, say, set, show, turned, xy } from "./svg";
+
+/** A cursor older than this, ms, is not drawn: nothing is heard from that wrist. */
+const FRESH_MS = 800;
+/** Rays that meet nothing are drawn so far, m, or to the floor. */
+const FAR_M = 4;
+
+const ACTIONS = { select: "+", deselect: "−", refuse: "×", "": "" } as const;
+
+interface Figure {
+  layers: Element[];
+  unsure: SVGEllipseElement;
+  body: SVGGElement;
+  torso: SVGElement;
+  arm: SVGPathElement;
+  name: SVGTextElement;
+  nameAt: SVGGElement;
+  rayEdge: SVGPathElement;
+  ray: SVGPathElement;
+  cursor: SVGGElement;
+  ring: SVGElement;
+  dot: SVGElement;
+  gauge: SVGGElement;
+  arc: SVGElement;
+  action: SVGTextElement;
+}
+
+/** Where a person looks, rad: along their ray, else along {H}'s x axis. */
+export function facing(person: Person, isFresh: boolean): number {
+  const ray = isFresh ? person.cursor?.direction : null;
+  if (ray && Math.hypot(ray[0], ray[1]) > 0.15) return Math.atan2(ray[1], ray[0]);
+  return person.pose?.yaw_rad ?? 0;
+}
+
+/** Where a ray that meets nothing is drawn to: the floor, or so far. */
+export function rayEnd(origin: Readonly<Vec3>, direction: Readonly<Vec3>): Vec3 {
+  const down = direction[2] < -1e-6 ? -origin[2] / direction[2] : Infinity;
+  const reach = Math.min(Math.max(down, 0), FAR_M);
+  return [origin[0] + reach * direction[0], origin[1] + reach * direction[1], origin[2] + reach * direction[2]];
+}
+
+export class People {
+  private readonly figures = new Map<string, Figure>();
+
+  /** Layers of the plan: on the floor, bodies, and above everything. */
+  constructor(private readonly floor: Element, private readonly bodies: Element, private readonly top: Element) {}
+
+  update(site: Site, packages: Packages, chosen: string): void {
+    const gauges = new Map<string, number>();
+    for (const person of site.people.values()) {
+      const figure = this.figures.get(person.user) ?? this.make(person.user);
+      const isFresh = performance.now() - person.cursorAt < FRESH_MS;
+      this.drawBody(figure, person, isFresh, chosen);
+      this.drawRay(figure, person, isFresh);
+      this.drawGauge(figure, person, isFresh, packages, gauges);
+    }
+    for (const [user, figure] of this.figures) {
+      if (site.people.has(user)) continue;
+      for (const layer of figure.layers) layer.remove();
+      this.figures.delete(user);
+    }
+  }
+
+  private make(user: string): Figure {
+    const below = draw(this.floor, "g"), middle = draw(this.bodies, "g"), above = draw(this.top, "g");
+    const unsure = draw(below, "ellipse", { class: "plan-unsure" });
+    const arm = draw(middle, "path", { class: "plan-arm" });
+    const body = draw(middle, "g");
+    const torso = draw(body, "ellipse", { class: "plan-torso", rx: 13, ry: 24 });
+    draw(body, "path", { class: "plan-nose", d: "M16 0L8 -6L8 6Z" });
+    draw(body, "circle", { class: "plan-head", r: 10.5 });
+    const nameAt = draw(middle, "g");
+    const name = draw(draw(nameAt, "g", { class: "plan-upright" }), "text", { class: "plan-name plan-person", "text-anchor": "middle" });
+    const rayEdge = draw(above, "path", { class: "plan-ray-edge" });
+    const ray = draw(above, "path", { class: "plan-ray" });
+    const cursor = draw(above, "g"), upright = draw(cursor, "g", { class: "plan-upright" });
+    draw(upright, "circle", { class: "plan-cursor-edge", r: 9 });
+    const ring = draw(upright, "circle", { class: "plan-cursor", r: 9 });
+    const dot = draw(draw(above, "g"), "circle", { class: "plan-dot", r: 2.5 });
+    const gauge = draw(above, "g"), meter = draw(gauge, "g", { class: "plan-upright" });
+    draw(meter, "circle", { class: "plan-gauge-back", r: 19 });
+    const arc = draw(meter, "circle", { class: "plan-gauge", r: 19, pathLength: 100, transform: "rotate(-90)" });
+    const action = draw(meter, "text", { class: "plan-action", "text-anchor": "middle", x: 0, y: -25 });
+    const figure = { layers: [below, middle, above], unsure, body, torso, arm, name, nameAt, rayEdge, ray, cursor, ring, dot, gauge, arc, action };
+    this.figures.set(user, figure);
+    return figure;
+  }
+
+  private drawBody(figure: Figure, person: Person, isFresh: boolean, chosen: string): void {
+    const pose = person.pose;
+    for (const element of [figure.body, figure.nameAt, figure.arm, figure.unsure]) show(element, !!pose);
+    if (!pose) return;
+    const sign = signOf(person.profile), yaw = facing(person, isFresh);
+    set(figure.body, "transform", `translate(${xy(pose.position_m)}) rotate(${turned(yaw)})`);
+    set(figure.nameAt, "transform", `translate(${xy([pose.position_m[0], pose.position_m[1] - 0.36])})`);
+    set(figure.name, "y", 10);
+    say(figure.name, person.user === chosen ? `${person.user} (you)` : person.user);
+    set(figure.torso, "fill", sign.isHollow ? "none" : sign.color);
+    set(figure.torso, "stroke", sign.isHollow ? sign.color : "");
+    const body = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
+    const { origin_m: origin, direction } = (isFresh && person.cursor) || { origin_m: null, direction: null };
+    const arm = origin && direction
+      ? pointingArm(body, hand, pose.position_m, yaw, origin, direction)
+      : hangingArm(body, hand, pose.position_m, yaw);
+    set(figure.arm, "d", path([arm.shoulder, arm.elbow, arm.finger]));
+    const { major, minor, angle } = ellipseOf(pose.covariance);
+    show(figure.unsure, major > 0.005);
+    set(figure.unsure, "rx", cm(major));
+    set(figure.unsure, "ry", cm(minor));
+    set(figure.unsure, "stroke", sign.color);
+    set(figure.unsure, "fill", sign.color);
+    set(figure.unsure, "transform", `translate(${xy(pose.position_m)}) rotate(${turned(angle)})`);
+  }
+
+  private drawRay(figure: Figure, person: Person, isFresh: boolean): void {
+    const cursor = isFresh ? person.cursor : null;
+    const origin = cursor?.origin_m, direction = cursor?.direction;
+    const point = cursor?.point_m ?? null;
+    const end = point ?? (origin && direction ? rayEnd(origin, direction) : null);
+    const sign = signOf(person.profile);
+    for (const element of [figure.ray, figure.rayEdge]) {
+      show(element, !!(origin && end));
+      if (origin && end) set(element, "d", path([origin, end]));
+    }
+    set(figure.ray, "stroke", sign.color);
+    set(figure.ray, "stroke-dasharray", sign.dashes);
+    set(figure.ray, "opacity", point ? 1 : 0.45);
+    const snapped = (isFresh && person.hover?.snapped_m) || point;
+    show(figure.cursor, !!snapped);
+    show(figure.dot, !!point);
+    if (!snapped || !point) return;
+    set(figure.cursor, "transform", `translate(${xy(snapped)})`);
+    set(figure.ring, "stroke", sign.color);
+    set(figure.ring, "stroke-dasharray", sign.dashes);
+    set(figure.dot, "fill", sign.color);
+    set(figure.dot.parentElement!, "transform", `translate(${xy(point)})`);
+    if (!figure.dot.classList.contains("plan-upright")) figure.dot.classList.add("plan-upright");
+  }
+
+  private drawGauge(figure: Figure, person: Person, isFresh: boolean, packages: Packages, gauges: Map<string, number>): void {
+    const hover = isFresh ? person.hover : null;
+    const on = hover?.object_id ? packages.drawn.get(hover.object_id) : undefined;
+    show(figure.gauge, !!hover && !!on);
+    if (!hover || !on) return;
+    const order = gauges.get(on.object.id) ?? 0;
+    gauges.set(on.object.id, order + 1);
+    const radius = 19 + 7 * order;
+    set(figure.gauge, "transform", `translate(${xy(on.at)})`);
+    set(figure.gauge.querySelector(".plan-gauge-back")!, "r", radius);
+    set(figure.arc, "r", radius);
+    set(figure.arc, "stroke", signOf(person.profile).color);
+    set(figure.arc, "stroke-dasharray", `${(100 * hover.progress).toFixed(1)} 100`);
+    set(figure.action, "x", 22 * order);
+    say(figure.action, hover.taken_by ? `× ${hover.taken_by}` : ACTIONS[hover.action]);
+  }
+}

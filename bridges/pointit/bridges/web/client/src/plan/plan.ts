@@ -1,0 +1,212 @@
+/** The plan: the site from above as SVG. For browsers without WebGL, and, with its list, for everybody. */
+
+import "./plan.css";
+import type { Site } from "../site";
+import type { Camera, MakeView, Vec3, View, ViewOptions, ViewStats } from "../view";
+import { boundsOf } from "../geometry/bounds";
+import { Frame, scaleBar } from "./frame";
+import { Gestures } from "./gestures";
+import { drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
+import { Lanes } from "./lanes";
+import { Lights } from "./lights";
+import { PlanList } from "./list";
+import { Packages } from "./packages";
+import { People } from "./people";
+import { draw, say, set, show, xy } from "./svg";
+import { under } from "./under";
+
+/** Within so many px of a lamp or strip the pointer is drawn to it. */
+const NEAR_PX = 10;
+const LAYERS = ["ground", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
+
+class Plan implements View {
+  readonly stats: ViewStats = { fps: 0, renderer: "SVG", software: false };
+  readonly cameras: readonly Camera[] = ["top"];
+  private readonly box = document.createElement("div");
+  private readonly svg: SVGSVGElement;
+  private readonly world: SVGGElement;
+  private readonly layers: Record<(typeof LAYERS)[number], SVGGElement>;
+  private readonly bar: { line: SVGElement; text: SVGTextElement };
+  private readonly frame = new Frame();
+  private readonly gestures: Gestures;
+  private readonly list: PlanList;
+  private readonly packages: Packages;
+  private readonly people: People;
+  private readonly sized: ResizeObserver;
+  private lanes = new Lanes(null);
+  private lights: Lights | null = null;
+  private counts = new Map<string, SVGTextElement>();
+  private site: Site | null = null;
+  private mapVersion = -1;
+  /** Everything is shown, until the person moves the plan. */
+  private isFitted = true;
+  private shownPeople = "";
+  private isPointing = false;
+  private user = "";
+  private aim: Vec3 | null = null;
+  private followed = "";
+  private drawnAt: number[] = [];
+
+  constructor(host: HTMLElement, private readonly options: ViewOptions) {
+    this.box.className = "plan";
+    this.svg = draw(this.box, "svg", { class: "plan-map", tabindex: 0, role: "img", "aria-label": "Plan of the room from above; the list below it tells the same in words. Plus and minus zoom, 0 shows everything." });
+    this.world = draw(this.svg, "g");
+    this.layers = Object.fromEntries(LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })])) as typeof this.layers;
+    const bar = draw(this.svg, "g", { class: "plan-scale" });
+    this.bar = { line: draw(bar, "path", {}), text: draw(bar, "text", { x: 14 }) };
+    const cross = draw(this.layers.aim, "g", { class: "plan-upright" });
+    draw(cross, "path", { class: "plan-cross-edge", d: "M-14 0H-4M4 0H14M0 -14V-4M0 4V14" });
+    draw(cross, "path", { class: "plan-cross", d: "M-14 0H-4M4 0H14M0 -14V-4M0 4V14" });
+    show(this.layers.aim, false);
+    this.packages = new Packages(this.layers.packages, this.layers.letters);
+    this.people = new People(this.layers.floor, this.layers.bodies, this.layers.top);
+    this.list = new PlanList({ follow: (what) => this.follow(what) });
+    this.box.append(this.list.element);
+    host.append(this.box);
+    this.gestures = new Gestures(this.svg, this.frame, {
+      moved: () => this.moved(), points: (x, y) => this.pointAt(x, y), fit: () => this.fit(),
+    });
+    this.sized = new ResizeObserver(() => this.resize());
+    this.sized.observe(this.svg);
+    this.resize();
+  }
+
+  draw(site: Site): void {
+    this.site = site;
+    if (site.mapVersion !== this.mapVersion) this.rebuild(site);
+    const who = [...site.people.values()].filter(({ pose }) => pose).map(({ user }) => user).join(" ");
+    if (who !== this.shownPeople) {
+      this.shownPeople = who;
+      if (this.isFitted) this.fit();
+    }
+    this.packages.update(site, this.lanes);
+    this.lights?.update(site);
+    this.people.update(site, this.packages, this.isPointing ? this.user : "");
+    this.count(site);
+    this.chase();
+    this.list.update(site);
+    const now = performance.now();
+    this.drawnAt.push(now);
+    while (this.drawnAt[0]! < now - 1000) this.drawnAt.shift();
+    this.stats.fps = this.drawnAt.length;
+  }
+
+  setTheme(dark: boolean): void {
+    this.box.classList.toggle("plan-dark", dark);
+  }
+
+  setCamera(_camera: Camera, _user: string): void {
+    this.fit();
+  }
+
+  setPointing(on: boolean, user: string): void {
+    this.isPointing = this.gestures.pointing = on;
+    this.user = user;
+    this.svg.classList.toggle("plan-pointing", on);
+    if (!on) {
+      this.aim = null;
+      this.followed = "";
+      show(this.layers.aim, false);
+    }
+    this.list.offer(on, this.followed);
+  }
+
+  nudge(right: number, away: number): void {
+    if (!this.isPointing) return;
+    const cursor = this.site?.people.get(this.user)?.cursor?.point_m;
+    const from = this.aim ?? cursor ?? [this.frame.x, this.frame.y, 0];
+    this.follow("");
+    this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), from[0] + right, from[1] + away, 0.02));
+  }
+
+  dispose(): void {
+    this.gestures.dispose();
+    this.sized.disconnect();
+    this.box.remove();
+  }
+
+  private rebuild(site: Site): void {
+    this.mapVersion = site.mapVersion;
+    this.lanes = new Lanes(site.map);
+    for (const name of ["ground", "belts", "bays", "strips", "lamps"] as const) this.layers[name].replaceChildren();
+    this.packages.clear();
+    this.lights = null;
+    if (!site.map) return;
+    drawFloor(this.layers.ground, boundsOf(site.map));
+    drawSolids(this.layers.ground, site.map);
+    drawBelts(this.layers.belts, site.map, this.lanes);
+    this.counts = drawBays(this.layers.bays, site.map, this.lanes);
+    this.lights = new Lights(this.layers.strips, this.layers.lamps, site.map, this.lanes);
+    this.fit();
+  }
+
+  private count(site: Site): void {
+    for (const [bay, text] of this.counts) {
+      const kinds = (site.conveyor?.bays ?? []).filter((each) => each.bay === bay && each.count > 0);
+      say(text, kinds.map(({ kind, count, selected }) => `${count} ${kind}${selected ? ` (${selected} selected)` : ""}`).join(", ") || "empty");
+    }
+  }
+
+  private follow(what: string): void {
+    this.followed = this.isPointing ? what : "";
+    this.list.offer(this.isPointing, this.followed);
+    this.chase();
+  }
+
+  /** Keep pointing at what is followed, as it moves. */
+  private chase(): void {
+    if (!this.followed) return;
+    const lamp = this.site?.map?.lamps.find(({ id }) => id === this.followed);
+    const at = lamp?.position_m ?? this.packages.drawn.get(this.followed)?.at;
+    if (at) this.aimAt([...at]);
+    else this.follow("");
+  }
+
+  private pointAt(px: number, py: number): void {
+    const [x, y] = this.frame.toWorld(px, py);
+    if (this.followed) this.follow("");
+    this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), x, y, NEAR_PX / this.frame.scale));
+  }
+
+  private aimAt(at: Vec3): void {
+    this.aim = at;
+    set(this.layers.aim, "transform", `translate(${xy(at)})`);
+    show(this.layers.aim, true);
+    this.options.onAim(at);
+  }
+
+  private fit(): void {
+    const people = [...(this.site?.people.values() ?? [])].flatMap(({ pose }) => (pose ? [pose.position_m] : []));
+    if (this.site?.map) this.frame.fit(boundsOf(this.site.map, people), Math.min(70, this.frame.width * 0.08));
+    this.isFitted = true;
+    this.apply();
+  }
+
+  private moved(): void {
+    this.isFitted = false;
+    this.apply();
+  }
+
+  private resize(): void {
+    const { width, height } = this.svg.getBoundingClientRect();
+    if (!width || !height) return;
+    [this.frame.width, this.frame.height] = [width, height];
+    if (this.isFitted) this.fit();
+    else this.apply();
+  }
+
+  private apply(): void {
+    const { frame } = this;
+    set(this.world, "transform", frame.transform);
+    this.svg.style.setProperty("--plan-px", String(100 / frame.scale));
+    this.layers.strips.setAttribute("stroke-width", String(Math.max(2.4, 300 / frame.scale)));
+    this.svg.classList.toggle("plan-near", frame.scale > 250);
+    const metres = scaleBar(frame.scale), y = frame.height - 16;
+    set(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
+    set(this.bar.text, "y", y - 9);
+    say(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);
+  }
+}
+
+/** Makes the plan within `host`; needs nothing but SVG. */
+export const makePlan: MakeView = (host, options) => new Plan(host, options);

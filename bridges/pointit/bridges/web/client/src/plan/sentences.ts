@@ -1,0 +1,87 @@
+/** The plan in words: what there is to know of people, objects and lamps, one short line each. */
+
+import type { Person, Site } from "../site";
+import type { TrackedObject } from "../messages";
+import { stateTitle, thing } from "../words";
+
+export interface Row {
+  key: string;
+  name: string;
+  text: string;
+}
+
+/** People in counting order: what they do, what they point at. */
+export function peopleRows(site: Site): Row[] {
+  return [...site.people.values()].sort((a, b) => counting(a.user, b.user)).map((person) => ({
+    key: person.user, name: person.user, text: [whatTheyDo(person), ...whatTheyPointAt(site, person)].join("; "),
+  }));
+}
+
+/** Objects, those that somebody has selected or nearly so first told whose they are. */
+export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
+  const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
+  const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
+  const all = [...site.objects.values()].flatMap(({ objects }) => objects);
+  const short = shortNames(all.map(({ id }) => id));
+  return all.sort((a, b) => counting(a.id, b.id)).map((object) => {
+    const owner = owners.get(object.id), holder = holders.get(object.id);
+    const state = owner ? `selected by ${owner}` : holder ? `${holder} is about to select it` : "not selected";
+    return { key: object.id, name: `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
+  });
+}
+
+/** Lamps: whether they shine, and who is to point at them. */
+export function lampRows(site: Site): (Row & { at: [number, number, number] })[] {
+  const wanted = new Map<string, string[]>();
+  for (const { user, localization } of site.people.values()) {
+    if (localization?.phase !== "sampling" || !localization.target_id) continue;
+    wanted.set(localization.target_id, [...(wanted.get(localization.target_id) ?? []), user]);
+  }
+  return (site.map?.lamps ?? []).map((lamp) => {
+    const isLit = site.lamps.get(lamp.id)?.color.some((part) => part > 0) ?? false;
+    const who = wanted.get(lamp.id);
+    return {
+      key: lamp.id, name: lamp.id, at: [...lamp.position_m],
+      text: [isLit ? "lit" : "dark", ...(who ? [`${who.join(", ")} is to point at it`] : [])].join("; "),
+    };
+  });
+}
+
+/** What ids do not share at their beginning, so that they can be told in few words: `…14-3` is `3`. */
+export function shortNames(ids: readonly string[]): Map<string, string> {
+  const parts = (id: string) => /^(.*-)(\d+)$/.exec(id);
+  const endings = new Map(ids.map((id) => [id, parts(id)?.[2] ?? id]));
+  const isClear = new Set(endings.values()).size === new Set(ids).size;
+  return isClear ? endings : new Map(ids.map((id) => [id, id]));
+}
+
+function whatTheyDo(person: Person): string {
+  const state = person.interaction ? stateTitle(person.interaction.state).toLowerCase() : "nothing heard yet";
+  const search = person.localization;
+  const isSearching = person.interaction?.state === "localizing" && search?.phase === "sampling" && search.target_id;
+  return isSearching ? `${state}, pointing at ${search.target_id}, ${Math.round(search.progress * 100)} %` : state;
+}
+
+function whatTheyPointAt(site: Site, person: Person): string[] {
+  const hover = person.hover;
+  if (hover?.object_id) {
+    const progress = hover.action ? `, ${hover.action} ${Math.round(hover.progress * 100)} %` : "";
+    return [`points at ${thing(site, hover.object_id)}${progress}`];
+  }
+  const cursor = person.cursor;
+  if (cursor && cursor.surface !== "none") return [`points at ${cursor.surface} ${cursor.surface_id}`];
+  return cursor?.solid ? [`points at ${cursor.solid} ${cursor.surface_id}`] : [];
+}
+
+function whereItIs(object: TrackedObject): string {
+  const to = object.bay ? `, bound for bay ${object.bay}` : "";
+  if (object.surface === "belt" || object.surface === "strip") {
+    return `on ${object.surface} ${object.surface_id} at ${object.surface_position_m.toFixed(1)} m${to}`;
+  }
+  const [x, y] = object.position_m;
+  return `at ${x.toFixed(1)}, ${y.toFixed(1)} m${to}`;
+}
+
+function counting(a: string, b: string): number {
+  return a.localeCompare(b, "en", { numeric: true });
+}

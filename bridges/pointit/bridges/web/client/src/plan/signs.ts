@@ -1,0 +1,30 @@
+/** How a person's things look in the plan: their colour, and the dashes that stand for their pattern. */
+
+import type { UserProfile } from "../messages";
+import { cssColor } from "../geometry/looks";
+
+/** Dashes of each pattern, px; lines are drawn with `vector-effect: non-scaling-stroke`. */
+const DASHES: Readonly<Record<UserProfile["pattern"], string>> = {
+  solid: "none", dashed: "9 5", dotted: "2 4", striped: "9 3 2 3", hollow: "none", tailed: "16 3 3 3",
+};
+
+export interface Sign {
+  color: string;
+  dashes: string;
+  /** Drawn as an outline with nothing within. */
+  isHollow: boolean;
+  /** In words, for who does not see. */
+  pattern: UserProfile["pattern"];
+}
+
+/** The sign of a person; white and solid for one who has told nothing of themselves. */
+export function signOf(profile: UserProfile | null | undefined): Sign {
+  const pattern = profile?.pattern ?? "solid";
+  return { color: cssColor(profile?.cursor_color ?? [255, 255, 255]), dashes: DASHES[pattern], isHollow: pattern === "hollow", pattern };
+}
+
+/** Black or white, whichever is read better upon `rgb` (WCAG's relative luminance). */
+export function inkOn(rgb: readonly number[]): string {
+  const [r, g, b] = [0, 1, 2].map((i) => ((rgb[i] ?? 0) / 255) ** 2.2);
+  return 0.2126 * r! + 0.7152 * g! + 0.0722 * b! > 0.18 ? "#000000" : "#ffffff";
+}

@@ -26,8 +26,10 @@ def places(room: Environment) -> NDArray[np.float64]:
     lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
     found = [point for line in lines for point in _along(line)]
     found += [lamp.position_m for lamp in room.lamps]
-    solids = (*room.boxes, *room.cylinders, *room.spheres, *(p for p in room.planes if p.size_m is not None))
-    found += [solid.center_m for solid in solids]
+    found += [box.center_m for box in room.boxes]
+    found += [cylinder.center_m for cylinder in room.cylinders]
+    found += [sphere.center_m for sphere in room.spheres]
+    found += [plane.center_m for plane in room.planes if plane.size_m is not None]
     found += [corner for cloud in room.clouds for corner in (cloud.low_m, cloud.high_m)]
     return np.array(found, dtype=np.float64).reshape(-1, 3)
 

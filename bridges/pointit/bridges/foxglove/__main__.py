@@ -1,0 +1,6 @@
+"""Run the bridge on its own: `python -m pointit.bridges.foxglove --help`."""
+
+from pointit.bridges.foxglove.service import SERVICE
+from pointit.runtime.process import main
+
+main(SERVICE)

@@ -1,0 +1,139 @@
+"""What happened, in sentences: warnings of services, events, cues, localizations, who comes and goes."""
+
+import re
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from foxglove.messages import Log, LogLevel
+
+from pointit.bridges.foxglove import shapes
+from pointit.schemas import Feedback, Health, Interaction, Localization, Message, SelectionEvent
+
+HISTORY = 200
+"""Lines kept for who joins late."""
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One sentence, when it was said and of whom."""
+
+    at_ns: int
+    level: LogLevel
+    source: str
+    text: str
+
+    def log(self) -> Log:
+        """Return it as Foxglove has it."""
+        return Log(
+            timestamp=shapes.timestamp(self.at_ns), level=self.level, message=self.text, name=self.source
+        )
+
+
+@dataclass(slots=True)
+class _Account:
+    """What a service said last."""
+
+    warnings: dict[str, str]
+    """By the sentence without its numbers, which may change every second."""
+    errors: int
+    lost: int
+    invalid: int
+
+
+class Chronicle:
+    """Turns messages into lines, saying each thing once."""
+
+    def __init__(self) -> None:
+        self.history: deque[Line] = deque(maxlen=HISTORY)
+        self._accounts: dict[str, _Account] = {}
+        self._phases: dict[str, tuple[str, str]] = {}
+        self._states: dict[str, str] = {}
+        self._writers: dict[type[Message], Callable[[Any, str], Iterator[tuple[LogLevel, str]]]] = {
+            Health: self._health,
+            SelectionEvent: self._selection,
+            Feedback: self._feedback,
+            Localization: self._localization,
+            Interaction: self._interaction,
+        }
+
+    def take(self, message: Message, name: str, now_ns: int) -> list[Line]:
+        """Return what `message`, whose key has `name`, tells anew."""
+        writer = self._writers.get(type(message))
+        return [] if writer is None else self._said(writer(message, name), name or "selection", now_ns)
+
+    def presence(self, instance: str, now_ns: int, *, present: bool) -> list[Line]:
+        """Return that a service came or left."""
+        if not present:
+            self._accounts.pop(instance, None)
+        said = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
+        return self._said(iter([said]), instance, now_ns)
+
+    def leave(self, user: str) -> None:
+        """Forget what a person did who has gone."""
+        self._phases.pop(user, None)
+        self._states.pop(user, None)
+
+    def standing(self, now_ns: int) -> list[Line]:
+        """Return the warnings that hold now."""
+        return [
+            Line(now_ns, LogLevel.Warning, instance, sentence)
+            for instance, account in self._accounts.items()
+            for sentence in account.warnings.values()
+        ]
+
+    def _said(self, said: Iterator[tuple[LogLevel, str]], source: str, now_ns: int) -> list[Line]:
+        lines = [Line(now_ns, level, source, text) for level, text in said]
+        self.history += lines
+        return lines
+
+    def _health(self, health: Health, instance: str) -> Iterator[tuple[LogLevel, str]]:
+        now = _Account(
+            {_NUMBER.sub("#", sentence): sentence for sentence in health.warnings},
+            health.errors,
+            sum(key.lost for key in health.keys),
+            sum(key.invalid for key in health.keys),
+        )
+        before = self._accounts.get(instance, _Account({}, 0, 0, 0))
+        self._accounts[instance] = now
+        for kind, sentence in now.warnings.items():
+            if kind not in before.warnings:
+                yield LogLevel.Warning, sentence
+        for kind, sentence in before.warnings.items():
+            if kind not in now.warnings:
+                yield LogLevel.Info, f"no longer: {sentence}"
+        if now.errors > before.errors:
+            yield LogLevel.Error, f"{now.errors - before.errors} handlers failed; see its log"
+        if now.lost > before.lost:
+            yield LogLevel.Warning, f"{now.lost - before.lost} events were lost on their way to it"
+        if now.invalid > before.invalid:
+            yield LogLevel.Warning, f"{now.invalid - before.invalid} messages to it could not be read"
+
+    def _selection(self, event: SelectionEvent, _name: str) -> Iterator[tuple[LogLevel, str]]:
+        words = [event.user, event.event, event.kind, event.object_id]
+        words += [f"to bay {event.bay}"] if event.bay else []
+        text = " ".join(word for word in words if word)
+        level = LogLevel.Warning if event.event == "refused" else LogLevel.Info
+        yield level, f"{text}: {event.reason}" if event.reason else text
+
+    def _feedback(self, cue: Feedback, _user: str) -> Iterator[tuple[LogLevel, str]]:
+        yield LogLevel.Info, f"cue {cue.cue}: {cue.text}" if cue.text else f"cue {cue.cue}"
+
+    def _localization(self, told: Localization, user: str) -> Iterator[tuple[LogLevel, str]]:
+        phase = (told.phase, told.target_id)
+        before = self._phases.get(user)
+        self._phases[user] = phase
+        if phase == before or (before is None and told.phase == "idle"):
+            return
+        level = LogLevel.Warning if told.phase == "refused" else LogLevel.Info
+        target = f" {told.target_id}" if told.target_id else ""
+        yield level, f"localization {told.phase}{target}" + (f": {told.reason}" if told.reason else "")
+
+    def _interaction(self, told: Interaction, user: str) -> Iterator[tuple[LogLevel, str]]:
+        if self._states.get(user) == told.state:
+            return
+        self._states[user] = told.state
+        yield LogLevel.Info, f"is {told.state}" + (f": {told.reason}" if told.reason else "")

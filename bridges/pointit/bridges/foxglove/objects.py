@@ -1,0 +1,172 @@
+"""What moves: packages on belts, segments on strips, robots; who hovers and who has selected them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from foxglove.messages import ArrowPrimitive, CubePrimitive, LinePrimitive, TextPrimitive
+
+from pointit.bridges.foxglove import shapes
+from pointit.bridges.foxglove.room import Lines
+from pointit.bridges.foxglove.shapes import Drawn
+from pointit.geometry import rotation, vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Hover, Selection, TrackedObject
+from pointit.schemas.base import Rgb
+
+LIFETIME_S = 2.0
+"""A viewer that missed that something left shows it no longer."""
+
+SHARE_OF_BELT = 0.6
+"""How wide a package is; nobody says so."""
+HIGH_M = 0.25
+"""A package is no higher."""
+SEGMENT_M = 0.05
+"""How thick a segment of a strip is."""
+ROBOT_M = 0.3
+"""Diameter of what has no length."""
+SHORTEST_M = 0.02
+SELECTED_PIXELS, HOVERED_PIXELS, RESERVED_PIXELS = 4.0, 2.0, 1.0
+MOVES_MPS = 0.05
+
+
+@dataclass(slots=True)
+class Claims:
+    """Who does what with objects, by their id."""
+
+    owners: dict[str, str] = field(default_factory=dict[str, str])
+    reservers: dict[str, str] = field(default_factory=dict[str, str])
+    hovers: dict[str, list[tuple[str, Hover]]] = field(default_factory=dict[str, list[tuple[str, Hover]]])
+
+    @classmethod
+    def of(cls, selection: Selection | None, hovers: Mapping[str, Hover]) -> "Claims":
+        """Return the claims in `selection` and in what each user hovers."""
+        claims = cls()
+        if selection is not None:
+            claims.owners = {each.id: each.user for each in selection.objects}
+            claims.reservers = {each.id: each.user for each in selection.reserved}
+        for user in sorted(hovers):
+            if hovers[user].object_id:
+                claims.hovers.setdefault(hovers[user].object_id, []).append((user, hovers[user]))
+        return claims
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """The space that an object takes."""
+
+    center_m: Vec3
+    size_m: Vec3
+    turned: rotation.Quaternion
+
+    @property
+    def above_m(self) -> Vec3:
+        return vector.add(self.center_m, (0.0, 0.0, self.size_m[2] / 2.0 + 0.12))
+
+
+class Looks:
+    """How objects look on the lines of a map."""
+
+    def __init__(self, lines: Lines, kind_colors: Mapping[str, Rgb]) -> None:
+        """Take the lines that things move on, and the colours of kinds; others are grey."""
+        self._lines = lines
+        self._kind_colors = kind_colors
+
+    def entities(
+        self,
+        tracker: str,
+        objects: Iterable[TrackedObject],
+        claims: Claims,
+        colors: Mapping[str, Rgb],
+        now_ns: int,
+    ) -> list[Drawn]:
+        """Return an entity for each of the `objects` of `tracker`; `colors` are those of people."""
+        return [self._entity(f"{tracker} {item.id}", item, claims, colors, now_ns) for item in objects]
+
+    def _entity(
+        self, name: str, item: TrackedObject, claims: Claims, colors: Mapping[str, Rgb], now_ns: int
+    ) -> Drawn:
+        rgb = self._kind_colors.get(item.kind, shapes.GREY)
+        facts = {"id": item.id, "kind": item.kind}
+        if item.bay:
+            facts["bay"] = item.bay
+        line, size_m = self._box(item)
+        if line is None:
+            center, turned = item.position_m, rotation.IDENTITY
+        else:
+            ahead = line.tangent_at(item.surface_position_m)
+            turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
+            rise_m = size_m[2] / 2.0 if item.surface == "belt" else 0.0
+            center = vector.add(item.position_m, (0.0, 0.0, rise_m))
+        box = _Box(center, size_m, turned)
+        lines, texts = self._claimed(item, claims, colors, box, facts)
+        if line is not None:
+            alpha = 1.0 if item.id in claims.owners else 0.85
+            cube = CubePrimitive(
+                pose=shapes.pose(center, turned),
+                size=shapes.size(*size_m),
+                color=shapes.color(rgb, alpha),
+            )
+            return shapes.entity(
+                name, now_ns, lifetime_s=LIFETIME_S, facts=facts, cubes=[cube], lines=lines, texts=texts
+            )
+        arrows: list[ArrowPrimitive] = []
+        if vector.norm(item.velocity_mps) > MOVES_MPS:
+            arrows.append(shapes.arrow(center, item.velocity_mps, rgb))
+        return shapes.entity(
+            name,
+            now_ns,
+            lifetime_s=LIFETIME_S,
+            facts=facts,
+            spheres=[shapes.ball(center, size_m[0], rgb)],
+            arrows=arrows,
+            lines=lines,
+            texts=texts or [shapes.label(item.id, box.above_m)],
+        )
+
+    def _box(self, item: TrackedObject) -> tuple[Polyline | None, Vec3]:
+        """Return the line that the object is on, none: it is on none; and its length, width and height."""
+        length_m = max(item.length_m, SHORTEST_M)
+        if item.surface == "belt" and item.surface_id in self._lines.belts:
+            line, belt = self._lines.belts[item.surface_id]
+            width_m = SHARE_OF_BELT * belt.width_m
+            return line, (length_m, width_m, min(HIGH_M, width_m))
+        if item.surface == "strip" and item.surface_id in self._lines.strips:
+            return self._lines.strips[item.surface_id][0], (length_m, SEGMENT_M, SEGMENT_M)
+        diameter_m = item.length_m or ROBOT_M
+        return None, (diameter_m, diameter_m, diameter_m)
+
+    def _claimed(
+        self,
+        item: TrackedObject,
+        claims: Claims,
+        colors: Mapping[str, Rgb],
+        box: _Box,
+        facts: dict[str, str],
+    ) -> tuple[list[LinePrimitive], list[TextPrimitive]]:
+        """Return outlines and words that say whose it is, the thickest for who has it; tell `facts` too."""
+        outlines: list[tuple[Rgb, float]] = []
+        words: list[str] = []
+        owner, reserver = claims.owners.get(item.id), claims.reservers.get(item.id)
+        if owner is not None:
+            outlines.append((colors.get(owner, shapes.WHITE), SELECTED_PIXELS))
+            words.append(owner)
+            facts["selected by"] = owner
+        elif reserver is not None:
+            outlines.append((colors.get(reserver, shapes.WHITE), RESERVED_PIXELS))
+            facts["reserved by"] = reserver
+        for user, hover in claims.hovers.get(item.id, ()):
+            outlines.append((colors.get(user, shapes.WHITE), HOVERED_PIXELS))
+            facts[f"hovered by {user}"] = f"{hover.progress:.0%} {hover.action}".rstrip()
+            if hover.progress > 0.0:
+                words.append(f"{user} {hover.progress:.0%}")
+        lines: list[LinePrimitive] = []
+        for number, (rgb, pixels) in enumerate(outlines):
+            grown_m = 0.02 + 0.03 * number  # one around the other
+            around = vector.add(box.size_m, (grown_m, grown_m, grown_m))
+            lines.append(
+                shapes.line(
+                    shapes.box_edges(box.center_m, around, box.turned), rgb, kind="list", pixels=pixels
+                )
+            )
+        return lines, [shapes.label("\n".join(words), box.above_m)] if words else []

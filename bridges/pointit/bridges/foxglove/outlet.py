@@ -1,0 +1,133 @@
+"""The door to Foxglove's SDK: one server, its channels, and who looks at which.
+
+The SDK calls from threads of its own; `hand_over` brings each call into the loop.
+"""
+
+import functools
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import foxglove
+from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChannel, SceneUpdateChannel
+from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
+
+from pointit.bridges.foxglove.chronicle import Line
+from pointit.bridges.foxglove.plain import Schema
+from pointit.bridges.foxglove.scene import PARTS, Part
+from pointit.runtime.errors import ListenError
+
+BACKLOG = 256
+"""Messages that wait for a slow viewer, the oldest give way: a second's worth, and more than all channels
+have to say to a newcomer at once."""
+
+LOG = "/log"
+
+HandOver = Callable[[Callable[[], None]], None]
+"""Has a function called where everything else runs."""
+
+PictureChannel = Any
+"""A channel for pictures of one part; each takes messages of its own type."""
+
+
+class Viewers(ServerListener):
+    """Counts who looks at which channel, and tells of each who begins or ends."""
+
+    def __init__(self, hand_over: HandOver, tell: Callable[[str], None]) -> None:
+        """Have `tell(topic)` called in the loop for each viewer that begins to look at a channel."""
+        self._hand_over = hand_over
+        self._tell = tell
+        self._counts = Counter[str]()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - the SDK's signature
+        """Take a call of the SDK."""
+        self._pass_on(channel.topic, begins=True)
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - the SDK's signature
+        """Take a call of the SDK."""
+        self._pass_on(channel.topic, begins=False)
+
+    def of(self, topic: str) -> int:
+        """Return how many look at a channel."""
+        return self._counts[topic]
+
+    @property
+    def any(self) -> bool:
+        """Return whether anybody looks at anything."""
+        return self._counts.total() > 0
+
+    def _pass_on(self, topic: str, *, begins: bool) -> None:
+        self._hand_over(functools.partial(self._count, topic, begins=begins))
+
+    def _count(self, topic: str, *, begins: bool) -> None:
+        self._counts[topic] += 1 if begins else -1
+        if self._counts[topic] <= 0:
+            del self._counts[topic]
+        if begins:
+            self._tell(topic)
+
+
+class Outlet:
+    """Channels, and a server that nobody can control anything through: it offers no capability at all."""
+
+    def __init__(self, hand_over: HandOver, tell: Callable[[str], None]) -> None:
+        """Serve nobody yet; `tell` as `Viewers` has it."""
+        self.viewers = Viewers(hand_over, tell)
+        self._context = foxglove.Context()
+        self._server: WebSocketServer | None = None
+        self._pictures: dict[Part, PictureChannel] = {
+            part: _channel_of(part)(picture_topic(part), context=self._context) for part in PARTS
+        }
+        self._log = LogChannel(LOG, context=self._context)
+
+    def open(self, name: str, host: str, port: int) -> str:
+        """Listen on `host` and `port` (0: any free one); return the address.
+
+        Raises:
+            ListenError: the address is taken, or not ours.
+        """
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=host,
+                port=port,
+                capabilities=[],
+                server_listener=self.viewers,
+                context=self._context,
+                message_backlog_size=BACKLOG,
+            )
+        except (RuntimeError, ValueError) as error:
+            reason = str(error).rpartition(": ")[2]
+            raise ListenError(
+                f"cannot listen on {host} port {port} for viewers ({reason}); end what listens there, or "
+                "give another --port or --host"
+            ) from error
+        return f"ws://{f'[{host}]' if ':' in host else host}:{self._server.port}"
+
+    def channel(self, topic: str, schema: Schema) -> foxglove.Channel:
+        """Return a new channel for JSON."""
+        return foxglove.Channel(topic, schema=schema, context=self._context)
+
+    def show(self, part: Part, picture: Any, now_ns: int) -> None:
+        """Send a picture of `part` to who looks at it."""
+        self._pictures[part].log(picture, log_time=now_ns)
+
+    def say(self, line: Line) -> None:
+        """Send a line to who reads the log."""
+        self._log.log(line.log(), log_time=line.at_ns)
+
+    def close(self) -> None:
+        """Part from all viewers and listen no more."""
+        if self._server is not None:
+            self._server.stop()
+
+
+def picture_topic(part: Part) -> str:
+    """Return the channel on which `part` is shown."""
+    return "/tf" if part == "frames" else f"/scene/{part}"
+
+
+def _channel_of(part: Part) -> Callable[..., PictureChannel]:
+    if part == "pixels":
+        return PointCloudChannel
+    return FrameTransformsChannel if part == "frames" else SceneUpdateChannel

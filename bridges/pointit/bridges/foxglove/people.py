@@ -1,0 +1,139 @@
+"""People: body, arm, ray, cursor, how sure their place is, and their frame {H}."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from foxglove.messages import FrameTransform, Quaternion
+
+from pointit.bridges.foxglove import shapes
+from pointit.bridges.foxglove.shapes import Drawn, Places
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Cursor, UserPose, UserProfile
+from pointit.schemas.base import Rgb
+from pointit.schemas.topics import POSE
+from pointit.sim.aim import Stance
+
+LIFETIME_S = 2.0
+NOBODY = UserProfile(stamp_ns=0)
+"""Who has said nothing about themselves."""
+
+SIGMAS = 2.0
+"""The ellipse around a place, in standard deviations."""
+SMALLEST_M = 5e-3
+"""An ellipse whose longer half-axis is shorter is not drawn: the place is known."""
+FREE_RAY_M = 4.0
+"""A ray that meets nothing is drawn so long."""
+CURSOR_M = 0.08
+TORSO_M, HEAD_M, ARM_M, RAY_M = 0.34, 0.22, 0.07, 0.012
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+
+
+@dataclass(slots=True)
+class Person:
+    """What was heard of one person."""
+
+    profile: UserProfile = NOBODY
+    pose: UserPose | None = None
+    cursor: Cursor | None = None
+
+    @property
+    def color(self) -> Rgb:
+        """Return their colour."""
+        return self.profile.cursor_color
+
+
+def frame_of(user: str) -> str:
+    """Return the name of the person's frame {H}, beside the key of their pose."""
+    return POSE.at(user).rpartition("/")[0] + "/feet"
+
+
+def transform(user: str, pose: UserPose, now_ns: int) -> FrameTransform:
+    """Return {H} of `user` in {W}."""
+    x, y, z, w = rotation.from_yaw(pose.yaw_rad)
+    return FrameTransform(
+        timestamp=shapes.timestamp(now_ns),
+        parent_frame_id=shapes.WORLD,
+        child_frame_id=frame_of(user),
+        translation=shapes.size(*pose.position_m),
+        rotation=Quaternion(x=x, y=y, z=z, w=w),
+    )
+
+
+def ellipse(pose: UserPose) -> Places | None:
+    """Return the points of the `SIGMAS` ellipse around the place of `pose`; none: it is too small to see."""
+    spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
+    variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
+    halves_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+    if halves_m[1] < SMALLEST_M:
+        return None
+    around = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)]) * halves_m @ axes.T
+    rim: Places = np.column_stack([around, np.full(len(around), 0.01)]) + np.array(pose.position_m)
+    return rim
+
+
+def entities(user: str, person: Person, now_ns: int) -> list[Drawn]:
+    """Return the body of `user` where their place is known, their ray and cursor while they point."""
+    found: list[Drawn] = []
+    if person.pose is not None:
+        found.append(_body(user, person, person.pose, now_ns))
+    if person.cursor is not None:
+        found += _pointing(user, person.cursor, person.color, now_ns)
+    return found
+
+
+def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> Drawn:
+    profile, rgb = person.profile, person.color
+    stance = Stance(profile.body, profile.hand, pose.position_m, pose.yaw_rad, ray_model=profile.ray_model)
+    limbs = [
+        shapes.column(pose.position_m, profile.body.footprint_to_neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)
+    ]
+    cursor = person.cursor
+    if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
+        reach_m = max(cursor.range_m, 2.0 * stance.arm_m)
+        met = vector.add(cursor.origin_m, vector.scale(cursor.direction, reach_m))
+        arm = vector.scale(vector.direction(*stance.aim_at(met)), stance.arm_m)
+        limbs.append(shapes.limb(stance.shoulder_m, vector.add(stance.shoulder_m, arm), ARM_M, rgb))
+    rim = ellipse(pose)
+    return shapes.entity(
+        f"person {user}",
+        now_ns,
+        facts={"user": user, "located by": pose.method, "samples": str(pose.samples)},
+        cylinders=limbs,
+        spheres=[shapes.ball(stance.eyes_m, HEAD_M, rgb)],
+        lines=[] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")],
+        texts=[shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)],
+    )
+
+
+def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[Drawn]:
+    found: list[Drawn] = []
+    point_m: Vec3 | None = cursor.point_m
+    if cursor.origin_m is not None and cursor.direction is not None:
+        way = vector.scale(cursor.direction, FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1))
+        found.append(
+            shapes.entity(
+                f"ray {user}",
+                now_ns,
+                lifetime_s=LIFETIME_S,
+                facts={"user": user},
+                arrows=[
+                    shapes.arrow(
+                        cursor.origin_m, way, rgb, width_m=RAY_M, alpha=0.3 if point_m is None else 0.8
+                    )
+                ],
+            )
+        )
+    if point_m is not None:
+        on = cursor.solid or cursor.surface
+        facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": f"{cursor.miss_m:.3f}"}
+        found.append(
+            shapes.entity(
+                f"cursor {user}",
+                now_ns,
+                lifetime_s=LIFETIME_S,
+                facts=facts,
+                spheres=[shapes.ball(point_m, CURSOR_M, rgb)],
+            )
+        )
+    return found

@@ -1,0 +1,154 @@
+"""What stands still: belts as ribbons, strips as lines, solids, poles of lamps."""
+
+from typing import Any
+
+import numpy as np
+from foxglove.messages import CubePrimitive
+
+from pointit.bridges.foxglove import shapes
+from pointit.bridges.foxglove.shapes import Drawn, Places
+from pointit.geometry import rotation, vector
+from pointit.geometry.plane import plane_axes
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import Belt, Environment, Strip
+from pointit.schemas.base import Rgb
+from pointit.schemas.environment import Cloud, Plane
+
+ENDLESS_M = 20.0
+"""A plane without end is drawn so large."""
+
+SHARPEST = 0.35
+"""Cosine of half a bend's angle at which a ribbon's corner goes out no farther."""
+
+POLE_M = 0.03
+BELT: Rgb = (70, 74, 84)
+RIM: Rgb = (150, 155, 165)
+SOLID: Rgb = (140, 150, 170)
+GLASS = 0.35
+"""Opacity of solids: what is behind them is seen."""
+
+
+class Lines:
+    """Belts and strips by name, those that can be drawn."""
+
+    def __init__(self, environment: Environment) -> None:
+        """Take those of `environment`; `complaints` has a sentence for each that cannot be drawn."""
+        self.complaints: list[str] = []
+        self.belts: dict[str, tuple[Polyline, Belt]] = {}
+        self.strips: dict[str, tuple[Polyline, Strip]] = {}
+        for belt in environment.belts:
+            if line := self._line("belt", belt):
+                self.belts[belt.id] = (line, belt)
+        for strip in environment.strips:
+            if line := self._line("strip", strip):
+                self.strips[strip.id] = (line, strip)
+
+    def _line(self, what: str, thing: Belt | Strip) -> Polyline | None:
+        try:
+            return Polyline(thing.line_m)
+        except ValueError as error:
+            self.complaints.append(f"{what} {thing.id!r} cannot be drawn ({error}); correct the map")
+            return None
+
+
+def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
+    """Return a level ribbon along `line`: 2 n places, left and right of each vertex, and its triangles.
+
+    In bends its two rims stay `width_m` apart; where a bend is sharper than `SHARPEST` says, its corner
+    is cut. Pieces that go straight up are as wide as the piece before.
+    """
+    across = np.column_stack([-line.tangents[:, 1], line.tangents[:, 0]])
+    lengths = np.linalg.norm(across, axis=1)
+    upright = lengths < 1e-6
+    across[upright], lengths[upright] = (0.0, 1.0), 1.0
+    across /= lengths[:, None]
+    for index in np.flatnonzero(upright[1:]) + 1:
+        across[index] = across[index - 1]
+    before, after = np.vstack([across[:1], across]), np.vstack([across, across[-1:]])
+    middle = before + after
+    length = np.linalg.norm(middle, axis=1)
+    turns_back = length < 1e-6
+    middle[turns_back], length[turns_back] = before[turns_back], 1.0
+    middle /= length[:, None]
+    cosine = np.maximum(np.einsum("nk,nk->n", middle, after), SHARPEST)
+    reach_m = np.zeros_like(line.vertices_m)
+    reach_m[:, :2] = middle * (width_m / 2.0 / cosine)[:, None]
+    places = np.empty((2 * len(reach_m), 3))
+    places[0::2], places[1::2] = line.vertices_m + reach_m, line.vertices_m - reach_m
+    first = range(0, 2 * (len(reach_m) - 1), 2)
+    return places, [corner for i in first for corner in (i, i + 1, i + 2, i + 2, i + 1, i + 3)]
+
+
+def room(environment: Environment, lines: Lines, now_ns: int) -> list[Drawn]:
+    """Return everything of `environment` that does not change until the next map."""
+
+    def made(kind: str, name: str, **primitives: Any) -> Drawn:
+        facts = {"kind": kind, "id": name}
+        return shapes.entity(f"{kind} {name}", now_ns, facts=facts, **primitives)
+
+    entities = [made("belt", name, **_belt(line, belt)) for name, (line, belt) in lines.belts.items()]
+    if lines.strips:
+        drawn = [shapes.line(line.vertices_m.tolist(), BELT) for line, _ in lines.strips.values()]
+        entities.append(shapes.entity("strips", now_ns, lines=drawn))
+    for box in environment.boxes:
+        turned = rotation.from_yaw(box.yaw_rad)
+        cube = CubePrimitive(
+            pose=shapes.pose(box.center_m, turned),
+            size=shapes.size(*box.size_m),
+            color=shapes.color(SOLID, GLASS),
+        )
+        edges = shapes.line(shapes.box_edges(box.center_m, box.size_m, turned), RIM, kind="list", pixels=1.0)
+        entities.append(made("box", box.id, cubes=[cube], lines=[edges]))
+    entities += [made("plane", plane.id, **_plane(plane)) for plane in environment.planes]
+    for each in environment.cylinders:
+        shape = shapes.column(each.center_m, each.height_m, 2.0 * each.radius_m, SOLID, alpha=GLASS)
+        entities.append(made("cylinder", each.id, cylinders=[shape]))
+    for sphere in environment.spheres:
+        shown = shapes.ball(sphere.center_m, 2.0 * sphere.radius_m, SOLID, GLASS)
+        entities.append(made("sphere", sphere.id, spheres=[shown]))
+    entities += [made("cloud", cloud.id, **_cloud(cloud)) for cloud in environment.clouds]
+    for lamp in environment.lamps:
+        x, y, z = lamp.position_m
+        if z > POLE_M:
+            pole = shapes.column((x, y, 0.0), z, POLE_M, RIM)
+            entities.append(made("pole", lamp.id, cylinders=[pole]))
+    return entities
+
+
+def _belt(line: Polyline, belt: Belt) -> dict[str, object]:
+    places, triangles = ribbon(line, belt.width_m)
+    middle_m = line.length_m / 2.0
+    way = vector.scale(line.tangent_at(middle_m), min(0.4, line.length_m / 2.0))
+    above = vector.add(line.point_at(middle_m), (0.0, 0.0, 0.01))
+    rim = np.vstack([places[0::2], places[-1::-2]]).tolist()
+    return {
+        "triangles": [shapes.surface(places, triangles, BELT)],
+        "lines": [shapes.line(rim, RIM, kind="loop", pixels=1.5)],
+        "arrows": [shapes.arrow(above, way, RIM, width_m=0.015)],
+    }
+
+
+def _plane(plane: Plane) -> dict[str, object]:
+    u, v = plane_axes(plane.normal)
+    wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
+    corners = np.array(
+        [
+            vector.add(
+                plane.center_m,
+                vector.add(vector.scale(u, a * wide_m / 2.0), vector.scale(v, b * high_m / 2.0)),
+            )
+            for a, b in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+        ]
+    )
+    return {
+        "triangles": [shapes.surface(corners, (0, 1, 2, 0, 2, 3), SOLID, GLASS)],
+        "lines": [shapes.line(corners.tolist(), RIM, kind="loop", pixels=1.0)],
+    }
+
+
+def _cloud(cloud: Cloud) -> dict[str, object]:
+    low, high = cloud.low_m, cloud.high_m
+    center = vector.scale(vector.add(low, high), 0.5)
+    edges = shapes.box_edges(center, vector.subtract(high, low), rotation.IDENTITY)
+    lines = [shapes.line(edges, RIM, kind="list", pixels=1.0)]
+    return {"lines": lines, "texts": [shapes.label(f"{cloud.id}: {cloud.points} points", center)]}

@@ -1,0 +1,222 @@
+"""All that is to be seen, in parts that a viewer can show and hide, each drawn when it has changed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, TypeVar
+
+from foxglove.messages import (
+    FrameTransforms,
+    PointCloud,
+    SceneEntityDeletion,
+    SceneEntityDeletionType,
+    SceneUpdate,
+)
+
+from pointit.bridges.foxglove import people, shapes, signs
+from pointit.bridges.foxglove.objects import Claims, Looks
+from pointit.bridges.foxglove.people import Person
+from pointit.bridges.foxglove.pixels import Pixels
+from pointit.bridges.foxglove.room import Lines, room
+from pointit.bridges.foxglove.shapes import Drawn
+from pointit.schemas import (
+    ConveyorState,
+    Cursor,
+    Environment,
+    Hover,
+    LampColor,
+    Message,
+    Selection,
+    StripsFrame,
+    TrackedObjects,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.base import Rgb
+
+Part = Literal["room", "pixels", "lamps", "bays", "objects", "people", "frames"]
+Picture = SceneUpdate | PointCloud | FrameTransforms
+
+PARTS: tuple[Part, ...] = ("room", "pixels", "lamps", "bays", "objects", "people", "frames")
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class _Heard(Generic[T]):
+    """What came, and when (monotonic, s)."""
+
+    at_s: float
+    message: T
+
+
+class Scene:
+    """Keeps the newest of everything; `changed` are the parts to be drawn again."""
+
+    def __init__(self, kind_colors: Mapping[str, Rgb], forget_s: float) -> None:
+        """Begin with an empty room; what is shown of rays and objects is forgotten after `forget_s`."""
+        self._kind_colors = kind_colors
+        self._forget_s = forget_s
+        self.changed: set[Part] = set()
+        self._people: dict[str, Person] = {}
+        self._pointed_s: dict[str, float] = {}
+        self._hovers: dict[str, _Heard[Hover]] = {}
+        self._objects: dict[str, _Heard[TrackedObjects]] = {}
+        self._colors: dict[str, LampColor] = {}
+        self._selection: Selection | None = None
+        self._conveyor: ConveyorState | None = None
+        self._frame: StripsFrame | None = None
+        self._is_lit = False
+        self._names: dict[Part, set[str]] = {}
+        self._set_room(Environment(stamp_ns=0, name=""))
+        self._takers: dict[type[Message], Callable[[Any, str, float], None]] = {
+            Environment: self._on_map,
+            StripsFrame: self._on_frame,
+            LampColor: self._on_lamp,
+            ConveyorState: self._on_conveyor,
+            TrackedObjects: self._on_objects,
+            Selection: self._on_selection,
+            UserProfile: self._on_profile,
+            UserPose: self._on_pose,
+            Cursor: self._on_cursor,
+            Hover: self._on_hover,
+        }
+
+    @property
+    def complaints(self) -> list[str]:
+        """Return what of the map cannot be drawn, a sentence each."""
+        return self._lines.complaints
+
+    def take(self, message: Message, name: str, now_s: float) -> None:
+        """Keep `message`, whose key has `name`, if it is to be seen; `now_s` is monotonic."""
+        taker = self._takers.get(type(message))
+        if taker is not None:
+            taker(message, name, now_s)
+
+    def forget(self, now_s: float) -> None:
+        """Forget rays, hovers and objects that are too old."""
+        oldest_s = now_s - self._forget_s
+        for user in [user for user, at_s in self._pointed_s.items() if at_s < oldest_s]:
+            del self._pointed_s[user]
+            self._people[user].cursor = None
+            self.changed.add("people")
+        for heard in (self._hovers, self._objects):
+            for name in [name for name, each in heard.items() if each.at_s < oldest_s]:
+                del heard[name]
+                self.changed.add("objects")
+
+    @property
+    def is_moving(self) -> bool:
+        """Return whether something is shown that grows old."""
+        return bool(self._pointed_s or self._hovers or self._objects)
+
+    def leave(self, user: str) -> None:
+        """Forget a person who has gone."""
+        self._people.pop(user, None)
+        self._pointed_s.pop(user, None)
+        self._hovers.pop(user, None)
+        self.changed |= {"people", "frames", "objects"}
+
+    def draw(self, part: Part, now_ns: int) -> Picture:
+        """Return `part` as a whole, so that who has seen nothing yet sees all of it."""
+        self.changed.discard(part)
+        if part == "pixels":
+            if self._frame is not None and not self._is_lit:
+                self._pixels.light(self._frame)
+                self._is_lit = True
+            return self._pixels.cloud(now_ns)
+        if part == "frames":
+            poses = [(user, each.pose) for user, each in self._people.items()]
+            return FrameTransforms(
+                transforms=[people.transform(user, pose, now_ns) for user, pose in poses if pose is not None]
+            )
+        return self._update(part, self._drawn(part, now_ns), now_ns)
+
+    def _drawn(self, part: Part, now_ns: int) -> list[Drawn]:
+        if part == "room":
+            return room(self._map, self._lines, now_ns)
+        if part == "lamps":
+            return signs.lamps(self._map.lamps, self._colors, now_ns)
+        if part == "bays":
+            return signs.bays(self._map, self._lines, self._conveyor, now_ns)
+        if part == "people":
+            return [
+                each
+                for user, person in self._people.items()
+                for each in people.entities(user, person, now_ns)
+            ]
+        hovers = {user: heard.message for user, heard in self._hovers.items()}
+        claims = Claims.of(self._selection, hovers)
+        colors = {user: person.color for user, person in self._people.items()}
+        return [
+            each
+            for tracker, heard in self._objects.items()
+            for each in self._looks.entities(tracker, heard.message.objects, claims, colors, now_ns)
+        ]
+
+    def _update(self, part: Part, drawn: list[Drawn], now_ns: int) -> SceneUpdate:
+        """Return `drawn`, and take away what was there before and is not among it."""
+        names = {each.name for each in drawn}
+        gone = self._names.get(part, set()) - names
+        self._names[part] = names
+        at = shapes.timestamp(now_ns)
+        return SceneUpdate(
+            deletions=[
+                SceneEntityDeletion(timestamp=at, type=SceneEntityDeletionType.MatchingId, id=name)
+                for name in sorted(gone)
+            ],
+            entities=[each.entity for each in drawn],
+        )
+
+    def _set_room(self, environment: Environment) -> None:
+        self._map = environment
+        self._lines = Lines(environment)
+        self._looks = Looks(self._lines, self._kind_colors)
+        self._pixels = Pixels(self._lines.strips)
+        self._is_lit = False
+        self.changed |= {"room", "pixels", "lamps", "bays", "objects"}
+
+    def _on_map(self, environment: Environment, _name: str, _now_s: float) -> None:
+        self._set_room(environment)
+
+    def _on_frame(self, frame: StripsFrame, _name: str, _now_s: float) -> None:
+        self._frame = frame
+        self._is_lit = False
+        self.changed.add("pixels")
+
+    def _on_lamp(self, color: LampColor, lamp: str, _now_s: float) -> None:
+        self._colors[lamp] = color
+        self.changed.add("lamps")
+
+    def _on_conveyor(self, state: ConveyorState, _name: str, _now_s: float) -> None:
+        self._conveyor = state
+        self.changed.add("bays")
+
+    def _on_objects(self, objects: TrackedObjects, tracker: str, now_s: float) -> None:
+        self._objects[tracker] = _Heard(now_s, objects)
+        self.changed.add("objects")
+
+    def _on_selection(self, selection: Selection, _name: str, _now_s: float) -> None:
+        self._selection = selection
+        self.changed.add("objects")
+
+    def _on_hover(self, hover: Hover, user: str, now_s: float) -> None:
+        before = self._hovers.get(user)
+        self._hovers[user] = _Heard(now_s, hover)
+        if hover.object_id or (before is not None and before.message.object_id):
+            self.changed.add("objects")
+
+    def _on_profile(self, profile: UserProfile, user: str, _now_s: float) -> None:
+        self._person(user).profile = profile
+        self.changed |= {"people", "objects"}
+
+    def _on_pose(self, pose: UserPose, user: str, _now_s: float) -> None:
+        self._person(user).pose = pose
+        self.changed |= {"people", "frames"}
+
+    def _on_cursor(self, cursor: Cursor, user: str, now_s: float) -> None:
+        self._person(user).cursor = cursor
+        self._pointed_s[user] = now_s
+        self.changed.add("people")
+
+    def _person(self, user: str) -> Person:
+        return self._people.setdefault(user, Person())

@@ -1,0 +1,201 @@
+"""Foxglove's primitives from our numbers: metres, {W}, colours 0 to 255."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from foxglove.messages import (
+    ArrowPrimitive,
+    Color,
+    CylinderPrimitive,
+    Duration,
+    KeyValuePair,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SpherePrimitive,
+    TextPrimitive,
+    Timestamp,
+    TriangleListPrimitive,
+    Vector3,
+)
+from numpy.typing import NDArray
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.schemas.base import Rgb
+
+WORLD = "world"
+"""The frame {W}."""
+
+GREY: Rgb = (130, 130, 135)
+WHITE: Rgb = (255, 255, 255)
+
+Places = NDArray[np.float64]
+"""n x 3, m."""
+
+_LINES = {
+    "strip": LinePrimitiveLineType.LineStrip,
+    "loop": LinePrimitiveLineType.LineLoop,
+    "list": LinePrimitiveLineType.LineList,
+}
+_Z_TO_X = rotation.from_axis_angle((0.0, 1.0, 0.0), np.pi / 2.0)
+_HEAD_M, _HEAD_WIDTH_M = 0.14, 0.06
+
+
+class Drawn(NamedTuple):
+    """An entity and its name: what Foxglove's own types hold cannot be read again."""
+
+    name: str
+    entity: SceneEntity
+
+
+def timestamp(now_ns: int) -> Timestamp:
+    """Return a time in Unix ns as Foxglove has it."""
+    return Timestamp(now_ns // NS_PER_S, now_ns % NS_PER_S)
+
+
+def color(rgb: Rgb, alpha: float = 1.0) -> Color:
+    """Return a colour."""
+    return Color(r=rgb[0] / 255.0, g=rgb[1] / 255.0, b=rgb[2] / 255.0, a=alpha)
+
+
+def pose(position_m: Vec3, orientation: rotation.Quaternion = rotation.IDENTITY) -> Pose:
+    """Return a pose."""
+    x, y, z, w = orientation
+    return Pose(position=size(*position_m), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def size(x: float, y: float, z: float) -> Vector3:
+    """Return extents along x, y and z, m."""
+    return Vector3(x=x, y=y, z=z)
+
+
+def points(places_m: Iterable[Sequence[float]]) -> list[Point3]:
+    """Return points."""
+    return [Point3(x=x, y=y, z=z) for x, y, z in places_m]
+
+
+def line(
+    places_m: Iterable[Sequence[float]],
+    rgb: Rgb,
+    *,
+    kind: Literal["strip", "loop", "list"] = "strip",
+    pixels: float = 2.0,
+    alpha: float = 1.0,
+) -> LinePrimitive:
+    """Return a line as thick as so many `pixels` of the screen."""
+    return LinePrimitive(
+        type=_LINES[kind],
+        pose=pose((0.0, 0.0, 0.0)),
+        thickness=pixels,
+        scale_invariant=True,
+        points=points(places_m),
+        color=color(rgb, alpha),
+    )
+
+
+def surface(places_m: Places, indices: Sequence[int], rgb: Rgb, alpha: float = 1.0) -> TriangleListPrimitive:
+    """Return triangles between `places_m`, three of `indices` each."""
+    return TriangleListPrimitive(
+        pose=pose((0.0, 0.0, 0.0)),
+        points=points(places_m.tolist()),
+        color=color(rgb, alpha),
+        indices=list(indices),
+    )
+
+
+def ball(center_m: Vec3, diameter_m: float, rgb: Rgb, alpha: float = 1.0) -> SpherePrimitive:
+    """Return a sphere."""
+    return SpherePrimitive(
+        pose=pose(center_m), size=size(diameter_m, diameter_m, diameter_m), color=color(rgb, alpha)
+    )
+
+
+def column(
+    foot_m: Vec3, height_m: float, diameter_m: float, rgb: Rgb, *, alpha: float = 1.0, waist: float = 1.0
+) -> CylinderPrimitive:
+    """Return an upright cylinder that stands at `foot_m`; at its foot it is `waist` times as wide."""
+    return CylinderPrimitive(
+        pose=pose((foot_m[0], foot_m[1], foot_m[2] + height_m / 2.0)),
+        size=size(diameter_m, diameter_m, height_m),
+        bottom_scale=waist,
+        top_scale=1.0,
+        color=color(rgb, alpha),
+    )
+
+
+def limb(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) -> CylinderPrimitive:
+    """Return a cylinder from one place to another."""
+    way_m = vector.subtract(end_m, start_m)
+    turned = rotation.multiply(_towards(way_m), _Z_TO_X)
+    return CylinderPrimitive(
+        pose=pose(vector.add(start_m, vector.scale(way_m, 0.5)), turned),
+        size=size(diameter_m, diameter_m, vector.norm(way_m)),
+        bottom_scale=1.0,
+        top_scale=1.0,
+        color=color(rgb),
+    )
+
+
+def arrow(
+    start_m: Vec3, way_m: Vec3, rgb: Rgb, *, width_m: float = 0.02, alpha: float = 1.0
+) -> ArrowPrimitive:
+    """Return an arrow from `start_m` along `way_m`, whose tip is at their sum."""
+    length_m = vector.norm(way_m)
+    head_m = min(_HEAD_M, length_m / 2.0)
+    return ArrowPrimitive(
+        pose=pose(start_m, _towards(way_m)),
+        shaft_length=length_m - head_m,
+        shaft_diameter=width_m,
+        head_length=head_m,
+        head_diameter=max(_HEAD_WIDTH_M, 2.0 * width_m),
+        color=color(rgb, alpha),
+    )
+
+
+def label(text: str, at_m: Vec3, rgb: Rgb = WHITE, height_m: float = 0.14) -> TextPrimitive:
+    """Return words that always face who looks, `height_m` high."""
+    return TextPrimitive(pose=pose(at_m), billboard=True, font_size=height_m, color=color(rgb), text=text)
+
+
+def entity(
+    name: str,
+    now_ns: int,
+    *,
+    lifetime_s: float = 0.0,
+    facts: Mapping[str, str] | None = None,
+    **primitives: Any,
+) -> Drawn:
+    """Return an entity in {W}; `facts` are shown when it is clicked on, lifetime 0 is for ever."""
+    made = SceneEntity(
+        timestamp=timestamp(now_ns),
+        frame_id=WORLD,
+        id=name,
+        lifetime=Duration.from_secs(lifetime_s),
+        metadata=[KeyValuePair(key=key, value=value) for key, value in (facts or {}).items()],
+        **primitives,
+    )
+    return Drawn(name, made)
+
+
+def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) -> list[Vec3]:
+    """Return the twelve edges of a box, two places each."""
+    corners = [
+        vector.add(center_m, rotation.rotate(orientation, (x * size_m[0], y * size_m[1], z * size_m[2])))
+        for x in (-0.5, 0.5)
+        for y in (-0.5, 0.5)
+        for z in (-0.5, 0.5)
+    ]
+    return [corners[end] for edge in _EDGES for end in edge]
+
+
+_EDGES = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit]
+
+
+def _towards(way: Vec3) -> rotation.Quaternion:
+    return rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))

@@ -1,18 +1,18 @@
 """From a scenario and what the command line changes about it to the services that start."""
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from pointit.cli.person_options import REALISTIC, Pose, body_of
-from pointit.cli.scenario import Scenario
+from pointit.cli.scenario import Place, Scenario
+from pointit.cli.settings import Settings, layers_of
 from pointit.runtime import ConfigError, Launch
-from pointit.runtime.config import Layers, read_yaml
-from pointit.runtime.environment import environment_prefix
 from pointit.schemas.topics import check_name
 from pointit.services import registry
+
+PAGE = "web"
+"""The process of the page: of a run, not of a scenario, and so not among a scenario's services."""
 
 SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
 """Of a simulated device: an arm nearly level, over which one sees things at the height of a table or belt."""
@@ -41,7 +41,7 @@ OF_TWO_LAMPS: dict[str, Any] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choices:
+class Choices(Settings):
     """What the command line changes about a scenario."""
 
     seed: int = 0
@@ -56,13 +56,11 @@ class Choices:
     """`left` or `right`; empty: as configured."""
     stature_m: float | None = None
     imu: Sequence[str] = ()
-    """For each person in turn: `sim`, `simulated`, `serial:PORT` or `replay:FILE`."""
+    """For each person in turn: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
     leds: str = ""
     """Empty, or `expander:PORT`."""
-    files: Sequence[Path] = ()
-    """YAML files that map services to parameters."""
-    settings: Sequence[str] = ()
-    """`service.parameter=value`."""
+    page: bool = False
+    """People may point with a page: who is simulated has an imu-bridge too, which waits for one."""
 
     def of_one(self, index: int) -> "Choices":
         """Return these choices, made for one person, for the person `index`."""
@@ -94,6 +92,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     return [
         _launch(scenario, name, ({}, parameters, extra.get(name, {})), choices)
         for name, parameters in scenario.site.items()
+        if name != PAGE
     ]
 
 
@@ -115,6 +114,8 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
         "imu-bridge": {"simulated": SWEEP},
     }
+    if device == "sim" and "user-sim" in scenario.user:
+        usual["imu-bridge"] = {"source": "page"}  # it only waits for one
     if choices.localize:
         usual["user-sim"] |= REALISTIC
     extra = _person(scenario, choices, index, is_simulated=device == "sim")
@@ -124,6 +125,8 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         services.setdefault("imu-bridge", {})
         extra["imu-bridge"] = _device(device)
         extra["supervisor"]["autostart"] = True  # many devices have no button
+    elif choices.page:
+        services.setdefault("imu-bridge", {})
     return [
         _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()
@@ -134,7 +137,7 @@ def _person(
     scenario: Scenario, choices: Choices, index: int, *, is_simulated: bool
 ) -> dict[str, dict[str, Any]]:
     """Return what the command line says of one person: how they are, where they stand, who knows it."""
-    place = scenario.places[index % len(scenario.places)]
+    place = scenario.place_of(index)
     position_m, yaw_deg = list(place.position_m), None if choices.localize else place.yaw_deg
     pose = choices.poses[index] if index < len(choices.poses) else None
     if pose is not None:
@@ -171,30 +174,23 @@ def _person(
     }
 
 
-def check_settings(launches: Sequence[Launch], choices: Choices) -> None:
-    """Make sure that no `--set` is without effect.
-
-    Raises:
-        ConfigError: one is for a service that is not among `launches`.
-    """
-    running = {launch.service.NAME for launch in launches}
-    for setting in choices.settings:
-        service = _split(setting)[0][0]
-        if service not in running:
-            raise ConfigError(
-                f"--set {setting!r}: {service} is not among what this starts: {', '.join(sorted(running))}"
-            )
+def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
+    """Return where the person `index` is taken to stand: as the command line says, else the scenario."""
+    pose = choices.poses[index] if index < len(choices.poses) else None
+    if pose is None:
+        return scenario.place_of(index)
+    return Place(position_m=(pose.x_m, pose.y_m, 0.0), yaw_deg=pose.yaw_deg or 0.0)
 
 
 def _device(device: str) -> dict[str, Any]:
     kind, _, argument = device.partition(":")
-    if kind == "simulated" and not argument:
-        return {"source": "simulated"}
+    if kind in {"simulated", "page"} and not argument:
+        return {"source": kind}
     if kind == "serial" and argument:
         return {"source": "serial", "serial": {"port": argument}}
     if kind == "replay" and argument:
         return {"source": "replay", "replay": {"recording": argument}}
-    raise ConfigError(f"--imu {device!r}: give sim, simulated, serial:PORT or replay:FILE.csv")
+    raise ConfigError(f"--imu {device!r}: give sim, page, simulated, serial:PORT or replay:FILE.csv")
 
 
 def _launch(
@@ -208,37 +204,5 @@ def _launch(
     if row.scope != scope:
         raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
     service = row.load()
-    layers = Layers()
-    for values, source in zip(
-        layered, ("defaults of scenarios", scenario.source, "command line"), strict=True
-    ):
-        layers.add(values, f"{source}, {name}")
-    for path in choices.files:
-        layers.add(_section(path, name), f"{path}, {name}")
-    layers.add_environment(os.environ, environment_prefix(name))
-    for setting in choices.settings:
-        target, text = _split(setting)
-        if target[0] == name:
-            layers.add_text(target[1:], text, f"--set {setting}")
-    return Launch(service=service, config=layers.build(service.CONFIG), user=user)
-
-
-def _section(path: Path, name: str) -> Mapping[str, Any]:
-    sections = read_yaml(path)
-    for section in sections:
-        if section not in {row.name for row in registry.PROCESSES}:
-            raise ConfigError(f"{path}: {section!r} is no service; `pointit list` shows them")
-    value = sections.get(name, {})
-    if not isinstance(value, dict):
-        raise ConfigError(f"{path}: {name}: a mapping of parameters was expected, got {value!r}")
-    return cast("dict[str, Any]", value)
-
-
-def _split(setting: str) -> tuple[list[str], str]:
-    target, separator, text = setting.partition("=")
-    path = target.split(".")
-    if not separator or len(path) < 2:
-        raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
-    if path[0] not in {row.name for row in registry.PROCESSES}:
-        raise ConfigError(f"--set {setting!r}: {path[0]!r} is no service; `pointit list` shows them")
-    return path, text
+    named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
+    return Launch(service=service, config=layers_of(name, named, choices).build(service.CONFIG), user=user)

@@ -12,6 +12,11 @@ from pointit.cli.lazy import Entry, LazyGroup, from_module
 COMMANDS = (
     ("run", "start a scenario: its services, simulated people, a live view", "pointit.cli.run:run"),
     ("user", "add one person's services to a running site", "pointit.cli.run:user"),
+    (
+        "dashboard",
+        "open the page of a site that runs elsewhere, in the browser",
+        "pointit.cli.dashboard:command",
+    ),
     ("service", "run one service; its --help documents every parameter", "pointit.cli.service:command"),
     ("list", "list what there is to run", "pointit.cli.list:command"),
     ("topics", "show the topic table: what travels, how often, who writes it", "pointit.cli.topics:command"),
@@ -36,7 +41,7 @@ COMMANDS = (
 """Name, one line, and where the command is: `module:attribute`."""
 
 EXAMPLES = (
-    ("pointit run", "a simulated person selects moving segments, in this terminal"),
+    ("pointit run", "a person in a room with a conveyor, in your browser; then it is you who points"),
     ("pointit hz --all", "what travels and how often, from another terminal"),
     ("pointit doctor", "is everything well, and if not, what to do"),
 )

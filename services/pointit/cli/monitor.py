@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from pointit.cli.latency import Latency
 from pointit.cli.score import Score
-from pointit.runtime import Bus, Clock
+from pointit.runtime import Bus, Clock, Closable
 from pointit.schemas import (
     Anchor,
     Cursor,
@@ -92,25 +92,33 @@ class Monitor:
     """How near a ray came to each lamp that was pointed at."""
     first_cursor_unix_s: float | None = None
     """When the first cursor on a surface came, wall time."""
+    _listening: list[Closable] = field(default_factory=list[Closable])
 
     def attach(self, bus: Bus) -> None:
         """Begin to listen on `bus`."""
-        bus.subscribe(MAP, self._on_map)
-        bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message))
-        bus.subscribe(SELECTION_EVENTS, self._on_event)
-        bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state))
-        bus.subscribe(INTERACTION, self._on_interaction)
-        bus.subscribe(POSE, self._on_pose)
-        bus.subscribe(LOCALIZATION, self._on_localization)
-        bus.subscribe(ANCHOR, self._on_anchor)
-        bus.subscribe(FEEDBACK, self._on_feedback)
-        bus.subscribe(PROFILE, self._on_profile)
-        bus.subscribe(HOVER, self._on_hover)
-        bus.subscribe(LAMP_COLOR, self._on_lamp)
-        bus.subscribe(HEALTH, self._on_health)
-        bus.subscribe(CURSOR, self._on_cursor)
-        bus.subscribe(STRIPS_FRAME, self._on_frame)
-        bus.watch(USER_ALIVE, self._on_user)
+        self._listening += [
+            bus.subscribe(MAP, self._on_map),
+            bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
+            bus.subscribe(SELECTION_EVENTS, self._on_event),
+            bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state)),
+            bus.subscribe(INTERACTION, self._on_interaction),
+            bus.subscribe(POSE, self._on_pose),
+            bus.subscribe(LOCALIZATION, self._on_localization),
+            bus.subscribe(ANCHOR, self._on_anchor),
+            bus.subscribe(FEEDBACK, self._on_feedback),
+            bus.subscribe(PROFILE, self._on_profile),
+            bus.subscribe(HOVER, self._on_hover),
+            bus.subscribe(LAMP_COLOR, self._on_lamp),
+            bus.subscribe(HEALTH, self._on_health),
+            bus.subscribe(CURSOR, self._on_cursor),
+            bus.subscribe(STRIPS_FRAME, self._on_frame),
+            bus.watch(USER_ALIVE, self._on_user),
+        ]
+
+    def detach(self) -> None:
+        """Hear nothing any more; what was seen stays."""
+        while self._listening:
+            self._listening.pop().close()
 
     def people(self) -> list[str]:
         """Return whose doings are shown."""

@@ -12,8 +12,8 @@ from pointit.schemas import Deployment, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import DEPLOYMENT, PROFILE
 
-USUAL = "scenario_3"
-"""Whose parameters a person has where no shipped scenario runs."""
+USUAL = "scenario_4"
+"""What is run where none is named, and whose parameters a person has where no shipped one runs."""
 LISTEN_S = 0.3
 """So long is listened; what is there is told at once."""
 
@@ -42,11 +42,11 @@ def look_round(site: str, connect: Sequence[str]) -> Found | None:
 
 async def surroundings(bus: Bus) -> Found:
     """Return which scenario runs on a site that was joined, and which place is free."""
-    running: set[str] = set()
+    running: dict[str, str] = {}
     colors: dict[str, Rgb] = {}
 
-    def on_deployment(_deployment: Deployment, name: str) -> None:
-        running.add(name)
+    def on_deployment(deployment: Deployment, name: str) -> None:
+        running[name] = deployment.scenario
 
     def on_profile(profile: UserProfile, user: str) -> None:
         colors[user] = profile.cursor_color
@@ -57,7 +57,7 @@ async def surroundings(bus: Bus) -> Found:
     finally:
         for subscription in listening:
             subscription.close()
-    shipped = sorted(running & set(scenario_names()))
+    shipped = sorted(set(running.values()) & set(scenario_names()))
     return (shipped[0] if len(shipped) == 1 else USUAL), free_place(colors.values())
 
 

@@ -1,11 +1,13 @@
 """Everything a run needs to know, decided before it begins."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pointit.cli.page import Page
 from pointit.runtime import Launch
 from pointit.runtime.zenoh_session import Link
+from pointit.schemas import RunScenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,10 +16,13 @@ class Plan:
 
     name: str
     launches: Sequence[Launch]
+    """Of the scenario or the person; not the page's."""
     link: Link
     target_kinds: Sequence[str] = ()
     seed: int = 0
     duration_s: float | None = None
+    is_limited: bool = False
+    """The duration was asked for: it ends then, whoever looks on."""
     speed: float = 1.0
     processes: bool = False
     may_move: bool = False
@@ -31,3 +36,19 @@ class Plan:
     """Sentences that are said at the start."""
     summary: Path | None = None
     as_json: bool = False
+    page: Page | None = None
+    browser: bool = False
+    """Open the page in a browser, where somebody sits."""
+    scenario: str = ""
+    """That runs; empty: one person's part."""
+    scenarios: Sequence[str] = ()
+    """That can be asked for instead; empty: none."""
+    localizes: bool = False
+    """People are found by pointing at lamps."""
+    another: "Callable[[RunScenario, Plan], Plan] | None" = None
+    """Makes the plan of what is asked for in place of a plan that runs; raises ConfigError. In any thread."""
+
+    @property
+    def users(self) -> list[str]:
+        """Return whose services it starts, in order."""
+        return list(dict.fromkeys(launch.user for launch in self.launches if launch.user))

@@ -1,5 +1,6 @@
 """`pointit run` and `pointit user`: whole scenarios, or one person's part of one."""
 
+import dataclasses
 import os
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,14 @@ import click
 from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
-from pointit.cli.launches import Choices, check_settings, site_launches, user_launches
+from pointit.cli.launches import PAGE, Choices, user_launches
 from pointit.cli.newcomer import USUAL, look_round
-from pointit.cli.person_options import PERSON_OPTIONS
+from pointit.cli.page import REMEDY, Page, is_asked_of_page, missing, page_of, page_service
 from pointit.cli.plan import Plan
+from pointit.cli.program import Program, places, staged
+from pointit.cli.run_options import page_options, shared_options
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
+from pointit.cli.settings import check_settings
 from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.environment import check_environment
@@ -21,62 +25,6 @@ from pointit.runtime.log import setup_logging
 from pointit.runtime.process import link_options, log_option, run_async
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.services.registry import PROCESSES
-
-
-def _options(function: Any) -> Any:
-    """Add the options that `run` and `user` share."""
-    for option in reversed(
-        [
-            click.option(
-                "--localize",
-                is_flag=True,
-                help="find out where people stand by pointing at lamps  [default: they stand at --pose, "
-                "or at the scenario's places]",
-            ),
-            *PERSON_OPTIONS,
-            click.option(
-                "--seed",
-                default=0,
-                show_default=True,
-                type=click.IntRange(min=0),
-                help="of everything random",
-            ),
-            click.option(
-                "--imu",
-                multiple=True,
-                metavar="SOURCE",
-                help="where orientations come from. sim (default): a simulated person, who wants "
-                "something, points at it and presses the button. simulated: only a simulated sensor, on an "
-                "arm that sweeps to and fro, to try what a device goes through. serial:PORT or "
-                "replay:FILE.csv: a device, or its recording. Once for each person",
-            ),
-            click.option(
-                "--config",
-                "files",
-                multiple=True,
-                type=click.Path(path_type=Path),
-                help="YAML file that maps services to parameters",
-            ),
-            click.option(
-                "--set",
-                "settings",
-                multiple=True,
-                metavar="SERVICE.PARAMETER=VALUE",
-                help="change one parameter; `pointit service NAME --help` shows them",
-            ),
-            click.option(
-                "--duration",
-                type=Finite(min=0.1),
-                help="seconds until it ends by itself  [default: as the scenario has it, or never]",
-            ),
-            click.option(
-                "--processes", is_flag=True, help="a process for each service  [default: all in one process]"
-            ),
-            click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
-        ]
-    ):
-        function = option(function)
-    return function
 
 
 def _check_people(choices: Choices, people: int) -> None:
@@ -107,11 +55,11 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 
 
 @click.command("run")
-@click.argument("scenario", default="scenario_3")
+@click.argument("scenario", default=USUAL)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
 )
-@_options
+@shared_options
 @click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="how many people")
 @click.option(
     "--method",
@@ -129,6 +77,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     type=Finite(0.1, 20),
     help="simulated time runs this many times as fast",
 )
+@page_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
 @click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")
 @click.option("--recording", type=click.Path(path_type=Path), help="for `replay`: a person's recorded IMU")
@@ -153,11 +102,15 @@ def run(
 ) -> int:
     """Run SCENARIO, in which simulated people or yours point at things.
 
-    scenario_1: lamps show how near one points. scenario_2: a cursor on the strips. scenario_3 (default):
-    select moving segments. scenario_4: packages on a conveyor, sent to bays. `--list` explains them.
+    scenario_1: lamps show how near one points. scenario_2: a cursor on the strips. scenario_3: select
+    moving segments. scenario_4 (default): packages on a conveyor, sent to bays. `--list` explains them.
 
     `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
-    your own. It ends by itself with a summary; Ctrl-C ends it at once.
+    your own.
+
+    A page opens in the browser: there you look on, and point yourself with the mouse or a phone; its
+    address is printed. It ends by itself with a summary, unless a page is open or --duration says when;
+    Ctrl-C ends it at once.
 
     Example: pointit run scenario_4 --users 2 --method gauge
     """
@@ -189,35 +142,76 @@ def run(
     choices = _choices(options, leds)
     people = 0 if site_only else users
     _check_people(choices, people)
-    launches = site_launches(chosen, choices)
-    for index in range(people):
-        launches += user_launches(chosen, choices, f"user{index + 1}", index)
-    check_settings(launches, choices)
+    page, notes = _page(chosen, choices, options)
+    choices = dataclasses.replace(choices, page=page is not None)
+    launches = staged(chosen, choices, people)
+    check_settings([*launches, *([page.launch] if page else [])], choices)
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
+    name = Path(scenario).stem
+    program = None if site_only else Program.beginning_with(name, scenario, chosen, choices)
     plan = Plan(
-        name=Path(scenario).stem,
+        name=name,
         launches=launches,
         link=_link(options),
         target_kinds=chosen.target_kinds,
         seed=choices.seed,
         duration_s=duration_s,
+        is_limited=options["duration"] is not None,
         speed=speed,
         processes=options["processes"],
-        notes=tuple(assumed_places(launches, choices)),
+        notes=(*notes, *assumed_places(launches, choices)),
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,
         view=not options["no_view"],
         summary=summary,
         as_json=as_json,
+        page=page,
+        browser=not options["no_browser"],
+        scenario=name,
+        scenarios=() if program is None else tuple(program.sources),
+        localizes=choices.localize,
+        another=None if program is None else program.plan,
     )
     return execute(plan, options["log_level"])
 
 
+def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, list[str]]:
+    """Return the page of a run, if it has one, and what is to be said of it.
+
+    Raises:
+        ConfigError: something is asked of a page that there is not.
+        ListenError: its port is taken.
+    """
+    port: int | None = options["web_port"]
+    asked = {"--web-port": port is not None, "--lan": options["lan"]}
+    if options["no_web"]:
+        for option, is_given in asked.items():
+            if is_given:
+                raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
+        return None, []
+    service = page_service()
+    if service is None:
+        asked["--set web."] = is_asked_of_page(choices.settings)
+        for option, is_given in asked.items():
+            if is_given:
+                raise missing(option)
+        return None, [f"{REMEDY}; --no-web says nothing of it"]
+    said = {"port": port} if port is not None else {}
+    page = page_of(
+        service,
+        choices,
+        below=scenario.site.get(PAGE, {}),
+        asked=said | ({"lan": True} if options["lan"] else {}),
+        places=places(scenario, choices),
+    )
+    return page, []
+
+
 @click.command("user")
 @click.argument("name")
-@_options
+@shared_options
 @click.option("--scenario", help=f"whose parameters to use  [default: the one that runs there, or {USUAL}]")
 @click.option(
     "--place",
@@ -238,7 +232,7 @@ def user(name: str, scenario: str | None, place: int | None, **options: Any) -> 
             return 0
         scenario, place = scenario or found[0], place or found[1]
     chosen: Scenario = read_scenario(scenario)
-    choices = _choices(options, "")
+    choices = dataclasses.replace(_choices(options, ""), page=True)
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
         if len(given) > 1:
             raise ConfigError(f"{option} is given {len(given)} times for one person")
@@ -249,6 +243,7 @@ def user(name: str, scenario: str | None, place: int | None, **options: Any) -> 
         launches=launches,
         link=_link(options),
         duration_s=options["duration"],
+        is_limited=True,
         processes=options["processes"],
         scored=False,
         view=not options["no_view"],

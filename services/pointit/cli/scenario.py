@@ -38,6 +38,10 @@ class Scenario(Config):
         """Return where it stands, for errors."""
         return self._source
 
+    def place_of(self, index: int) -> Place:
+        """Return where the person `index` stands, counted from 0; there may be more people than places."""
+        return self.places[index % len(self.places)]
+
     @classmethod
     def read(cls, path: Path, source: str) -> Self:
         """Return the scenario in the file at `path`, called `source` in errors."""

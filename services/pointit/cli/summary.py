@@ -79,14 +79,14 @@ def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
 
 
 def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
-    """Print the summary, and write it where it is wanted; `duration_s` may hold the time that ending took."""
+    """Print the summary of what ran for `duration_s`, and write it where it is wanted."""
     if not (plan.scored or plan.summary is not None or plan.as_json):
         return
     summary: dict[str, Any] = {
         "scenario": plan.name,
         "site": plan.link.site,
         "seed": plan.seed,
-        "duration_s": round(min(duration_s, plan.duration_s or duration_s), 3),
+        "duration_s": round(duration_s, 3),
         "speed": plan.speed,
         "target_kinds": list(plan.target_kinds),
         **monitor.score.counts(),
@@ -103,7 +103,8 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "first_cursor_unix_s": monitor.first_cursor_unix_s,
         "people": _people(plan, monitor),
         "not_found": _not_found(plan, monitor),
-        "services": [launch.instance for launch in plan.launches],
+        "services": [launch.instance for launch in plan.launches]
+        + ([plan.page.launch.instance] if plan.page else []),
     }
     if plan.as_json:
         click.echo(json.dumps(summary, indent=2))

@@ -37,13 +37,25 @@ SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, 
 
 
 def draw(
-    monitor: Monitor, title: str, remaining_s: Callable[[], float], button_of: str = ""
+    monitor: Monitor,
+    title: str,
+    remaining_s: Callable[[], float],
+    button_of: str = "",
+    *,
+    page: str = "",
+    is_looked_on: bool = False,
 ) -> RenderableType:
     """Return the whole view of what `monitor` holds when it is drawn, as wide as the terminal is then.
 
-    `button_of` is whose button the Space key is, if anybody's.
+    Args:
+        monitor: what is drawn.
+        title: what stands above it.
+        remaining_s: returns for how long it goes on; 0 when it does not end by itself.
+        button_of: whose button the Space key is, if anybody's.
+        page: the address of the page, if there is one.
+        is_looked_on: its time is over, and it goes on for a page that is open.
     """
-    return _View(monitor, title, remaining_s, button_of)
+    return _View(monitor, title, remaining_s, button_of, page, is_looked_on)
 
 
 @dataclass(frozen=True)
@@ -52,6 +64,8 @@ class _View:
     title: str
     remaining_s: Callable[[], float]
     button_of: str
+    page: str
+    is_looked_on: bool
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(1, options.max_width - BORDER_WIDTH)
@@ -61,20 +75,31 @@ class _View:
             for worth, part in self._parts(width, options.max_width)
         ]
         lines = fitted(blocks, options.size.height - BORDER_HEIGHT)
-        left_s = self.remaining_s()
-        hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
-        if self.button_of and options.max_width >= ROOMY_WIDTH:
-            hints.append(f"Space is {self.button_of}'s button")
-        subtitle = ", ".join([*hints, "Ctrl-C ends it"])
         yield Panel(
-            SegmentLines(lines, new_lines=True), title=self.title, subtitle=subtitle, border_style="cyan"
+            SegmentLines(lines, new_lines=True),
+            title=self.title,
+            subtitle=self._subtitle(options.max_width),
+            border_style="cyan",
         )
+
+    def _subtitle(self, whole_width: int) -> str:
+        is_roomy, left_s = whole_width >= ROOMY_WIDTH, self.remaining_s()
+        if self.is_looked_on and is_roomy:
+            return "a page is open: goes on until Ctrl-C or it closes"
+        hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
+        if self.is_looked_on:
+            hints.append("a page is open")
+        if self.button_of and is_roomy:
+            hints.append(f"Space is {self.button_of}'s button")
+        return ", ".join([*hints, "Ctrl-C ends it"])
 
     def _parts(self, width: int, whole_width: int) -> list[tuple[Worth, RenderableType]]:
         """Return what there is to show, and what of it can be missed on a low terminal."""
         monitor = self.monitor
         environment = monitor.environment
         parts: list[tuple[Worth, RenderableType]] = []
+        if self.page:
+            parts.append((None, Text(f"page: {self.page}", style="bold", overflow="fold")))
         if environment is None:
             parts.append((None, Text("waiting for the map …", style="dim")))
         else:

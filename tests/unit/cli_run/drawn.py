@@ -1,6 +1,7 @@
 """Monitors fed by hand, and what the terminal view shows of them."""
 
 import io
+from typing import Any
 
 from rich.console import Console
 
@@ -39,12 +40,14 @@ def cursor(position_m: float, surface_id: str = "0", surface: str = "strip") -> 
     )
 
 
-def shown(monitor: Monitor, width: int = 100, left_s: float = 0.0, height: int = 60) -> list[str]:
-    """Return the lines of the view without colours."""
+def shown(
+    monitor: Monitor, width: int = 100, left_s: float = 0.0, height: int = 60, **about: Any
+) -> list[str]:
+    """Return the lines of the view without colours, with more to say `about` it."""
     console = Console(
         file=io.StringIO(), width=width, height=height, color_system="truecolor", force_terminal=True
     )
-    lines = console.render_lines(draw(monitor, "PointIt test", lambda: left_s), console.options)
+    lines = console.render_lines(draw(monitor, "PointIt test", lambda: left_s, **about), console.options)
     texts = ["".join(segment.text for segment in line) for line in lines]
     assert all(len(text) == width for text in texts), texts
     return texts

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.launches import Choices, check_settings, site_launches, user_launches
+from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.run import run
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
+from pointit.cli.settings import check_settings
 from pointit.runtime import ConfigError, Launch
 from pointit.runtime.service import check_launches
 from pointit.services.pui.map_file import load_map
@@ -129,6 +130,7 @@ def test_localize_tells_nobody_where_people_stand() -> None:
         ("serial:/dev/ttyUSB7", "serial", "serial", "port"),
         ("replay:/tmp/a:b.csv", "replay", "replay", "recording"),
         ("simulated", "simulated", None, None),
+        ("page", "page", None, None),
     ],
 )
 def test_a_device_takes_the_place_of_the_simulated_person(
@@ -150,9 +152,31 @@ def test_a_device_takes_the_place_of_the_simulated_person(
     assert "user-sim.c" in names(user_launches(scenario, choices, "c", 2))
 
 
-@pytest.mark.parametrize("device", ["nonsense", "serial", "serial:", "replay", "simulated:x", ""])
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_page_may_take_anybodys_wrist(name: str) -> None:
+    scenario, choices = read_scenario(name), Choices(imu=["sim", "serial:/dev/ttyUSB7"], page=True)
+    simulated, wearing = (user_launches(scenario, choices, "a", index) for index in range(2))
+    assert {"imu-bridge.a", "user-sim.a"} <= names(simulated)
+    assert config_of(simulated, "imu-bridge")["source"] == "page"  # which only waits for one
+    assert config_of(wearing, "imu-bridge")["source"] == "serial"
+    assert "imu-bridge.a" not in names(user_launches(scenario, Choices(), "a"))
+
+
+def test_an_imu_bridge_of_a_scenario_is_as_it_says(tmp_path: Path) -> None:
+    text = GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n"
+    alone = user_launches(read_scenario(str(written(tmp_path / "a.yaml", text))), Choices(page=True), "a")
+    assert config_of(alone, "imu-bridge")["source"] == "simulated"
+    text = GOOD + "user: {imu-bridge: {yaw_origin_deg: 7}, user-sim: {}}\n"
+    beside = user_launches(read_scenario(str(written(tmp_path / "b.yaml", text))), Choices(page=True), "a")
+    assert config_of(beside, "imu-bridge")["source"] == "page"
+    assert config_of(beside, "imu-bridge")["yaw_origin_deg"] == 7
+
+
+@pytest.mark.parametrize("device", ["nonsense", "serial", "serial:", "replay", "simulated:x", "page:x", ""])
 def test_another_device_is_refused(device: str) -> None:
-    with pytest.raises(ConfigError, match=r"--imu '.*': give sim, simulated, serial:PORT or replay:FILE"):
+    with pytest.raises(
+        ConfigError, match=r"--imu '.*': give sim, page, simulated, serial:PORT or replay:FILE"
+    ):
         user_launches(read_scenario("scenario_3"), Choices(imu=[device]), "a")
 
 

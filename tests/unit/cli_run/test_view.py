@@ -124,6 +124,24 @@ def test_before_there_is_a_map_it_says_so() -> None:
     assert " s left" not in "\n".join(shown(monitor_of()))
 
 
+PAGE = "http://127.0.0.1:8090/?token=" + "x" * 24
+
+
+def test_the_address_of_the_page_stays_visible_in_any_terminal() -> None:
+    assert any(f"page: {PAGE} " in line for line in shown(everything(), 80, page=PAGE))
+    assert any("page: http://127.0.0.1" in line for line in shown(everything(), 80, height=8, page=PAGE))
+    narrow = "".join(line.strip("│ ") for line in shown(everything(), 40, page=PAGE))
+    assert PAGE in narrow
+    assert "page:" not in "".join(shown(everything()))
+
+
+def test_it_says_that_it_goes_on_for_an_open_page() -> None:
+    sentence = "a page is open: goes on until Ctrl-C or it closes"
+    assert sentence in shown(everything(), 80, is_looked_on=True)[-1]
+    assert "a page is open, Ctrl-C ends it" in shown(everything(), 40, is_looked_on=True)[-1]
+    assert "a page is open" not in "".join(shown(everything(), left_s=3.0))
+
+
 def everything() -> Monitor:
     monitor = monitor_of(strip(pixels=150), strip("1", 150, -1))
     monitor.lamps["led_0"] = LampColor(stamp_ns=1, color=(255, 255, 0))

@@ -1,0 +1,115 @@
+"""`pointit dashboard`: the page for a site that runs elsewhere."""
+
+import ipaddress
+from typing import Any
+
+import click
+
+from pointit.cli import browser
+from pointit.cli.link import site_options
+from pointit.cli.opening import CLOCK_PATIENCE_S
+from pointit.cli.page import EVERYWHERE, PORT, Page, missing, page_of, page_service
+from pointit.cli.settings import Settings
+from pointit.cli.stage import PRESENCE_PATIENCE_S
+from pointit.runtime import ConfigError, SiteClock
+from pointit.runtime.log import setup_logging
+from pointit.runtime.presence import present
+from pointit.runtime.process import log_option, run_async
+from pointit.runtime.service import check_launches, run_service
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas.topics import SERVICE_ALIVE
+
+
+@click.command("dashboard", params=[*site_options(), log_option()])
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help=f"where the page is on this machine, 0: at any that is free  [default: {PORT} or the next free one]",
+)
+@click.option(
+    "--host", default="", help="address to listen at  [default: this machine only; with --lan, all it has]"
+)
+@click.option("--lan", is_flag=True, help="open the page to the local network too, by HTTPS")
+@click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+@click.option(
+    "--view-only", is_flag=True, help="print the link for who may look on, and none that may control"
+)
+def command(
+    *,
+    port: int | None,
+    host: str,
+    lan: bool,
+    no_browser: bool,
+    view_only: bool,
+    site: str,
+    connect: tuple[str, ...],
+    log_level: str,
+) -> int:
+    """Open the page of a site that runs elsewhere: a `pointit run` on another machine, or on this one.
+
+    It joins the site, prints the address of the page, and serves it until Ctrl-C. The site goes on when the
+    page ends, and the page waits for the site when that ends or is not there yet.
+
+    Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
+    """
+    setup_logging("warning" if log_level == "info" else log_level)
+    service = page_service()
+    if service is None:
+        raise missing("pointit dashboard")
+    page = page_of(service, Settings(), asked=_asked(port, host, is_lan=lan))
+    check_launches([page.launch])
+    return run_async(
+        _serve(page, Link(site=site, connect=connect), is_open=not no_browser, view_only=view_only)
+    )
+
+
+def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
+    """Return the page's parameters that the options ask for.
+
+    Raises:
+        ConfigError: the host would open the page to a network without encryption.
+    """
+    asked: dict[str, Any] = {} if port is None else {"port": port}
+    if is_lan:
+        asked["lan"] = True
+    if host and not is_loopback(host):
+        if not is_lan:
+            raise ConfigError(
+                f"--host {host}: a page on a network needs HTTPS, or its token could be read on the way; "
+                "use --lan, which opens it so"
+            )
+        asked["lan_address"] = "" if host in EVERYWHERE else host
+    elif host:
+        asked["host"] = host
+    return asked
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine itself reaches `host`."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:
+    """Serve the page on the site, as soon as somebody answers there, until it is cancelled."""
+    bus = await ZenohBus.open(link)
+    try:
+        clock = SiteClock(bus)
+        await clock.found(CLOCK_PATIENCE_S)
+        there = await present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S)
+        number = next(n for n in range(1, len(there) + 2) if page.numbered(n).instance not in there)
+        launch = page.numbered(number)
+        url = page.viewer_url if view_only else page.url
+        lan_url = page.viewer_lan_url if view_only else page.lan_url
+        click.echo(f"page: {url}")
+        if lan_url:
+            click.echo(f"for the local network: {lan_url}")
+        if is_open and browser.is_wanted():
+            browser.open_when_there(bus, launch.instance, url)
+        await run_service(launch, bus, clock)
+    finally:
+        await bus.close()
+    return 0

@@ -1,0 +1,177 @@
+"""The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
+
+import secrets
+import socket
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.cli.launches import PAGE
+from pointit.cli.settings import Settings, layers_of, service_of
+from pointit.runtime import AnyService, ConfigError, Launch, ListenError
+from pointit.services import registry
+
+REMEDY = 'the page needs `pip install "pointit[web]"`'
+"""What is said where the extra is not installed."""
+
+PORT = 8090
+LAN_PORT = 8443
+
+PORTS_TO_TRY = 10
+"""Ports from the usual one on that are tried when none was asked for."""
+
+TOKEN_BYTES = 18
+"""Of a token: 144 bits, and an address that fits a line of 80 columns."""
+
+EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberedLaunch(Launch):
+    """One of several of a kind on a site: `web`, `web.2`, …; each is present under a name of its own."""
+
+    number: int = 1
+
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present."""
+        return super().instance if self.number == 1 else f"{super().instance}.{self.number}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page that is served, and its addresses; they hold tokens, so they are told once and to a person."""
+
+    launch: NumberedLaunch
+    url: str
+    """For who may control, on this machine."""
+    viewer_url: str
+    """For who may only look on."""
+    lan_url: str = ""
+    """For who may control, from the local network; empty: it is not open to it."""
+    viewer_lan_url: str = ""
+
+    def numbered(self, number: int) -> NumberedLaunch:
+        """Return what serves it, as one of several."""
+        return NumberedLaunch(service=self.launch.service, config=self.launch.config, number=number)
+
+
+def page_service() -> type[AnyService] | None:
+    """Return the service, or none where the extra it needs is not installed."""
+    try:
+        service: type[AnyService] = registry.process(PAGE).load()
+    except ImportError:
+        return None
+    return service
+
+
+def page_of(
+    service: type[AnyService],
+    chosen: Settings,
+    *,
+    below: Mapping[str, Any] | None = None,
+    asked: Mapping[str, Any] | None = None,
+    places: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Page:
+    """Return the page, with tokens of its own, at ports that are free now.
+
+    Args:
+        service: what serves it.
+        chosen: files and `--set`, which win.
+        below: what a scenario says of it.
+        asked: what options of the command line say of it.
+        places: by user, where people are taken to stand.
+
+    Raises:
+        ConfigError: a parameter is wrong.
+        ListenError: the port that was asked for is taken, or all that are tried are.
+    """
+    usual = {
+        "operator_token": secrets.token_urlsafe(TOKEN_BYTES),
+        "viewer_token": secrets.token_urlsafe(TOKEN_BYTES),
+        "places": dict(places or {}),
+    }
+    layers = layers_of(
+        PAGE,
+        {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}},
+        chosen,
+    )
+    config = layers.build(service.CONFIG)
+    values = config.model_dump()
+    host = str(values["host"])
+    ports = {"port": _port(host, values["port"], PORT, is_asked="port" in layers.values, option="--web-port")}
+    if values["lan"]:
+        ports["lan_port"] = _port(
+            "", values["lan_port"], LAN_PORT, is_asked="lan_port" in layers.values, option="web.lan_port"
+        )
+    config = config.model_copy(update=ports)
+    here = f"http://{_shown(host)}:{ports['port']}/?token="
+    operator, viewer = str(values["operator_token"]), str(values["viewer_token"])
+    there = ""
+    if values["lan"]:
+        address = str(values["lan_address"]) or own_address()
+        there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    return Page(
+        launch=NumberedLaunch(service=service, config=config),
+        url=here + operator,
+        viewer_url=here + viewer,
+        lan_url=there and there + operator,
+        viewer_lan_url=there and there + viewer,
+    )
+
+
+def is_asked_of_page(settings: Iterable[str]) -> bool:
+    """Return whether one of `--set` is for the page."""
+    return any(service_of(setting) == PAGE for setting in settings)
+
+
+def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> int:
+    """Return a port that nobody listens at; the one that was asked for, where one was.
+
+    Raises:
+        ListenError: there is none.
+    """
+    candidates = [port] if is_asked else list(range(usual, usual + PORTS_TO_TRY))
+    reason = ""
+    for candidate in candidates:
+        try:
+            return _probe(host, candidate)
+        except OSError as error:
+            reason = error.strerror or str(error)
+    shown = f"{candidates[0]}" if is_asked else f"{candidates[0]} to {candidates[-1]}"
+    where = f"{_shown(host)}:{shown}"
+    raise ListenError(f"the page cannot listen at {where}: {reason}; choose another port with {option}")
+
+
+def _probe(host: str, port: int) -> int:
+    """Return the port, or for 0 any, if it can be listened at; as the server does, past sockets that fade."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((host, port))
+        probe.listen(1)
+        number: int = probe.getsockname()[1]
+    return number
+
+
+def own_address() -> str:
+    """Return this machine's address in its network, or that of itself alone; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # of no machine (RFC 5737): only a route is looked for
+            address: str = probe.getsockname()[0]
+        except OSError:
+            return "127.0.0.1"
+    return address
+
+
+def _shown(host: str) -> str:
+    """Return a host as it stands in an address that is opened on this machine."""
+    if host in EVERYWHERE:
+        return "127.0.0.1"
+    return f"[{host}]" if ":" in host else host
+
+
+def missing(why: str) -> ConfigError:
+    """Return the error for who asks something of a page that cannot be."""
+    return ConfigError(f"{why}: {REMEDY}")

@@ -1,0 +1,91 @@
+"""Options that several of the commands that start services share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.finite import Finite
+from pointit.cli.page import PORT
+from pointit.cli.person_options import PERSON_OPTIONS
+
+
+def shared_options(function: Any) -> Any:
+    """Add the options that `run` and `user` share."""
+    for option in reversed(
+        [
+            click.option(
+                "--localize",
+                is_flag=True,
+                help="find out where people stand by pointing at lamps  [default: they stand at --pose, "
+                "or at the scenario's places]",
+            ),
+            *PERSON_OPTIONS,
+            click.option(
+                "--seed",
+                default=0,
+                show_default=True,
+                type=click.IntRange(min=0),
+                help="of everything random",
+            ),
+            click.option(
+                "--imu",
+                multiple=True,
+                metavar="SOURCE",
+                help="where orientations come from. sim (default): a simulated person, who wants "
+                "something, points at it and presses the button. page: only a page's mouse or phone. "
+                "simulated: only a simulated sensor, on an "
+                "arm that sweeps to and fro, to try what a device goes through. serial:PORT or "
+                "replay:FILE.csv: a device, or its recording. Once for each person",
+            ),
+            click.option(
+                "--config",
+                "files",
+                multiple=True,
+                type=click.Path(path_type=Path),
+                help="YAML file that maps services to parameters",
+            ),
+            click.option(
+                "--set",
+                "settings",
+                multiple=True,
+                metavar="SERVICE.PARAMETER=VALUE",
+                help="change one parameter; `pointit service NAME --help` shows them",
+            ),
+            click.option(
+                "--duration",
+                type=Finite(min=0.1),
+                help="seconds until it ends by itself  [default: as the scenario has it, or never]",
+            ),
+            click.option(
+                "--processes", is_flag=True, help="a process for each service  [default: all in one process]"
+            ),
+            click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
+        ]
+    ):
+        function = option(function)
+    return function
+
+
+def page_options(function: Any) -> Any:
+    """Add the options of `run` that are about its page."""
+    options: tuple[Callable[[Any], Any], ...] = (
+        click.option("--no-web", is_flag=True, help="no page for browsers"),
+        click.option(
+            "--web-port",
+            type=click.IntRange(0, 65535),
+            metavar="PORT",
+            help="where the page is on this machine, 0: at any that is free  "
+            f"[default: {PORT} or the next free one]",
+        ),
+        click.option(
+            "--lan",
+            is_flag=True,
+            help="open the page to the local network too, by HTTPS, which phones need",
+        ),
+        click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function

@@ -1,0 +1,149 @@
+"""One paired phone: what it says, and what waits to be told to it, whichever way it comes for it."""
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from pointit.bridges.web.pace import Bucket
+from pointit.bridges.web.pairing import Phone
+from pointit.bridges.web.wire import Answer, Ask, Deed, Part, Turn
+from pointit.bridges.web.wrists import Wrists
+from pointit.runtime.health import Warnings
+from pointit.schemas import WristSample, explain
+from pointit.schemas.topics import CANCEL_LOCALIZATION, START_LOCALIZATION
+
+DEEDS: tuple[Deed, ...] = ("press", "take", "give", "centre")
+REQUESTS: tuple[str, ...] = (START_LOCALIZATION.key, CANCEL_LOCALIZATION.key)
+
+MOST_WAITING = 64
+"""Messages that wait for a phone; the oldest give way."""
+
+MOST_ASKS = 8
+"""That one phone may have open."""
+
+FRESH_S = 2.0
+"""What has waited for longer is not told any more: nobody wants yesterday's chimes."""
+
+RATE_HZ = 240.0
+"""What a phone may say in a second in the long run, and `BURST` at once."""
+BURST = 480.0
+
+_said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discriminator="kind")])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhoneHost:
+    """What phones need of the service."""
+
+    wrists: Wrists
+    now_ns: Callable[[], int]
+    """The site's time."""
+    send: Callable[[str, WristSample], None]
+    """Publishes a sample of a person's wrist."""
+    answer: Callable[[str, str, Ask], Awaitable[Answer]]
+    """Does what the phone with this page id asks for this person: one of `DEEDS` or `REQUESTS`, with the
+    person's name in it. Does not raise."""
+    changed: Callable[[], None]
+    """Is told when who moves what may have changed."""
+    warnings: Warnings
+    """Where malformed input shows."""
+    version: str
+    """Of PointIt."""
+    site: str
+
+
+class PhoneLine:
+    """The way from and to one phone, from pairing to unpairing."""
+
+    def __init__(self, phone: Phone, host: PhoneHost) -> None:
+        self.phone = phone
+        self._host = host
+        self._bucket = Bucket(RATE_HZ, BURST)
+        self._waiting: deque[tuple[float, str]] = deque(maxlen=MOST_WAITING)
+        """With the time of each."""
+        self.woken = asyncio.Event()
+        """Something waits."""
+        self.asks: set[asyncio.Task[None]] = set()
+        """What it has asked and not been answered."""
+        self.malformed = 0
+        """Messages that could not be understood."""
+        self.dropped = 0
+        """Messages beyond `RATE_HZ`."""
+
+    def put(self, part: Part) -> None:
+        """Have `part` told to the phone."""
+        self._waiting.append((time.monotonic(), part.model_dump_json()))
+        self.woken.set()
+
+    def clear(self) -> None:
+        """Forget what waits: the phone begins anew."""
+        self._waiting.clear()
+        self._host.warnings.clear(self._topic)
+
+    def drain(self) -> list[str]:
+        """Return what waits, as JSON, oldest first; from then on it does not."""
+        now_s = time.monotonic()
+        fresh = [text for when_s, text in self._waiting if now_s - when_s <= FRESH_S]
+        self._waiting.clear()
+        self.woken.clear()
+        return fresh
+
+    def hear(self, item: str | bytes | dict[str, Any]) -> WristSample | None:
+        """Take a message, JSON or its object; return the sample of the wrist that it makes, if any."""
+        if not self._bucket.take(time.monotonic()):
+            self.dropped += 1
+            return None
+        try:
+            said = _said.validate_python(item) if isinstance(item, dict) else _said.validate_json(item)
+        except ValidationError as error:
+            self.complain(explain(error))
+            return None
+        if isinstance(said, Turn):
+            return self._turn(said)
+        if len(self.asks) >= MOST_ASKS:
+            self.put(Answer(id=said.id, error="too much is asked at once: wait for the answers"))
+            return None
+        task = asyncio.create_task(self._ask(said), name=f"asked by the phone of {self.phone.user}")
+        self.asks.add(task)
+        task.add_done_callback(self.asks.discard)
+        return None
+
+    def complain(self, what: str) -> None:
+        """Count a message that cannot be understood, and show it."""
+        self.malformed += 1
+        self._host.warnings.warn(
+            self._topic,
+            f"the phone of {self.phone.user} has sent what cannot be understood ({what}), "
+            f"{self.malformed} such messages in all; load its page again",
+        )
+
+    async def end(self) -> None:
+        """Give up what is asked."""
+        tasks = list(self.asks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    @property
+    def _topic(self) -> str:
+        return f"phone of {self.phone.user}"
+
+    def _turn(self, turn: Turn) -> WristSample | None:
+        phone, wrists = self.phone, self._host.wrists
+        before = wrists.holder(phone.user)
+        sample = wrists.turn(phone.user, phone.page, turn, self._host.now_ns())
+        if wrists.holder(phone.user) != before:
+            self._host.changed()
+        return sample
+
+    async def _ask(self, ask: Ask) -> None:
+        if (ask.deed not in DEEDS) if ask.deed is not None else (ask.key not in REQUESTS):
+            self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
+            return
+        own = ask.model_copy(update={"name": self.phone.user})
+        self.put(await self._host.answer(self.phone.page, self.phone.user, own))

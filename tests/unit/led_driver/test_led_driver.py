@@ -169,12 +169,19 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
 async def test_brightness_by_request() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
+        reports = bench.collect(HEALTH)
+
+        def shown() -> dict[str, float]:
+            return {figure.name: figure.value for figure in reports[-1].figures} if reports else {}
+
         frames = await started(bench)
+        await until(lambda: shown() == {"brightness": 1.0})
         bench.put(CURSOR, cursor(clock, 0.5), "anna")
         assert max(pixels(await next_frame(frames), "a").values()) == (255, 255, 255)
         reply = await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.2))
         assert "20%" in reply.message
         await until(lambda: max(pixels(frames[-1], "a").values()) == (51, 51, 51))
+        await until(lambda: shown() == {"brightness": 0.2})
 
 
 async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:

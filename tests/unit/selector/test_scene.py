@@ -112,8 +112,11 @@ def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s
     view = look(looked, Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction))
     seen = view.snapped("a", Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction), SNAP)
     assert seen is not None
-    # nearest to a ray through its centre is that centre; a short way on an arc is taken to be straight
-    assert vector.norm(vector.subtract(seen[0], expected)) < 0.00125
+    # nearest to a ray through its centre is that centre; a short way on an arc is taken to be straight, so
+    # that the ray passes it by a little, by more along the arc where that is seen aslant
+    passed_rad = vector.angle_between(direction, vector.subtract(seen[0], eyes))
+    assert passed_rad * vector.norm(vector.subtract(expected, eyes)) < 0.00125
+    assert vector.norm(vector.subtract(seen[0], expected)) < 0.01
 
 
 def test_a_line_that_the_map_does_not_have_is_straight() -> None:

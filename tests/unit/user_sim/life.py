@@ -116,11 +116,22 @@ class Life:
         self.cursors: list[Cursor] = []
         return self.lights
 
+    def yield_for(self, duration_s: float, ray: Callable[[int], Vec3] | None = None) -> None:
+        """Live on while somebody else moves the wrist, along `ray`, {H}, at a time, if it is lit."""
+        for _ in range(round(duration_s * 50)):
+            self.now_ns += PERIOD_NS
+            self.before_step()
+            assert self.person.step(self.now_ns, yields=True) == (None, None)
+            if self.lights is not None and ray is not None:
+                self._shine_along(self.lights, self.now_ns, ray(self.now_ns))
+
     def _shine(self, lights: Lights, sample: ImuSample) -> None:
-        pose = UserPose(stamp_ns=sample.stamp_ns, position_m=self.position_m, yaw_rad=self.off_rad)
-        self.pui.set_pose(pose)
+        self._shine_along(lights, sample.stamp_ns, self.ray(sample))
+
+    def _shine_along(self, lights: Lights, stamp_ns: int, direction: Vec3) -> None:
+        self.pui.set_pose(UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=self.off_rad))
         origin = vector.subtract(self.eyes_m, self.position_m)
-        ray = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin, direction=self.ray(sample))
+        ray = PointingRay(stamp_ns=stamp_ns, origin_m=origin, direction=direction)
         cursor = self.pui.cursor(ray)
         if cursor is not None:
             self.cursors.append(cursor)

@@ -89,14 +89,17 @@ class PageWrist:
         if device == "phone" and sample.session != self._session:
             self._session = sample.session
             self._set_anew(device)
+        before_ns = None if newest is None or newest.device != device else newest.device_time_ns
         self._newest = sample
         own = self._epochs[device]
         if own is not None:
             self._epoch = own
         elif home is not None and not goes_on:
             self._epoch = home
-        # a mouse has no clock of its own, and the one of its page would look like a device switched on anew
-        device_time_ns = sample.device_time_ns if device == "phone" else None
+        # a mouse has no clock of its own, and the one of its page would look like a device switched on anew;
+        # of a phone that lies still the page says again how it lies, which is news all the same
+        is_told = device == "phone" and sample.device_time_ns != before_ns
+        device_time_ns = sample.device_time_ns if is_told else None
         orientation = self._frames[device].orientation(sample.orientation_xyzw)
         return Turned(orientation, device_time_ns, self._epoch)
 

@@ -1,6 +1,7 @@
 """The person: looks, decides, reaches, corrects by the cursor, presses the button."""
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -55,7 +56,10 @@ class Person:
         self._correction = Correction(config.aim, self._stance, hand_rng)
         self._sight = Sight(config.aim.visual_delay_s, config.deadline)
         self._mind = Mind(self._sight, self._correction, config.mind.check_period_s)
-        self._wish = wish_of(config, self._mind.things, Pace(config, skill, mind_rng), mind_rng)
+        pace = Pace(config, skill, mind_rng)
+        self._wish_anew = partial(wish_of, config, self._mind.things, pace, mind_rng)
+        self._wish = self._wish_anew()
+        self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
         self._goal: Goal = REST
         self._wanted: Goal = REST
@@ -88,6 +92,9 @@ class Person:
         seeing and hearing what comes of it.
         """
         self._sight.look(now_ns)
+        if yields != self._has_yielded:
+            self._has_yielded = yields
+            self._wish = self._wish_anew()  # or that time would seem to have been spent on it
         if yields:
             self._mind.watch(now_ns)
         else:

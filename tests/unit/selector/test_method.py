@@ -1,0 +1,152 @@
+"""Another method or dwell time while people point: what is selected stays, progress begins anew."""
+
+import itertools
+from typing import Any
+
+import pytest
+
+from pointit.runtime import RefusedError
+from pointit.schemas import ButtonEvent, ReservedObject, SetMethod, SetMethodReply
+from pointit.schemas.topics import HOVER, SELECTION, SELECTION_EVENTS, SET_METHOD
+from pointit.services.selector.config import Method, SelectorConfig
+from pointit.services.selector.method import changed
+from pointit.services.selector.service import Selector
+from tests.support.bench import Bench, ManualClock, memory_bench
+from tests.unit.selector.room import Room, package
+from tests.unit.selector.test_selector_service import stay
+
+METHODS: tuple[Method, ...] = ("hold", "fraction", "gauge")
+PAIRS = list(itertools.product(METHODS, METHODS))
+CONFIG = SelectorConfig()
+
+
+def switch(room: Room, method: Method | None = None, dwell_s: float | None = None) -> None:
+    room.selecting.use(changed(room.config, room.config, method, dwell_s))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_that_is_named_has_its_own_time_or_the_one_that_is_given(method: Method) -> None:
+    own = changed(CONFIG, CONFIG.model_copy(update={"window_s": 3.0}), method, None)
+    assert (own.method, own.dwell_s) == (method, 0.5 if method == "gauge" else 0.8)
+    slow = changed(CONFIG, CONFIG, method, 2.0)
+    assert (slow.method, slow.dwell_s) == (method, 2.0)
+    assert changed(CONFIG, slow, None, None) is slow
+    assert changed(CONFIG, slow, None, 1.0).method == method
+    assert slow.gauge.sparse_full_s == pytest.approx(1.4 if method == "gauge" else 0.35)
+
+
+def test_what_cannot_be_is_refused_in_a_sentence() -> None:
+    with pytest.raises(ValueError, match=r"0\.05 s is less than the timestep of 0\.1 s in which hold"):
+        changed(CONFIG, CONFIG, "hold", 0.05)
+    lazy = CONFIG.model_copy(update={"gauge": CONFIG.gauge.model_copy(update={"sparse_full_s": 1.0})})
+    with pytest.raises(ValueError, match="would take 12 s, at most 10 s"):
+        changed(lazy, lazy, None, 6.0)
+    assert changed(CONFIG, CONFIG, "gauge", 0.05).dwell_s == 0.05
+
+
+def seconds_to_select(room: Room, x_m: float = 5.0) -> float:
+    began_s, seen = room.time_s, len(room.events)
+    while len(room.events) == seen:
+        room.stay(0.02, anna=x_m)
+        assert room.time_s - began_s < 10.0, "it was never selected"
+    return room.time_s - began_s
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dwell_s", [0.4, 1.5])
+def test_it_takes_as_long_as_was_set(method: Method, dwell_s: float) -> None:
+    room = Room(package("a", 5.0), package("b", 4.5), method="hold" if method == "gauge" else "gauge")
+    switch(room, method, dwell_s)
+    assert seconds_to_select(room) == pytest.approx(dwell_s, abs=0.25)
+
+
+@pytest.mark.parametrize(("before", "after"), PAIRS)
+def test_progress_begins_anew_and_what_is_selected_and_reserved_stays(before: Method, after: Method) -> None:
+    room = Room(package("a", 5.0), package("b", 8.0), method=before)
+    seconds_to_select(room, 8.0)
+    room.stay(0.7, anna=2.0)
+    room.stay(0.45, anna=5.0)
+    assert room.hovers["anna"][-1].progress > 0.3
+    switch(room, after, 0.9)
+    selection = room.selecting.selection(room.now_ns)
+    assert {one.id: one.user for one in selection.objects} == {"b": "anna"}
+    assert [(one.id, one.user) for one in selection.reserved] == [("a", "anna")]
+    assert isinstance(selection.reserved[0], ReservedObject)
+    room.stay(0.02, anna=5.0)
+    assert room.hovers["anna"][-1].progress < 0.2
+    assert seconds_to_select(room) > 0.5
+    assert room.owners == {"a": "anna", "b": "anna"}
+    assert room.records[-1].method == after
+
+
+@pytest.mark.parametrize(("before", "after"), PAIRS)
+def test_who_stays_on_what_they_have_just_selected_does_not_take_it_back(
+    before: Method, after: Method
+) -> None:
+    room = Room(package("a", 5.0), method=before)
+    seconds_to_select(room)
+    switch(room, after, 0.4)
+    room.stay(3.0, anna=5.0)
+    assert room.owners == {"a": "anna"}
+    room.stay(1.0, anna=2.0)  # they leave it, come back, and now they mean it
+    room.stay(1.0, anna=5.0)
+    assert room.owners == {}
+
+
+def test_a_press_confirms_before_and_after_and_means_what_was_hovered() -> None:
+    room = Room(package("a", 5.0), confirm="press")
+    room.stay(1.5, anna=5.0)
+    assert room.hovers["anna"][-1].progress == 1.0
+    switch(room, "hold")
+    room.stay(0.1, anna=5.0)
+    assert room.hovers["anna"][-1].progress < 0.5
+    assert room.events == []
+    room.take(room.selecting.on_button("anna", ButtonEvent(stamp_ns=room.now_ns)))
+    assert room.told == [("selected", "a", "anna")]
+
+
+async def ask(bench: Bench, **query: Any) -> SetMethodReply:
+    reply: SetMethodReply = await bench.bus.call(SET_METHOD, SetMethod(**query))
+    return reply
+
+
+async def test_the_service_tells_what_is_in_use_and_takes_another_while_it_runs() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        events, hovers = bench.collect(SELECTION_EVENTS), bench.collect(HOVER, "anna")
+        selections = bench.collect(SELECTION)
+        bench.start(Selector)
+        await bench.settle()
+        reply = await ask(bench)
+        assert (reply.method, reply.dwell_s) == ("gauge", 0.5)
+        assert reply.message == "staying on an object for 0.5 s selects it: gauge"
+        await stay(bench, clock, "anna", 1.0, "a", "b")
+        assert [one.id for one in selections[-1].objects] == ["a"]
+        reply = await ask(bench, method="fraction", dwell_s=2.0)
+        assert (reply.method, reply.dwell_s) == ("fraction", 2.0)
+        assert reply == await ask(bench)
+        await stay(bench, clock, "anna", 2.0, "a", "b")
+        assert [(event.event, event.object_id) for event in events] == [("selected", "a")]
+        await stay(bench, clock, "anna", 2.0, "a", "b")
+        await stay(bench, clock, "anna", 9.0, "a", "b")
+        assert [event.object_id for event in events] == ["a", "b"]
+        assert [one.id for one in selections[-1].objects] == ["a", "b"]
+        with pytest.raises(RefusedError, match="timestep"):
+            await ask(bench, dwell_s=0.01)
+        assert (await ask(bench, method="gauge")).dwell_s == 0.5
+        assert hovers
+
+
+async def test_asking_disturbs_nobodys_progress() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        hovers = bench.collect(HOVER, "anna")
+        bench.start(Selector, SelectorConfig(window_s=3.0, method="hold"))
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        before = hovers[-1].progress
+        assert before > 0.3
+        await ask(bench)
+        await ask(bench, method="hold", dwell_s=3.0)
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert min(hover.progress for hover in hovers[26:]) >= before

@@ -13,8 +13,9 @@ from pointit.bridges.web.pace import Bucket
 from pointit.bridges.web.pairing import Phone
 from pointit.bridges.web.wire import Answer, Ask, Deed, Part, Turn
 from pointit.bridges.web.wrists import Wrists
+from pointit.runtime import PointItError
 from pointit.runtime.health import Warnings
-from pointit.schemas import WristSample, explain
+from pointit.schemas import SchemaError, WristSample, explain
 from pointit.schemas.topics import CANCEL_LOCALIZATION, START_LOCALIZATION
 
 DEEDS: tuple[Deed, ...] = ("press", "take", "give", "centre")
@@ -47,7 +48,7 @@ class PhoneHost:
     """Publishes a sample of a person's wrist."""
     answer: Callable[[str, str, Ask], Awaitable[Answer]]
     """Does what the phone with this page id asks for this person: one of `DEEDS` or `REQUESTS`, with the
-    person's name in it. Does not raise."""
+    person's name in it; raises a `PointItError` or `SchemaError` that says why not."""
     changed: Callable[[], None]
     """Is told when who moves what may have changed."""
     warnings: Warnings
@@ -146,4 +147,8 @@ class PhoneLine:
             self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
             return
         own = ask.model_copy(update={"name": self.phone.user})
-        self.put(await self._host.answer(self.phone.page, self.phone.user, own))
+        try:
+            answer = await self._host.answer(self.phone.page, self.phone.user, own)
+        except (PointItError, SchemaError) as error:
+            answer = Answer(id=ask.id, error=str(error))
+        self.put(answer)

@@ -1,0 +1,128 @@
+"""The door to the local network: which address, which port, and what is said when there is none."""
+
+import socket
+import ssl
+
+import httpx
+import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route
+
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.lan import Lan, choose_address, found_addresses, is_reachable, written
+from pointit.runtime import ConfigError, RefusedError
+from pointit.runtime.state import site_folder
+
+
+async def _word(_request: Request) -> PlainTextResponse:
+    return PlainTextResponse("here")
+
+
+APP = Starlette(routes=[Route("/", _word)])
+
+
+def lan(**fields: object) -> Lan:
+    config = WebConfig.model_validate({"lan_port": 0, "lan_address": "127.0.0.1", **fields})
+    return Lan(config, "lab", APP, addresses=lambda: ["127.0.0.1"])
+
+
+def trusting() -> ssl.SSLContext:
+    """Return a context that trusts the certificate of the site `lab` and nothing else."""
+    return ssl.create_default_context(cafile=site_folder("lab", "web") / "certificate.pem")
+
+
+async def fetched(url: str) -> str:
+    async with httpx.AsyncClient(verify=trusting()) as client:
+        return (await client.get(url)).text
+
+
+def test_addresses_that_are_found_can_be_reached() -> None:
+    assert all(is_reachable(address) for address in found_addresses())
+    assert not is_reachable("127.0.0.1")
+    assert not is_reachable("0.0.0.0")  # noqa: S104 - not listened at
+    assert is_reachable("192.168.1.20")
+
+
+def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere(_socket: socket.socket, _address: object) -> None:
+        raise OSError(101, "Network is unreachable")
+
+    monkeypatch.setattr(socket.socket, "connect", nowhere)
+    assert found_addresses() == []
+
+
+def test_which_address_is_taken() -> None:
+    assert choose_address("", ["192.168.1.20", "10.0.0.7"]) == "192.168.1.20"
+    assert choose_address("10.0.0.7", ["192.168.1.20"]) == "10.0.0.7"
+    assert choose_address("FD00::5", []) == "fd00::5"
+    with pytest.raises(ConfigError, match="no address in a local network.*lan_address"):
+        choose_address("", [])
+    with pytest.raises(ConfigError, match=r"lan_address: 'wlan0' is no address"):
+        choose_address("wlan0", [])
+    with pytest.raises(ConfigError, match=r"lan_address: 0\.0\.0\.0 is not the address of one machine"):
+        choose_address("0.0.0.0", [])  # noqa: S104 - refused
+
+
+def test_how_addresses_are_written() -> None:
+    assert written("10.0.0.7", 8443) == "https://10.0.0.7:8443"
+    assert written("fd00::5", 8443) == "https://[fd00::5]:8443"
+
+
+async def test_the_page_is_served_by_a_certificate_that_proves_itself() -> None:
+    door = lan()
+    try:
+        assert door.url == ""
+        url = await door.open()
+        assert url == door.url
+        assert await fetched(url) == "here"
+        assert await door.open() == url
+        der = ssl.PEM_cert_to_DER_cert((site_folder("lab", "web") / "certificate.pem").read_text())
+        assert door.fingerprint[:2] in __import__("hashlib").sha256(der).hexdigest().upper()
+        with pytest.raises(httpx.ConnectError):  # nobody else trusts it
+            await httpx.AsyncClient().get(url)
+    finally:
+        await door.close()
+    assert door.url == ""
+    with pytest.raises(httpx.ConnectError):
+        await fetched(url)
+
+
+async def test_a_taken_port_gives_way_to_the_next_and_that_is_said() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        door = lan(lan_port=taken)
+        try:
+            url = await door.open()
+            port = int(url.rpartition(":")[2])
+            assert taken < port < taken + 10
+            assert f"port {taken} of 127.0.0.1 is taken: the page is at port {port}" in door.note
+            assert await fetched(url) == "here"
+        finally:
+            await door.close()
+
+
+async def test_it_opens_again_with_the_same_certificate() -> None:
+    door = lan()
+    try:
+        await door.open()
+        first = door.fingerprint
+        await door.close()
+        await door.open()
+        assert door.fingerprint == first
+        assert door.note == ""
+    finally:
+        await door.close()
+
+
+async def test_where_there_is_no_network_it_is_refused_with_a_remedy() -> None:
+    door = Lan(WebConfig(lan_port=0), "lab", APP, addresses=list)
+    with pytest.raises(RefusedError, match="no address in a local network"):
+        await door.open()
+    foreign = Lan(WebConfig(lan_port=0, lan_address="192.0.2.77"), "lab", APP, addresses=list)
+    with pytest.raises(RefusedError, match=r"192\.0\.2\.77"):
+        await foreign.open()
+    assert foreign.url == ""

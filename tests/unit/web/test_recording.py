@@ -1,0 +1,141 @@
+"""The last minute as MCAP: read back by its own reader, bounded, whole."""
+
+import base64
+import io
+import json
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from pointit.bridges.web.recording import LastMinute, file_name
+from pointit.bridges.web.recording_schema import plain_schema
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Environment,
+    Feedback,
+    Message,
+    StripFrame,
+    StripsFrame,
+    UserPose,
+    encode,
+)
+from pointit.schemas.topics import CURSOR, FEEDBACK, MAP, POSE, STRIPS_FRAME, TOPICS, Topic
+
+START = 1_700_000_000 * NS_PER_S
+
+
+def at(seconds: float) -> int:
+    return START + round(seconds * NS_PER_S)
+
+
+def add(minute: LastMinute, topic: Topic[Any], message: Message, name: str = "") -> None:
+    minute.add(topic, name, message, encode(message), message.stamp_ns)
+
+
+def read(minute: LastMinute, now_ns: int) -> list[tuple[str, str, int, dict[str, Any]]]:
+    """Return topic, schema, log time and fields of what a reader finds."""
+    file = io.BytesIO()
+    written = minute.recording("lab", now_ns).write(file)
+    file.seek(0)
+    reader = make_reader(file, validate_crcs=True)
+    found = [
+        (channel.topic, schema.name if schema else "", message.log_time, json.loads(message.data))
+        for schema, channel, message in reader.iter_messages()
+    ]
+    summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == written == len(found)
+    assert all(chunk.compression == "zstd" for chunk in summary.chunk_indexes)
+    return found
+
+
+def cursor(seconds: float, seq: int = 0) -> Cursor:
+    return Cursor(stamp_ns=at(seconds), seq=seq, surface="belt", surface_id="b", point_m=(1.0, 2.0, 3.0))
+
+
+def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
+    minute = LastMinute(60.0)
+    add(minute, CURSOR, cursor(1.0), "anna")
+    add(minute, FEEDBACK, Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
+    add(minute, STRIPS_FRAME, StripsFrame(stamp_ns=at(3.0), strips=(StripFrame(id="s", rgb=b"\xff\xfe\x00"),)))
+    first, second, third = read(minute, at(4.0))
+    assert first[:3] == ("users/anna/cursor", Cursor.schema_name(), at(1.0))
+    assert first[3]["point_m"] == [1.0, 2.0, 3.0]
+    assert first[3]["stamp_ns"] == at(1.0)
+    assert first[3]["origin_m"] is None
+    assert second[3]["chime"] == "tick"
+    assert base64.b64decode(third[3]["strips"][0]["rgb"]) == b"\xff\xfe\x00"
+
+
+def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
+    minute = LastMinute(10.0)
+    add(minute, MAP, Environment(stamp_ns=at(0.0), name="old"))
+    add(minute, MAP, Environment(stamp_ns=at(1.0), name="lab"))
+    add(minute, POSE, UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0), "anna")
+    add(minute, CURSOR, cursor(3.0), "anna")
+    for second in range(20, 31):
+        add(minute, CURSOR, cursor(float(second)), "anna")
+    found = read(minute, at(30.0))
+    assert [(topic, when) for topic, _, when, _ in found[:3]] == [
+        ("map", at(20.0)),
+        ("users/anna/pose", at(20.0)),
+        ("users/anna/cursor", at(20.0)),
+    ]
+    assert found[0][3]["name"] == "lab"
+    assert len(found) == 13
+    minute.forget(POSE, "anna")
+    assert "users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(30.0))}
+
+
+def test_what_is_old_goes_even_when_nothing_comes() -> None:
+    minute = LastMinute(10.0)
+    add(minute, CURSOR, cursor(1.0), "anna")
+    add(minute, MAP, Environment(stamp_ns=at(1.0), name="lab"))
+    assert [topic for topic, _, _, _ in read(minute, at(60.0))] == ["map"]
+    assert (len(minute), minute.bytes) == (0, 0)
+    assert read(LastMinute(60.0), at(0.0)) == []
+
+
+def test_it_is_bounded_in_number_and_in_bytes() -> None:
+    few = LastMinute(60.0, most=5)
+    small = LastMinute(60.0, most_bytes=1000)
+    for k in range(50):
+        add(few, CURSOR, cursor(0.1 * k, k), "anna")
+        add(small, CURSOR, cursor(0.1 * k, k), "anna")
+    assert [fields["seq"] for _, _, _, fields in read(few, at(5.0))] == [45, 46, 47, 48, 49]
+    assert small.bytes <= 1000
+    assert 1 <= len(small) < 50
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
+def test_every_schema_is_one_that_viewers_read(topic: Topic[Any]) -> None:
+    def check(schema: dict[str, Any], where: str) -> None:
+        assert "$ref" not in schema, where
+        assert "anyOf" not in schema, where
+        assert schema["type"] in ("boolean", "string", "number", "integer", "array", "object"), where
+        if schema["type"] == "object":
+            for name, field in schema["properties"].items():
+                check(field, f"{where}.{name}")
+        if schema["type"] == "array":
+            assert schema["items"]["type"] != "array", where
+            check(schema["items"], f"{where}[]")
+
+    schema = plain_schema(topic.message)
+    check(schema, topic.message.__name__)
+    assert set(schema["properties"]) == set(topic.message.model_fields)
+
+
+def test_bytes_are_told_to_be_base64_and_optional_fields_are_plain() -> None:
+    strips = plain_schema(StripsFrame)["properties"]["strips"]["items"]["properties"]
+    assert strips["rgb"]["contentEncoding"] == "base64"
+    point = plain_schema(Cursor)["properties"]["point_m"]
+    assert (point["type"], point["items"]["type"]) == ("array", "number")
+    lines = plain_schema(Environment)["properties"]["strips"]["items"]["properties"]
+    assert "line_m" not in lines  # an array of arrays: viewers would refuse the whole channel
+
+
+def test_the_files_name_says_of_where_and_when_it_is() -> None:
+    assert file_name("lab", START) == "pointit-lab-1700000000.mcap"

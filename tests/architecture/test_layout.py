@@ -24,6 +24,16 @@ OUTSIDERS = {"cli", "external", "every service"}
 DEVICES = {
     "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py"},
     "led-driver": {"expander.py"},
+    "web": {
+        "app.py",
+        "desk.py",
+        "lan.py",
+        "pages.py",
+        "phone.py",
+        "phone_line.py",
+        "serving.py",
+        "session.py",
+    },
 }
 """Modules beside `service.py` that wait for devices or time; no cores."""
 

@@ -1,0 +1,173 @@
+"""Who may see the page and who may control: tokens, cookies, hosts, origins, and headers of answers."""
+
+import hashlib
+import hmac
+import secrets
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from pointit.bridges.web.wire import Role
+
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
+"""Names of this machine in a Host header."""
+
+MOST_GUESSES = 10
+"""Different wrong tokens that an address may try within `GUESSES_S`."""
+
+GUESSES_S = 60.0
+
+MOST_ADDRESSES = 1024
+"""Addresses with wrong tokens that are remembered; the oldest give way."""
+
+TOKEN_BYTES = 18
+
+
+def new_token() -> str:
+    """Return a token that nobody guesses."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What of a request matters here."""
+
+    scheme: str
+    """`http` or `https`, also of a websocket."""
+    host: str
+    """The Host header."""
+    address: str
+    """Of the client."""
+    origin: str = ""
+    site: str = ""
+    """Sec-Fetch-Site: from whose page the request comes; empty: the client does not tell."""
+    destination: str = ""
+    """Sec-Fetch-Dest: what it is for."""
+    cookies: "dict[str, str]" = field(default_factory=dict[str, str])
+
+    @property
+    def is_navigation(self) -> bool:
+        """Return whether a person follows a link, or the client is none that embeds things."""
+        return self.destination in ("", "document")
+
+
+class Access:
+    """The tokens, and who has guessed how often."""
+
+    def __init__(self, operator: str, viewer: str) -> None:
+        """Use these tokens.
+
+        Args:
+            operator: whoever has it may control.
+            viewer: whoever has it may look on.
+        """
+        self._secrets: tuple[tuple[str, Role], ...] = (
+            (cookie_value(operator), "operator"),
+            (cookie_value(viewer), "viewer"),
+        )
+        self._hosts = set(LOOPBACK)
+        self._guesses: OrderedDict[str, dict[bytes, float]] = OrderedDict()
+        """By address: digests of wrong tokens, and when they were tried."""
+
+    def know_hosts(self, names: Iterable[str]) -> None:
+        """Let the page be found under these names or addresses too."""
+        self._hosts.update(f"[{name}]" if ":" in name else name.lower() for name in names)
+
+    def is_known_host(self, host: str) -> bool:
+        """Return whether the Host header names this server: a foreign name may have been bound to it."""
+        name, _ = split_host(host)
+        return name.lower() in self._hosts
+
+    def is_own_origin(self, asked: Asked) -> bool:
+        """Return whether the request comes from a page of this very server."""
+        return bool(asked.origin) and asked.origin.lower() == f"{asked.scheme}://{asked.host}".lower()
+
+    def enter(self, token: str, asked: Asked, now_s: float) -> Role | None:
+        """Return the role that the `token` of a link gives; none when it is wrong, or may not be tried."""
+        if not asked.is_navigation or self.is_barred(asked.address, now_s):
+            return None
+        return self._judged(cookie_value(token), asked.address, now_s)
+
+    def admit(self, asked: Asked, now_s: float) -> Role | None:
+        """Return the role that the request's cookie gives."""
+        secret = asked.cookies.get(cookie_name(asked), "")
+        if not secret or self.is_barred(asked.address, now_s):
+            return None
+        return self._judged(secret, asked.address, now_s)
+
+    def is_barred(self, address: str, now_s: float) -> bool:
+        """Return whether `address` has guessed too often and must wait; the same wrong token counts once."""
+        guesses = self._guesses.get(address)
+        if guesses is None:
+            return False
+        for digest in [digest for digest, when_s in guesses.items() if now_s - when_s > GUESSES_S]:
+            del guesses[digest]
+        if not guesses:
+            del self._guesses[address]
+        return len(guesses) >= MOST_GUESSES
+
+    def _judged(self, secret: str, address: str, now_s: float) -> Role | None:
+        """Return the role of `secret`, as fast whichever is wrong and wherever; count what is wrong."""
+        given = secret.encode(errors="replace")
+        roles = [role for known, role in self._secrets if hmac.compare_digest(given, known.encode())]
+        if roles:
+            return roles[0]
+        guesses = self._guesses.setdefault(address, {})
+        self._guesses.move_to_end(address)
+        guesses.setdefault(hashlib.sha256(given).digest(), now_s)
+        if len(self._guesses) > MOST_ADDRESSES:
+            self._guesses.popitem(last=False)
+        return None
+
+
+def split_host(host: str) -> tuple[str, str]:
+    """Return name and port of a Host header; an IPv6 address keeps its brackets, a missing port is empty."""
+    if host.startswith("["):
+        name, bracket, port = host.partition("]")
+        return name + bracket, port.removeprefix(":")
+    name, _, port = host.partition(":")
+    return name, port
+
+
+def cookie_name(asked: Asked) -> str:
+    """Return the cookie's name; browsers keep those of all ports of a host together."""
+    _, port = split_host(asked.host)
+    return f"pointit-{port if port.isdecimal() else ''}{'-tls' if asked.scheme == 'https' else ''}"
+
+
+def cookie_value(token: str) -> str:
+    """Return what the cookie holds: not the token itself, which may have any characters."""
+    return hashlib.sha256(b"pointit page " + token.encode(errors="replace")).hexdigest()
+
+
+def cookie(asked: Asked, token: str) -> str:
+    """Return the Set-Cookie header that admits who had `token`, to this server alone, unseen by scripts."""
+    secure = "; Secure" if asked.scheme == "https" else ""
+    return f"{cookie_name(asked)}={cookie_value(token)}; Path=/; HttpOnly; SameSite=Strict{secure}"
+
+
+def headers(asked: Asked) -> dict[str, str]:
+    """Return what every answer says to the browser: nothing foreign, nothing inline, nobody embeds it."""
+    socket = f"{'wss' if asked.scheme == 'https' else 'ws'}://{asked.host}"
+    policy = (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data:",
+        "font-src 'self'",
+        "manifest-src 'self'",
+        f"connect-src 'self' {socket}",  # older Safaris do not count websockets as 'self'
+        "frame-ancestors 'none'",
+        "base-uri 'none'",
+        "form-action 'none'",
+    )
+    return {
+        "Content-Security-Policy": "; ".join(policy),
+        "X-Content-Type-Options": "nosniff",
+        "X-Frame-Options": "DENY",
+        "Referrer-Policy": "no-referrer",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Permissions-Policy": "accelerometer=(self), gyroscope=(self), magnetometer=(self), "
+        "screen-wake-lock=(self), camera=(), microphone=(), geolocation=(), payment=(), usb=()",
+    }

@@ -1,0 +1,204 @@
+"""What is newest on the bus, and what of it is new to each page: newest wins, events in order.
+
+A hub keeps of every key the newest message as bytes, encoded once for all pages, and the last events. A
+page's feed knows how far the page has come; a page that is slow misses states in between, never the newest,
+and costs the others nothing.
+"""
+
+from collections import OrderedDict, deque
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.bridges.web.wire import IN_FLIGHT
+from pointit.schemas import pack
+from pointit.schemas.topics import Delivery, Topic
+
+MOST_KEYS = 4096
+"""States that are kept; more can only be a fault, and are refused."""
+
+MOST_EVENTS = 1024
+"""Events that a page may lag behind."""
+
+MOST_GONE = 256
+"""Keys kept as gone for pages that have not been told; more are looked through for those that all know."""
+
+News = tuple[str, str, bytes | None]
+"""Key pattern, what stands for its placeholder, the message's bytes; none: no longer true."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What a page is sent at once."""
+
+    n: int
+    states: tuple[News, ...]
+    events: tuple[News, ...]
+    dropped: int
+    """Events that this page has missed since the batch before."""
+
+    def packed(self, sent_ns: int, speed: float) -> bytes:
+        """Return it as it travels; `sent_ns` is the site's time, which runs `speed` times as fast as ours."""
+        return pack([self.n, sent_ns, speed, self.states, self.events, self.dropped])
+
+
+@dataclass(slots=True)
+class _Entry:
+    version: int
+    news: News
+
+
+class Hub:
+    """The newest of every key, and the last events."""
+
+    def __init__(self, most_keys: int = MOST_KEYS, most_events: int = MOST_EVENTS) -> None:
+        self._most_keys = most_keys
+        self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
+        """By key pattern and name, in the order of their versions."""
+        self._version = 0
+        self._events: deque[News] = deque(maxlen=most_events)
+        self._event_count = 0
+        """Events so far, those that have fallen out of the ring too."""
+        self._gone = 0
+        self._feeds: set[Feed] = set()
+        self.refused = 0
+        """Messages of keys beyond `most_keys`."""
+
+    def put(self, topic: Topic[Any], name: str, payload: bytes) -> bool:
+        """Take a message of `topic` at `name`; return whether there was room for its key."""
+        news = (topic.key, name, payload)
+        if topic.delivery is Delivery.EVENT:
+            self._events.append(news)
+            self._event_count += 1
+            return True
+        if (topic.key, name) not in self._entries and len(self._entries) >= self._most_keys:
+            self._drop_gone()
+            if len(self._entries) >= self._most_keys:
+                self.refused += 1
+                return False
+        self._set(news)
+        return True
+
+    def forget(self, topic: Topic[Any], name: str) -> bool:
+        """Say that what was put last is no longer true; return whether there was something."""
+        entry = self._entries.get((topic.key, name))
+        if entry is None or entry.news[2] is None:
+            return False
+        self._set((topic.key, name, None))
+        if self._gone > MOST_GONE or not self._feeds:
+            self._drop_gone()
+        return True
+
+    def names(self, topic: Topic[Any]) -> list[str]:
+        """Return at which names something of `topic` is true."""
+        return [
+            name
+            for (key, name), entry in self._entries.items()
+            if key == topic.key and entry.news[2] is not None
+        ]
+
+    def open(self, rate_hz: float) -> "Feed":
+        """Return the feed of a new page that is sent at most `rate_hz` batches a second."""
+        feed = Feed(self, rate_hz)
+        self._feeds.add(feed)
+        return feed
+
+    def close(self, feed: "Feed") -> None:
+        """Forget `feed`."""
+        self._feeds.discard(feed)
+
+    @property
+    def version(self) -> int:
+        """Return how many changes of states there were."""
+        return self._version
+
+    @property
+    def event_count(self) -> int:
+        """Return how many events there were."""
+        return self._event_count
+
+    def states_since(self, version: int) -> list[News]:
+        """Return what has changed after `version`, oldest first; what is gone only for who knows of it."""
+        new: list[News] = []
+        for entry in reversed(self._entries.values()):
+            if entry.version <= version:
+                break
+            if version or entry.news[2] is not None:
+                new.append(entry.news)
+        new.reverse()
+        return new
+
+    def events_since(self, count: int) -> list[News]:
+        """Return the events after the first `count`, as far as they are still there."""
+        behind = min(self._event_count - count, len(self._events))
+        start = len(self._events) - behind
+        return [self._events[index] for index in range(start, len(self._events))]
+
+    def _set(self, news: News) -> None:
+        key = (news[0], news[1])
+        before = self._entries.pop(key, None)
+        if before is not None and before.news[2] is None:
+            self._gone -= 1
+        if news[2] is None:
+            self._gone += 1
+        self._version += 1
+        self._entries[key] = _Entry(self._version, news)
+
+    def _drop_gone(self) -> None:
+        told = min((feed.version for feed in self._feeds), default=self._version)
+        gone = [
+            key for key, entry in self._entries.items() if entry.news[2] is None and entry.version <= told
+        ]
+        for key in gone:
+            del self._entries[key]
+        self._gone -= len(gone)
+
+
+class Feed:
+    """How far one page has come."""
+
+    def __init__(self, hub: Hub, rate_hz: float) -> None:
+        self._hub = hub
+        self._period_s = 1.0 / rate_hz
+        self._due_s = 0.0
+        self._sent = 0
+        self._acked = 0
+        self._events = hub.event_count
+        self.version = 0
+        """Of the newest state that the page was sent."""
+        self.dropped = 0
+        """Events that this page has missed so far."""
+
+    @property
+    def in_flight(self) -> int:
+        """Return how many batches the page has not acknowledged."""
+        return self._sent - self._acked
+
+    def wait_s(self, now_s: float) -> float | None:
+        """Return in how many seconds `take` has something as things stand; none: not before they change."""
+        has_news = self.version < self._hub.version or self._events < self._hub.event_count
+        if not has_news or self.in_flight >= IN_FLIGHT:
+            return None
+        return max(0.0, self._due_s - now_s)
+
+    def take(self, now_s: float) -> Batch | None:
+        """Return what is new to the page; none: nothing, too early, or too much is on its way already."""
+        if self.wait_s(now_s) != 0.0:
+            return None
+        hub = self._hub
+        states = tuple(hub.states_since(self.version))
+        events = tuple(hub.events_since(self._events))
+        dropped = hub.event_count - self._events - len(events)
+        self.version, self._events = hub.version, hub.event_count
+        self.dropped += dropped
+        self._due_s = now_s + self._period_s
+        if not states and not events and not dropped:
+            return None
+        self._sent += 1
+        return Batch(self._sent, states, events, dropped)
+
+    def ack(self, n: int) -> bool:
+        """Take the page's word that it shows batch `n`, and so all before; return whether that can be."""
+        if not 0 < n <= self._sent:
+            return False
+        self._acked = max(self._acked, n)
+        return True

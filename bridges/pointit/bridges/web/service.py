@@ -1,0 +1,327 @@
+"""Reads what onlookers are shown, serves it to pages, and writes what their mice and phones do."""
+
+import asyncio
+import contextlib
+import functools
+import importlib.metadata
+import io
+import ipaddress
+import logging
+from typing import Any, ClassVar
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.websockets import WebSocket
+
+from pointit.bridges.web.access import Access, new_token
+from pointit.bridges.web.app import application
+from pointit.bridges.web.bundle import Bundle
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.desk import Desk, People
+from pointit.bridges.web.ghosts import Deployments, Key, Trackers, of_person, of_service
+from pointit.bridges.web.hub import MOST_KEYS, Hub
+from pointit.bridges.web.lan import Lan
+from pointit.bridges.web.pages import Pages
+from pointit.bridges.web.pairing import Pairing
+from pointit.bridges.web.phone import Phones
+from pointit.bridges.web.phone_line import PhoneHost
+from pointit.bridges.web.recording import LastMinute, file_name
+from pointit.bridges.web.serving import Listener, bind
+from pointit.bridges.web.session import Session
+from pointit.bridges.web.status import Sight
+from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Role, Status
+from pointit.bridges.web.wrists import Wrists
+from pointit.runtime import ConfigError, Context, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import (
+    Deployment,
+    Environment,
+    Feedback,
+    Health,
+    Interaction,
+    Localization,
+    Message,
+    UserPose,
+    UserProfile,
+    encode,
+)
+from pointit.schemas.topics import OBJECTS, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.services.registry import SHOWN
+
+log = logging.getLogger(__name__)
+
+TICK_S = 1.0
+"""How often pages are told the status, figures are measured, and what is silent is looked for."""
+
+QUIET_S = 10.0
+"""A warning about what pages say goes when they have said nothing wrong for so long."""
+
+LEAST_TOKEN = 8
+"""Characters; a shorter one is guessed."""
+
+
+class Web(Service[WebConfig]):
+    """A page in browsers: the scene, controls, health; its mouse or a phone as a person's wrist."""
+
+    NAME: ClassVar[str] = "web"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = WebConfig
+
+    @classmethod
+    def check(cls, config: WebConfig) -> None:
+        """Refuse to be seen without encryption from elsewhere, and tokens that do not keep anybody out."""
+        if not _is_loopback(config.host):
+            raise ConfigError(
+                f"host: {config.host} can be reached from other machines, and what goes there is not "
+                "encrypted; leave it at 127.0.0.1 and use lan: true, which opens the page by HTTPS"
+            )
+        for name, token in (("operator_token", config.operator_token), ("viewer_token", config.viewer_token)):
+            if token and len(token) < LEAST_TOKEN:
+                raise ConfigError(f"{name}: has {len(token)} characters, use at least {LEAST_TOKEN}")
+        if config.operator_token and config.operator_token == config.viewer_token:
+            raise ConfigError("viewer_token: is the operator's; choose another, or leave it empty")
+
+    def __init__(self, config: WebConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._loop = asyncio.get_running_loop()
+        self._token = config.operator_token or new_token()
+        doors = Access(self._token, config.viewer_token or new_token())
+        self._hub = Hub()
+        self._last_minute = LastMinute(config.record_s)
+        self._writing = asyncio.Lock()
+        self._sight = Sight(self._now_s())
+        self._trackers = Trackers()
+        self._deployments = Deployments(self.NAME)
+        self._wrists = Wrists(config)
+        self._moving = asyncio.Event()
+        self._pairing = Pairing()
+        self._people = People(self.bus, self.clock)
+        version = importlib.metadata.version("pointit")
+        self._pages = Pages(
+            self._hub,
+            self.bus,
+            self._status,
+            rate_hz=config.rate_hz,
+            most=config.most_viewers,
+            version=version,
+        )
+        bundle = Bundle()
+        host = PhoneHost(
+            wrists=self._wrists,
+            now_ns=self.clock.now_ns,
+            send=self._people.move,
+            answer=self._answer_phone,
+            changed=self._changed,
+            warnings=self.bus,
+            version=version,
+            site=self.bus.site,
+        )
+        self._phones = Phones(host, self._pairing, bundle)
+        app = application(doors, bundle, self._open, self._download, self._phones.routes)
+        self._lan = Lan(config, self.bus.site, app)
+        self._desk = Desk(
+            self.bus,
+            people=self._people,
+            wrists=self._wrists,
+            pairing=self._pairing,
+            lan=self._lan,
+            doors=doors,
+            present=lambda: self._sight.present,
+            changed=self._changed,
+        )
+        self._desk.phones = self._phones
+        self._malformed = 0
+        self._malformed_s = 0.0
+        for topic in SHOWN:
+            self.bus.subscribe(topic, functools.partial(self._on, topic))
+        self.bus.watch(SERVICE_ALIVE, self._on_service)
+        self.bus.watch(USER_ALIVE, self._on_person)
+        self._listener = Listener(app, bind(config.host, config.port, "--port"))
+
+    async def run(self) -> None:
+        """Serve until cancelled, then close every connection."""
+        try:
+            await self._listener.start()
+            shown = f"?token={self._token}" if not self.config.operator_token else ""
+            host = f"[{self.config.host}]" if ":" in self.config.host else self.config.host
+            log.info("the page is at http://%s:%d/%s", host, self._listener.port, shown)
+            if self.config.lan:
+                log.info("the local network finds it at %s", (await self._desk.open_lan())["url"])
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._tick(), name="web tick")
+                group.create_task(self._move(), name="web wrists")
+        finally:
+            await self._phones.close()
+            await self._lan.close()
+            await self._listener.close()
+
+    @property
+    def port(self) -> int:
+        """Return the port at which it listens."""
+        return self._listener.port
+
+    # Hosting pages.
+
+    def header(self) -> tuple[int, float]:
+        """Return the site's time, ns, and how fast it runs."""
+        return self.clock.now_ns(), self.clock.speed
+
+    async def answer(self, ask: Ask, session: Session) -> Answer:
+        """Do what a page asks for."""
+        return await self._desk.answer(session.page, session.role, ask)
+
+    def aim(self, aim: AimAt, session: Session) -> None:
+        """Point where a page's mouse does."""
+        if session.role == "operator":
+            self._wrists.aim(session.page, aim)
+
+    def shown(self, ack: Ack) -> None:
+        """Take that a page has shown a batch."""
+        self._pages.shown(ack)
+
+    def malformed(self, sentence: str) -> None:
+        """Count what a page said that is no message."""
+        self._malformed += 1
+        self._malformed_s = self._now_s()
+        self.bus.warn(
+            "pages",
+            f"a page has sent what is no message ({sentence}; {self._malformed} so far); load it again",
+        )
+
+    async def _open(self, socket: WebSocket, role: Role) -> None:
+        await self._pages.open(socket, role, self, self._on_closed)
+
+    def _on_closed(self, page: str) -> None:
+        if self._wrists.close(page):
+            self._changed()
+
+    async def _answer_phone(self, page: str, _user: str, ask: Ask) -> Answer:
+        return await self._desk.answer(page, "wrist", ask)
+
+    async def _download(self, _request: Request) -> Response:
+        """Return the last minute as a file; written in a thread, one at a time."""
+        async with self._writing:
+            now_ns = self.clock.now_ns()
+            output = io.BytesIO()
+            recording = self._last_minute.recording(self.bus.site, now_ns)
+            await asyncio.to_thread(recording.write, output)
+        name = file_name(self.bus.site, now_ns)
+        headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
+        return Response(output.getvalue(), headers=headers, media_type="application/octet-stream")
+
+    def _status(self, page: str) -> Status:
+        now_s = self._now_s()
+        return self._sight.status(
+            self._deployments.known,
+            [
+                self._wrists.line(user, page, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
+                for user in self._people.names
+            ],
+            now_s,
+            viewers=len(self._pages),
+            lan_url=self._lan.url,
+            speed=self.clock.speed,
+        )
+
+    # What the bus says.
+
+    def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
+        payload = encode(message)
+        if not self._hub.put(topic, name, payload):
+            self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
+        self._last_minute.add(topic, name, message, payload, self.clock.now_ns())
+        self._attend(topic, message, name)
+        self._pages.news(now=topic is STRIPS_FRAME)
+
+    def _attend(self, topic: Topic[Any], message: Message, name: str) -> None:
+        """Take what matters to this server itself."""
+        if topic is OBJECTS:
+            self._trackers.heard(name, self._now_s())
+        elif isinstance(message, Health):
+            self._sight.report(name, message, self._now_s())
+        elif isinstance(message, Deployment):
+            self._forget(self._deployments.put(name, message, self._sight.present))
+            self._changed()
+        elif isinstance(message, Environment):
+            self._wrists.room(message)
+        elif isinstance(message, UserProfile):
+            self._wrists.profile(name, message)
+        elif isinstance(message, UserPose):
+            self._wrists.pose(name, message)
+        elif isinstance(message, Localization):
+            self._wrists.localization(name, message)
+            self._phones.localization(name, message)
+        elif isinstance(message, Interaction):
+            self._people.states[name] = message.state
+            self._phones.interaction(name, message)
+        elif isinstance(message, Feedback):
+            self._phones.feedback(name, message)
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._sight.set_present(instance, present, self._now_s())
+        if present:
+            self._deployments.came(self._sight.present)
+        else:
+            self._forget([*of_service(instance, self._sight.present, self._hub.names)])
+            self._forget(self._deployments.over(self._sight.present))
+        self._changed()
+
+    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if present:
+            self._people.come(user)
+        else:
+            self._people.go(user)
+            self._wrists.forget(user)
+            self._phones.forget(user)
+            self._forget([*of_person(user)])
+        self._changed()
+
+    def _forget(self, keys: list[Key]) -> None:
+        for topic, name in keys:
+            self._hub.forget(topic, name)
+            self._last_minute.forget(topic, name)
+        self._pages.news()
+
+    # Time.
+
+    async def _tick(self) -> None:
+        while True:
+            await asyncio.sleep(TICK_S)
+            now_s = self._now_s()
+            self._forget(self._trackers.silent(now_s))
+            if now_s - self._malformed_s > QUIET_S:
+                self.bus.clear("pages")
+            self._listener.cut_lingering()
+            self._lan.cut_lingering()
+            self._pages.measure()
+            self._pages.tell_status()
+
+    async def _move(self) -> None:
+        """Move the wrists that pages have; people and their mice live by the wall's time."""
+        while True:
+            await self._moving.wait()
+            samples = self._wrists.step(self.clock.now_ns(), self.clock.speed)
+            for user, sample in samples:
+                self._people.move(user, sample)
+            if not any(self._wrists.holder(user)[0] for user in self._people.names):
+                self._moving.clear()
+                self._changed()
+            await asyncio.sleep(1.0 / self.config.wrist_rate_hz)
+
+    def _changed(self) -> None:
+        """Take that pages are to be told the status anew, and wrists may have begun to move."""
+        if any(self._wrists.holder(user)[0] for user in self._people.names):
+            self._moving.set()
+        self._pages.status_changed()
+
+    def _now_s(self) -> float:
+        return self._loop.time()
+
+
+def _is_loopback(host: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+SERVICE = Web

@@ -1,0 +1,127 @@
+"""How the site is, for the page: who is there since when, what is wrong and what to do; pure."""
+
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+
+from pointit.bridges.web.wire import FindingLine, PersonLine, ServiceLine, Status
+from pointit.diagnosis.diagnose import diagnose
+from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
+from pointit.schemas import Deployment, Health
+
+KEPT_S = 10.0
+"""Reports go back so far: what has grown since then grows now."""
+
+LEFT_S = 60.0
+"""Who has left for so long, and is expected by nobody, is not spoken of any more."""
+
+GRACE_S = 2.0
+"""Who should run and is not there for so long is not missed yet: it may be starting."""
+
+MOST_LINES = 256
+"""Findings, or services, that a page is told."""
+
+
+class Sight:
+    """What is seen of the site's services; times are seconds of any clock that only goes forward."""
+
+    def __init__(self, now_s: float) -> None:
+        """Begin to look."""
+        self._began_s = now_s
+        self._since_s: dict[str, float] = {}
+        """Of who is there: since when."""
+        self._left_s: dict[str, float] = {}
+        """Of who has left: when."""
+        self._missed_s: dict[str, float] = {}
+        """Of who is expected and was never there: since when."""
+        self._reports: dict[str, deque[Report]] = {}
+        self.people: set[str] = set()
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Return who is there."""
+        return frozenset(self._since_s)
+
+    def set_present(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
+        """Take that `instance` is there, or has left."""
+        if present:
+            self._since_s.setdefault(instance, now_s)
+            self._left_s.pop(instance, None)
+            self._missed_s.pop(instance, None)
+        elif self._since_s.pop(instance, None) is not None:
+            self._left_s[instance] = now_s
+            self._reports.pop(instance, None)
+
+    def report(self, instance: str, health: Health, now_s: float) -> None:
+        """Take what `instance` says of itself, if it is there."""
+        if instance not in self._since_s:
+            return
+        reports = self._reports.setdefault(instance, deque())
+        reports.append(Report(received_s=now_s, health=health))
+        while now_s - reports[0].received_s > KEPT_S:
+            reports.popleft()
+
+    def status(
+        self,
+        deployments: Mapping[str, Deployment],
+        people: Sequence[PersonLine],
+        now_s: float,
+        *,
+        viewers: int = 0,
+        lan_url: str = "",
+        speed: float = 1.0,
+    ) -> Status:
+        """Return how the site is now."""
+        seen = self._seen(deployments, now_s, speed)
+        self._forget_left(seen.expected.keys(), now_s)
+        return Status(
+            services=tuple(self._services(seen))[:MOST_LINES],
+            findings=tuple(
+                FindingLine(
+                    severity=finding.severity,
+                    service=finding.service,
+                    sentence=finding.sentence,
+                    remedy=finding.remedy,
+                )
+                for finding in diagnose(seen)
+                if self._is_sure(finding, now_s)
+            )[:MOST_LINES],
+            people=tuple(people),
+            viewers=viewers,
+            lan_url=lan_url,
+        )
+
+    def _seen(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
+        began_s = max(self._began_s, now_s - KEPT_S)  # who is older than this look was there before
+        seen = Observation(
+            began_s=began_s,
+            now_s=now_s,
+            present=self.present,
+            left=frozenset(self._left_s),
+            reports={name: tuple(reports) for name, reports in self._reports.items() if reports},
+            deployments=deployments,
+            speed=speed,
+        )
+        missing = seen.expected.keys() - seen.present - self._left_s.keys()
+        self._missed_s = {name: self._missed_s.get(name, now_s) for name in missing}
+        return seen
+
+    def _forget_left(self, expected: Collection[str], now_s: float) -> None:
+        old = [n for n, left_s in self._left_s.items() if now_s - left_s > LEFT_S and n not in expected]
+        for name in old:
+            del self._left_s[name]
+
+    def _services(self, seen: Observation) -> list[ServiceLine]:
+        since_s = {**self._missed_s, **self._left_s, **self._since_s}
+        return [
+            ServiceLine(instance=name, present=name in seen.present, since_s=max(0.0, seen.now_s - at_s))
+            for name, at_s in sorted(since_s.items())
+        ]
+
+    def _is_sure(self, finding: Finding, now_s: float) -> bool:
+        """Return whether `finding` has stood long enough to be told."""
+        name = finding.service
+        if finding.code == "absent":
+            return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S
+        if finding.code == "silent":
+            return now_s - self._since_s.get(name, now_s) > SILENT_S
+        return True

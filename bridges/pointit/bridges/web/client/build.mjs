@@ -14,7 +14,7 @@ await build({
   absWorkingDir: here,
   entryPoints: entries.map((name) => `src/${name}.ts`),
   outdir: out, bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "none", logLevel: "warning",
-  charset: "utf8",
+  charset: "utf8", splitting: true, chunkNames: "chunk-[hash]", // who sees the plan loads no three.js
 });
 cpSync(join(here, "public"), out, { recursive: true });
 const bundled = Object.keys(JSON.parse(readFileSync(join(here, "package.json"))).dependencies).sort();

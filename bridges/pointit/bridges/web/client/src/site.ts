@@ -54,16 +54,46 @@ export interface Site {
   readonly health: Map<string, Health>;
   /** By name: what was started. */
   readonly deployments: Map<string, Deployment>;
-  /** Newest last, at most some hundreds. */
+  /** What happened since the frame before, in order; for views that show it. Emptied after each frame. */
+  readonly fresh: Happened[];
+  /** Newest last, at most `LOG_LINES`. */
   readonly log: LogLine[];
-  /** Site's time, ns, when the newest batch was sent; its speed; `performance.now()` when it came. */
+  /** Counts lines of the log, those that fell out too. */
+  logged: number;
+  /**
+   * Site's time, ns, when the newest batch was sent; its speed; `performance.now()` when a batch sent then
+   * comes that travels as fast as the fastest of the last seconds, so that `siteNow` runs evenly.
+   */
   sentNs: number;
   speed: number;
   cameAt: number;
-  /** From capture at the wrist to the frame that shows it, ms, of the last seconds; newest last. */
+  /** From capture at the wrist to the frame that shows it, ms, of the last minute at most; newest last. */
   readonly latencies: number[];
-  /** Bytes and batches received in the last whole second, events lost. */
+  /** Bytes and batches received in the last whole second, events lost since the page was opened. */
   traffic: { bytes: number; batches: number; dropped: number };
+  /** Batches or messages that could not be read, frames that could not be drawn; and what was wrong last. */
+  faults: { count: number; last: string };
+}
+
+/** Lines that the log keeps. */
+export const LOG_LINES = 400;
+
+/** A site of which nothing is known yet. */
+export function emptySite(): Site {
+  return {
+    hello: null, status: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
+    objects: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
+    deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0, latencies: [],
+    traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
+  };
+}
+
+/** A person of whom nothing is known yet. */
+export function emptyPerson(user: string): Person {
+  return {
+    user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
+    line: null,
+  };
 }
 
 /** Now in the site's time, ns, as well as it is known. */

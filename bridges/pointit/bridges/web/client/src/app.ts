@@ -1,0 +1,192 @@
+/**
+ * The page: a connection that fills a site, a view and a panel that show it.
+ *
+ * `window.pointit` has `site` and `stats` for tests and the curious, to be read only.
+ */
+
+import "./app.css";
+import { Connection } from "./connection";
+import { Desk } from "./desk";
+import { mark, show, write } from "./dom";
+import { capital, milliseconds } from "./format";
+import { makeGuide } from "./guide";
+import { makeHelp } from "./help";
+import { listen, type Shortcut } from "./keys";
+import { Mouse } from "./mouse";
+import { beltsPart } from "./panel/belts";
+import { healthPart } from "./panel/health";
+import { lookPart } from "./panel/look";
+import { messagesPart } from "./panel/messages";
+import { moverPart } from "./panel/mover";
+import { nowPart } from "./panel/now";
+import { pairingDialog } from "./panel/pairing";
+import { makePanel } from "./panel/panel";
+import { tuningPart } from "./panel/tuning";
+import { makeScenario } from "./scenario";
+import { keepSettings, loadSettings, type Settings } from "./settings";
+import { makeShortcuts } from "./shortcuts";
+import { emptySite, type Happened, type Site } from "./site";
+import { chime } from "./sound";
+import { Stage } from "./stage";
+import { applyTheme, watchSystem } from "./theme";
+import { Toasts } from "./toasts";
+import type { ViewStats } from "./view";
+import { stateTitle, thing } from "./words";
+
+declare global {
+  interface Window {
+    /** To be read only. */
+    pointit: { readonly site: Site; readonly stats: ViewStats | null };
+  }
+}
+
+/** Panels are brought up to date so often at most, ms. */
+const PANEL_MS = 150;
+
+const at = (id: string): HTMLElement => document.getElementById(id)!;
+const site = emptySite();
+const settings = loadSettings();
+applyTheme(settings.theme);
+
+const connection = new Connection(site, {
+  onNews: () => wake(),
+  onHello: () => tuning.forget(),
+  onStatus: () => {
+    mouse.update();
+    pairing.update();
+    refresh();
+  },
+  onState: (isConnected, attempt) => {
+    showConnection(isConnected, attempt);
+    refresh();
+  },
+});
+const desk = new Desk(site, settings, connection, new Toasts(at("toasts")), () => refresh());
+const mouse = new Mouse(desk, () => stage.view);
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), desk, (place) => mouse.aim(place), () => {
+  mouse.renew();
+  wake();
+});
+const pairing = pairingDialog(desk);
+const guide = makeGuide(at("guide"), desk, mouse, pairing);
+const scenario = makeScenario(at("scenario"), at("progress"), desk);
+const belts = beltsPart(desk);
+const tuning = tuningPart(desk);
+const look = lookPart(desk, changeLook);
+const panel = makePanel(at("panel"), desk, [
+  { name: "Control", icon: "sliders", parts: [nowPart(desk), moverPart(desk, mouse, pairing), belts, tuning, look] },
+  { name: "Health", icon: "pulse", parts: [healthPart(desk, () => stage.view?.stats ?? null), messagesPart(desk)] },
+]);
+const help = makeHelp((): readonly Shortcut[] => shortcuts, settings);
+const shortcuts = makeShortcuts({ desk, mouse, stage, belts, look, pairing, panel, help });
+listen(shortcuts, () => settings.shortcuts);
+at("help").addEventListener("click", () => help.open());
+at("pill").addEventListener("click", () => panel.open(1));
+at("retry").addEventListener("click", () => connection.hurry());
+watchSystem(() => changeLook("theme"));
+
+function changeLook(what: keyof Settings): void {
+  keepSettings(settings);
+  if (what === "theme") {
+    applyTheme(settings.theme);
+    stage.theme();
+  } else if (what === "view") void stage.make();
+  refresh();
+}
+
+let isAwake = false;
+let refreshed = -Infinity;
+let isStale = true;
+
+/** Have the next animation frame show what is new. */
+function wake(): void {
+  if (isAwake) return;
+  isAwake = true;
+  requestAnimationFrame(frame);
+}
+
+function refresh(): void {
+  isStale = true;
+  wake();
+}
+
+function frame(): void {
+  isAwake = false;
+  connection.takeOver();
+  for (const happened of site.fresh) tell(happened);
+  stage.draw();
+  connection.shown();
+  site.fresh.length = 0;
+  const now = performance.now();
+  if (!isStale && now - refreshed < PANEL_MS) return;
+  refreshed = now;
+  isStale = false;
+  for (const part of [panel, guide, scenario, stage]) part.update();
+  showHeader();
+  announce();
+}
+
+/** Let a person who points with this page see and hear what they did. */
+function tell(happened: Happened): void {
+  const mine = desk.mine?.user ?? "";
+  if ("feedback" in happened) {
+    if (settings.sound && happened.user === mine) chime(happened.feedback.chime);
+    return;
+  }
+  const { event } = happened;
+  if (event.user !== (mine || desk.user)) return;
+  const what = thing(site, event.object_id, event.kind);
+  if (event.event === "selected") {
+    guide.selected(event);
+    say(`Selected: ${what}`, mine !== "");
+  } else if (event.event === "deselected") say(`Taken back: ${what}`, mine !== "");
+  else if (event.event === "refused" && mine) desk.toasts.show("info", event.reason || `${capital(what)} could not be selected.`);
+  isStale = true;
+}
+
+/** Tell in words: as a toast, which is read out, or only to be read out. */
+function say(text: string, isToast: boolean): void {
+  if (isToast) desk.toasts.show("done", text);
+  else write(at("said"), text);
+}
+
+let announced = "";
+
+/** Have a change of the interaction read out; gauges and figures are not. */
+function announce(): void {
+  const interaction = desk.person?.interaction;
+  const now = interaction ? `${desk.user}: ${stateTitle(interaction.state)}. ${interaction.next_step}` : "";
+  if (now === announced) return;
+  announced = now;
+  write(at("said"), now);
+}
+
+function showHeader(): void {
+  write(at("site"), site.hello?.site ?? "");
+  const wrong = site.status?.findings.filter((each) => each.severity !== "note").length ?? 0;
+  panel.count(1, wrong, wrong === 1 ? "warning" : "warnings");
+  const pill = at("pill");
+  mark(pill, "data-state", site.connected ? (wrong ? "warning" : "live") : "lost");
+  mark(pill.querySelector("use")!, "href", `#icon-${site.connected ? (wrong ? "warning" : "live") : "close"}`);
+  const median = site.connected ? connection.latency.total(performance.now()).p50 : null;
+  write(at("pill-text"), !site.connected ? (site.hello ? "Lost" : "Connecting") : median === null ? "Live" : `Live · ${milliseconds(median)}`);
+  show(at("looks-on"), site.connected && site.hello?.role === "viewer");
+}
+
+function showConnection(isConnected: boolean, attempt: number): void {
+  const isLost = !isConnected && (site.hello !== null || attempt > 1);
+  show(at("lost"), isLost);
+  const text = site.hello && attempt <= 6
+    ? "The connection is lost. What you see is old; trying again …"
+    : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";
+  write(at("lost-text"), isLost ? text : "");
+  document.body.classList.toggle("stale", isLost && site.hello !== null);
+}
+
+window.pointit = {
+  get site() { return site; },
+  get stats() { return stage.view?.stats ?? null; },
+};
+void stage.make();
+connection.open();
+setInterval(refresh, 1000);

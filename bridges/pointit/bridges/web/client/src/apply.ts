@@ -1,0 +1,183 @@
+/** What a message changes in what the page knows of the site. */
+
+import { decode } from "@msgpack/msgpack";
+import type { Item } from "./batch";
+import { note } from "./log";
+import type {
+  ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, Interaction, LampColor, Localization,
+  Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile,
+} from "./messages";
+import { emptyPerson, type Happened, type Person, type Site } from "./site";
+import type { Status } from "./wire";
+import { eventLine } from "./words";
+
+/** Messages of each topic that pages are shown. */
+export interface Shown {
+  "users/{user}/profile": UserProfile;
+  "users/{user}/pose": UserPose;
+  "users/{user}/localization": Localization;
+  "users/{user}/cursor": Cursor;
+  "users/{user}/hover": Hover;
+  "users/{user}/interaction": Interaction;
+  "users/{user}/feedback": Feedback;
+  map: Environment;
+  "objects/{tracker}": TrackedObjects;
+  selection: Selection;
+  "selection/events": SelectionEvent;
+  "leds/{led}/color": LampColor;
+  "strips/frame": StripsFrame;
+  "conveyor/state": ConveyorState;
+  "health/{service}": Health;
+  "deployment/{name}": Deployment;
+}
+
+type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;
+
+const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
+  "users/{user}/profile": (keeper, message, name) => void (keeper.person(name).profile = message),
+  "users/{user}/pose": (keeper, message, name) => void (keeper.person(name).pose = message),
+  "users/{user}/localization": (keeper, message, name) => void (keeper.person(name).localization = message),
+  "users/{user}/cursor": (keeper, message, name, at) => {
+    const who = keeper.person(name);
+    who.cursor = message;
+    who.cursorAt = at;
+  },
+  "users/{user}/hover": (keeper, message, name) => void (keeper.person(name).hover = message),
+  "users/{user}/interaction": (keeper, message, name) => {
+    const who = keeper.person(name);
+    const before = who.interaction?.state;
+    who.interaction = message;
+    if (before !== undefined && message.state !== before) {
+      note(keeper.site, "info", name, message.reason ? `${message.state}: ${message.reason}` : message.state);
+    }
+  },
+  "users/{user}/feedback": ({ site }, message, name) => {
+    if (message.text && message.cue !== "selected" && message.cue !== "deselected") {
+      note(site, message.cue === "refused" ? "warning" : "info", name, message.text);
+    }
+    happen(site, { feedback: message, user: name });
+  },
+  map: ({ site }, message) => {
+    site.map = message;
+    site.mapVersion += 1;
+  },
+  "objects/{tracker}": ({ site }, message, name) => void site.objects.set(name, message),
+  selection: ({ site }, message) => void (site.selection = message),
+  "selection/events": ({ site }, message) => {
+    const { severity, text } = eventLine(site, message);
+    note(site, severity, message.user, text);
+    happen(site, { event: message });
+  },
+  "leds/{led}/color": ({ site }, message, name) => void site.lamps.set(name, message),
+  "strips/frame": ({ site }, message) => void (site.strips = message),
+  "conveyor/state": ({ site }, message) => void (site.conveyor = message),
+  "health/{service}": ({ site }, message, name) => {
+    const before = site.health.get(name)?.warnings ?? [];
+    for (const warning of message.warnings) if (!before.includes(warning)) note(site, "warning", name, warning);
+    site.health.set(name, message);
+  },
+  "deployment/{name}": ({ site }, message, name) => void site.deployments.set(name, message),
+};
+
+type Forgetter = (keeper: Keeper, name: string) => void;
+
+const FORGETTERS: Record<keyof Shown, Forgetter> = {
+  "users/{user}/profile": (keeper, name) => void (keeper.person(name).profile = null),
+  "users/{user}/pose": (keeper, name) => void (keeper.person(name).pose = null),
+  "users/{user}/localization": (keeper, name) => void (keeper.person(name).localization = null),
+  "users/{user}/cursor": (keeper, name) => void (keeper.person(name).cursor = null),
+  "users/{user}/hover": (keeper, name) => void (keeper.person(name).hover = null),
+  "users/{user}/interaction": (keeper, name) => void (keeper.person(name).interaction = null),
+  "users/{user}/feedback": () => undefined,
+  map: ({ site }) => {
+    site.map = null;
+    site.mapVersion += 1;
+  },
+  "objects/{tracker}": ({ site }, name) => void site.objects.delete(name),
+  selection: ({ site }) => void (site.selection = null),
+  "selection/events": () => undefined,
+  "leds/{led}/color": ({ site }, name) => void site.lamps.delete(name),
+  "strips/frame": ({ site }) => void (site.strips = null),
+  "conveyor/state": ({ site }) => void (site.conveyor = null),
+  "health/{service}": ({ site }, name) => void site.health.delete(name),
+  "deployment/{name}": ({ site }, name) => void site.deployments.delete(name),
+};
+
+/** Keeps a site up to date. */
+export class Keeper {
+  /** Everybody of whom something is known; `site.people` has those who are there. */
+  readonly #known = new Map<string, Person>();
+
+  constructor(readonly site: Site) {}
+
+  /**
+   * Take one message over; `at` is `performance.now()`. Topics that this page does not know are passed over:
+   * servers may be newer.
+   * @returns the message, nothing where there is none.
+   * @throws Error when it cannot be read.
+   */
+  take(item: Item, at: number): unknown {
+    const topic = item.topic as keyof Shown;
+    if (!Object.hasOwn(TAKERS, topic)) return null;
+    if (item.payload === null) {
+      FORGETTERS[topic](this, item.name);
+      return null;
+    }
+    const message = decode(item.payload);
+    if (message === null || typeof message !== "object") throw new Error(`${topic}: no message`);
+    (TAKERS[topic] as Taker<unknown>)(this, message, item.name, at);
+    return message;
+  }
+
+  /** Take over what the server says of the site: who is gone vanishes with all that is theirs. */
+  status(status: Status): void {
+    const { site } = this;
+    const before = site.status;
+    site.status = status;
+    const there = new Set(status.people.map((line) => line.user));
+    for (const user of site.people.keys()) {
+      if (there.has(user)) continue;
+      site.people.delete(user);
+      note(site, "info", user, "left");
+    }
+    for (const line of status.people) {
+      if (before && !site.people.has(line.user)) note(site, "info", line.user, "came");
+      const who = this.person(line.user);
+      who.line = line;
+      site.people.set(line.user, who);
+    }
+    const were = new Map(before?.services.map((service) => [service.instance, service.present]));
+    for (const { instance, present } of status.services) {
+      const was = were.get(instance);
+      if (was !== undefined && was !== present) {
+        note(site, present ? "info" : "warning", instance, present ? "is up again" : "is down");
+      }
+    }
+  }
+
+  /** Nothing is known any more: the first batch of a new connection tells all that is true. */
+  clear(): void {
+    const { site } = this;
+    this.#known.clear();
+    for (const all of [site.people, site.objects, site.lamps, site.health, site.deployments]) all.clear();
+    Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
+  }
+
+  /** The person called `user`, new if not known yet. */
+  person(user: string): Person {
+    let found = this.#known.get(user);
+    if (!found) {
+      found = emptyPerson(user);
+      this.#known.set(user, found);
+    }
+    return found;
+  }
+}
+
+/** More are dropped between two frames: a page in the background is shown none. */
+const MOST_FRESH = 200;
+
+function happen(site: Site, what: Happened): void {
+  site.fresh.push(what);
+  if (site.fresh.length > MOST_FRESH) site.fresh.shift();
+}

@@ -1,0 +1,60 @@
+/** One of a few: radio buttons that look like one control. */
+
+import { el, icon, write } from "./dom";
+
+export interface Option {
+  value: string;
+  label: string;
+  icon?: string;
+  /** CSS colour of a swatch beside the label. */
+  swatch?: string;
+}
+
+export interface Choice {
+  readonly element: HTMLFieldSetElement;
+  /** Offer these; keeps the elements as long as they are the same. */
+  offer(options: readonly Option[]): void;
+  /** Show which is in use; none of them: nothing is. */
+  set(value: string): void;
+  enable(isEnabled: boolean): void;
+}
+
+let groups = 0;
+
+export function choice(legend: string, onChoose: (value: string) => void, options: readonly Option[] = []): Choice {
+  const group = `choice-${++groups}`;
+  const row = el("div", { className: "choice" });
+  const element = el("fieldset", { className: "plain" }, el("legend", { text: legend }), row);
+  let offered = "";
+  let current = "";
+  const self: Choice = {
+    element,
+    offer(next) {
+      const signature = JSON.stringify(next);
+      if (signature === offered) return;
+      const isFocused = row.contains(document.activeElement);
+      offered = signature;
+      row.replaceChildren(...next.map((option) => {
+        const input = el("input", { type: "radio", name: group, value: option.value, onchange: () => onChoose(option.value) });
+        const name = el("span", {});
+        write(name, option.label);
+        const swatch = option.swatch ? el("i", { className: "swatch" }) : null;
+        if (swatch) swatch.style.background = option.swatch!;
+        return el("label", {}, input, el("span", { className: "face" }, option.icon ? icon(option.icon) : swatch, name));
+      }));
+      self.set(current);
+      if (isFocused) row.querySelector<HTMLInputElement>("input:checked, input")?.focus();
+    },
+    set(value) {
+      current = value;
+      for (const input of row.querySelectorAll("input")) {
+        if (input.checked !== (input.value === value)) input.checked = input.value === value;
+      }
+    },
+    enable(isEnabled) {
+      if (element.disabled === isEnabled) element.disabled = !isEnabled;
+    },
+  };
+  self.offer(options);
+  return self;
+}

@@ -1,0 +1,209 @@
+/** The page's end of the WebSocket: batches into the site, acknowledgements out of animation frames. */
+
+import { Keeper } from "./apply";
+import { Asks, type Reply, type Wish } from "./asks";
+import { decodeBatch, numberOf, Pending } from "./batch";
+import { note } from "./log";
+import type { Cursor, StripsFrame } from "./messages";
+import type { Site } from "./site";
+import { LatencyHistory, SiteClock } from "./timing";
+import type { Ack, AimAt, Answer, Ask, Hello, Status } from "./wire";
+import type { Vec3 } from "./view";
+
+/** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
+const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
+/** Latencies that `Site.latencies` holds. */
+const LATENCIES = 3600;
+
+export interface ConnectionEvents {
+  /** Something came that a frame should show. */
+  onNews(): void;
+  onHello(hello: Hello): void;
+  onStatus(status: Status): void;
+  /** Opened, or lost (`attempt` counts from 1). */
+  onState(connected: boolean, attempt: number): void;
+}
+
+export class Connection {
+  readonly latency = new LatencyHistory();
+  readonly #asks = new Asks((ask) => this.#send(ask));
+  readonly #pending = new Pending();
+  readonly #keeper: Keeper;
+  #clock = new SiteClock();
+  #socket: WebSocket | null = null;
+  #attempt = 0;
+  #timer: ReturnType<typeof setTimeout> | undefined;
+  /** Batches that wait for their frame: number and when they came. */
+  #unacknowledged: { n: number; at: number }[] = [];
+  #second = { bytes: 0, batches: 0 };
+  #dropped = 0;
+  /** What the last frame was made of, for its latency: capture, ns, of what is newest in it. */
+  #capturedNs = 0;
+  #lastAimed = 0;
+  /** The next frame tells no latency: what it shows waited for a page in the background, or was told anew. */
+  #isCatchingUp = true;
+
+  constructor(private readonly site: Site, private readonly events: ConnectionEvents) {
+    this.#keeper = new Keeper(site);
+    setInterval(() => {
+      site.traffic = { ...this.#second, dropped: this.#dropped };
+      this.#second = { bytes: 0, batches: 0 };
+    }, 1000);
+    addEventListener("online", () => this.hurry());
+    document.addEventListener("visibilitychange", () => {
+      this.#isCatchingUp = true;
+      if (!document.hidden) this.hurry();
+    });
+  }
+
+  /** Begin to connect, and keep at it for ever. */
+  open(): void {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    socket.binaryType = "arraybuffer";
+    this.#socket = socket;
+    socket.onopen = () => this.#opened();
+    socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => this.#received(event.data);
+    socket.onclose = () => this.#closed(socket);
+  }
+
+  ask(wish: Wish, patienceMs?: number): Promise<Reply> {
+    return this.#asks.ask(wish, patienceMs);
+  }
+
+  /** Tell where the mouse points, at most as often as the screen shows; not answered. */
+  aim(user: string, at: Vec3): void {
+    const now = performance.now();
+    if (now - this.#lastAimed < 4 || (this.#socket?.bufferedAmount ?? 0) > 16_384) return;
+    this.#lastAimed = now;
+    this.#send({ kind: "aim", user, at_m: at } satisfies AimAt);
+  }
+
+  /** Take over what came since the frame before; called at the start of an animation frame. */
+  takeOver(): void {
+    const { states, events } = this.#pending.take();
+    const at = performance.now();
+    let stripsNs = 0;
+    let cursorNs = 0;
+    for (const item of [...states, ...events]) {
+      try {
+        const message = this.#keeper.take(item, at);
+        if (message === null) continue;
+        if (item.topic === "strips/frame") stripsNs = (message as StripsFrame).stamp_ns;
+        else if (item.topic === "users/{user}/cursor") cursorNs = Math.max(cursorNs, (message as Cursor).stamp_ns);
+      } catch (error) {
+        this.fault(error);
+      }
+    }
+    this.#capturedNs = stripsNs || cursorNs;
+  }
+
+  /** Acknowledge what this frame shows; called at its end, when it is drawn. */
+  shown(): void {
+    if (!this.#unacknowledged.length) return;
+    const now = performance.now();
+    const { site } = this;
+    let latency: number | null = null;
+    if (this.#capturedNs && !this.#isCatchingUp) {
+      const shownNs = site.sentNs + (now - site.cameAt) * 1e6 * site.speed;
+      latency = Math.max(0, (shownNs - this.#capturedNs) / 1e6 / site.speed);
+      this.latency.add(now, latency);
+      site.latencies.push(latency);
+      if (site.latencies.length > LATENCIES) site.latencies.splice(0, site.latencies.length - LATENCIES);
+    }
+    this.#isCatchingUp = document.hidden;
+    for (const { n } of this.#unacknowledged.splice(0)) {
+      this.#send({ kind: "ack", n, latency_ms: latency === null ? null : Math.min(1e7, latency) } satisfies Ack);
+    }
+  }
+
+  /** Count what could not be read or drawn. */
+  fault(error: unknown): void {
+    const { faults } = this.site;
+    const text = error instanceof Error ? error.message : String(error);
+    if (text !== faults.last) note(this.site, "error", "page", text);
+    faults.count += 1;
+    faults.last = text;
+  }
+
+  #opened(): void {
+    if (this.site.lostAt) note(this.site, "info", "page", "connected again");
+    this.#attempt = 0;
+    this.#clock = new SiteClock();
+    this.#keeper.clear();
+    this.#isCatchingUp = true;
+    this.site.connected = true;
+    this.events.onState(true, 0);
+  }
+
+  #closed(socket: WebSocket): void {
+    if (socket !== this.#socket) return;
+    this.#socket = null;
+    this.#asks.lost();
+    this.#pending.take();
+    this.#unacknowledged = [];
+    if (this.site.connected) {
+      this.site.lostAt = performance.now();
+      note(this.site, "warning", "page", "the connection was lost");
+    }
+    this.site.connected = false;
+    const wait = BACK_OFF_MS[Math.min(this.#attempt, BACK_OFF_MS.length - 1)]!;
+    this.#attempt += 1;
+    this.events.onState(false, this.#attempt);
+    this.#timer = setTimeout(() => this.open(), wait * (1 + 0.3 * Math.random()));
+  }
+
+  /** Try at once, where it would be tried later: the network or the person is back. */
+  hurry(): void {
+    if (this.#socket) return;
+    clearTimeout(this.#timer);
+    this.open();
+  }
+
+  #received(data: string | ArrayBuffer): void {
+    try {
+      if (typeof data === "string") this.#text(JSON.parse(data) as Hello | Status | Answer);
+      else this.#batch(new Uint8Array(data));
+    } catch (error) {
+      this.fault(error);
+    }
+  }
+
+  #text(part: Hello | Status | Answer): void {
+    if (part.kind === "answer") this.#asks.answered(part);
+    else if (part.kind === "status") {
+      this.#keeper.status(part);
+      this.events.onStatus(part);
+    } else if (part.kind === "hello") {
+      this.site.hello = part;
+      this.events.onHello(part);
+    }
+  }
+
+  #batch(bytes: Uint8Array): void {
+    const at = performance.now();
+    this.#second.bytes += bytes.byteLength;
+    this.#second.batches += 1;
+    try {
+      const batch = decodeBatch(bytes);
+      this.site.cameAt = this.#clock.heard(batch.sentNs, batch.speed, at);
+      this.site.sentNs = batch.sentNs;
+      this.site.speed = batch.speed;
+      this.#dropped += batch.dropped;
+      this.#pending.add(batch);
+      this.#unacknowledged.push({ n: batch.n, at });
+    } catch (error) {
+      // an unacknowledged batch would count as one on its way for ever
+      const n = numberOf(bytes);
+      if (n) this.#send({ kind: "ack", n, latency_ms: null } satisfies Ack);
+      this.fault(error);
+    }
+    this.events.onNews();
+  }
+
+  #send(part: Ack | Ask | AimAt): boolean {
+    if (this.#socket?.readyState !== WebSocket.OPEN) return false;
+    this.#socket.send(JSON.stringify(part));
+    return true;
+  }
+}

@@ -1,0 +1,130 @@
+/** What controls work with: the site, what this page may ask, and for whom. */
+
+import type { Reply, Wish } from "./asks";
+import { Refusal } from "./asks";
+import type { Connection } from "./connection";
+import { byName } from "./format";
+import type { Settings } from "./settings";
+import type { Person, Site } from "./site";
+import type { Toasts } from "./toasts";
+import type { Hello } from "./wire";
+
+type Deed = Hello["deeds"][number];
+
+/** Who answers requests, by the first word of their key. */
+const SERVERS: Record<string, { service: string; isPersonal: boolean }> = {
+  conveyor: { service: "conveyor-sim", isPersonal: false },
+  localizer: { service: "localizer", isPersonal: true },
+  selector: { service: "selector", isPersonal: false },
+  pui: { service: "pui", isPersonal: false },
+  leds: { service: "led-driver", isPersonal: false },
+  imu: { service: "imu-bridge", isPersonal: true },
+  profile: { service: "supervisor", isPersonal: true },
+};
+
+export class Desk {
+  #chosen = "";
+
+  constructor(
+    readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
+    /** Has everything drawn anew that depends on what changed. */
+    readonly changed: () => void,
+  ) {}
+
+  /** Whom controls are about: the chosen person, else the one this page moves, else the first. */
+  get user(): string {
+    const { people } = this.site;
+    if (people.has(this.#chosen)) return this.#chosen;
+    return this.mine?.user ?? [...people.keys()].sort(byName)[0] ?? "";
+  }
+
+  get person(): Person | null {
+    return this.site.people.get(this.user) ?? null;
+  }
+
+  /** The person whose wrist this page's mouse moves. */
+  get mine(): Person | null {
+    for (const person of this.site.people.values()) {
+      if (person.line?.is_mine && person.line.moved_by === "mouse") return person;
+    }
+    return null;
+  }
+
+  choose(user: string): void {
+    this.#chosen = user;
+    this.changed();
+  }
+
+  isPresent(service: string, user = ""): boolean {
+    const instance = user ? `${service}.${user}` : service;
+    return this.site.status?.services.some((each) => each.present && each.instance === instance) ?? false;
+  }
+
+  /** Whether this page may ask it, and somebody is there to answer. */
+  may(key: string): boolean {
+    const { site } = this;
+    if (!site.connected || !site.hello?.requests.includes(key)) return false;
+    if (key === "run/scenario") return this.scenarios.length > 0;
+    const server = SERVERS[key.split("/")[0]!];
+    return server !== undefined && this.isPresent(server.service, server.isPersonal ? this.user : "");
+  }
+
+  mayDo(deed: Deed): boolean {
+    return this.site.connected && (this.site.hello?.deeds.includes(deed) ?? false);
+  }
+
+  /** What can be run instead of what runs. */
+  get scenarios(): readonly string[] {
+    for (const { scenarios } of this.site.deployments.values()) if (scenarios.length) return scenarios;
+    return [];
+  }
+
+  /** What runs; empty: nothing that has a name. */
+  get scenario(): string {
+    const all = [...this.site.deployments.values()];
+    return all.find((each) => each.scenario)?.scenario ?? all.find((each) => each.services.some((s) => !s.user))?.name ?? "";
+  }
+
+  /** Whether `user` is simulated. */
+  isSimulated(user: string): boolean {
+    return this.isPresent("user-sim", user);
+  }
+
+  /** Ask; what was done, or why not, is told. Returns the reply, nothing when refused. */
+  async ask(wish: Wish, { isQuiet = false, patienceMs }: { isQuiet?: boolean; patienceMs?: number } = {}): Promise<Reply | null> {
+    try {
+      const reply = await this.connection.ask(wish, patienceMs);
+      if (!isQuiet && typeof reply["message"] === "string" && reply["message"]) this.toasts.show("info", reply["message"]);
+      return reply;
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      this.toasts.show("error", error.message);
+      return null;
+    }
+  }
+
+  press(): void {
+    if (this.mayDo("press") && this.user) void this.ask({ deed: "press", name: this.user }, { isQuiet: true });
+  }
+
+  localize(): void {
+    if (this.may("localizer/{user}/start")) void this.ask({ key: "localizer/{user}/start", name: this.user });
+  }
+
+  cancel(): void {
+    if (this.may("localizer/{user}/cancel")) void this.ask({ key: "localizer/{user}/cancel", name: this.user });
+  }
+
+  undo(): void {
+    if (this.may("selector/{user}/undo")) void this.ask({ key: "selector/{user}/undo", name: this.user });
+  }
+
+  clear(): void {
+    if (this.may("selector/{user}/clear")) void this.ask({ key: "selector/{user}/clear", name: this.user });
+  }
+
+  /** Whether localizing makes sense here: there is something known to point at. */
+  get canLocalize(): boolean {
+    return this.may("localizer/{user}/start") && (this.site.map?.lamps.length ?? 0) > 0;
+  }
+}

@@ -1,0 +1,74 @@
+/** The little that pages need to make elements; text only, never markup from strings. */
+
+type Child = Node | string | null;
+type Attributes = Record<string, string | number | boolean | ((event: Event) => void)>;
+
+/**
+ * Make an element: `on…` attributes are listeners, `true` sets a bare attribute, `false` leaves it out,
+ * `className` and `text` are what they say.
+ */
+export function el<K extends keyof HTMLElementTagNameMap>(
+  tag: K, attributes: Attributes = {}, ...children: Child[]
+): HTMLElementTagNameMap[K] {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else if (name === "text") element.textContent = String(value);
+    else if (name === "className") element.className = String(value);
+    else if (value === true) element.setAttribute(name, "");
+    else if (value !== false) element.setAttribute(name, String(value));
+  }
+  element.append(...children.filter((child): child is Node | string => child !== null));
+  return element;
+}
+
+/** An icon of the sprite in index.html; decoration, so always beside a name. */
+export function icon(name: string): SVGSVGElement {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  svg.setAttribute("class", "icon");
+  svg.setAttribute("aria-hidden", "true");
+  const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
+  use.setAttribute("href", `#icon-${name}`);
+  svg.append(use);
+  return svg;
+}
+
+/** Change what is written, only when it differs: assistive technology is told of changes. */
+export function write(element: Element, text: string): void {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** Show or hide. */
+export function show(element: HTMLElement, isShown: boolean): void {
+  if (element.hidden === isShown) element.hidden = !isShown;
+}
+
+/** Set or take away an attribute, only when it differs. */
+export function mark(element: Element, name: string, value: string | null): void {
+  if (element.getAttribute(name) === value) return;
+  if (value === null) element.removeAttribute(name);
+  else element.setAttribute(name, value);
+}
+
+/** Replace the children when `signature` has changed since the last time. */
+export function renew(element: HTMLElement, signature: string, make: () => Child[]): void {
+  if (element.dataset.signature === signature) return;
+  element.dataset.signature = signature;
+  element.replaceChildren(...make().filter((child): child is Node | string => child !== null));
+}
+
+/** A key as printed on its button; screen readers are told by `aria-keyshortcuts`. */
+export function key(name: string): HTMLElement {
+  return el("kbd", { "aria-hidden": "true", text: name });
+}
+
+/** A titled part of the panel. */
+export function section(title: string, ...children: Child[]): HTMLElement {
+  const id = `s-${title.toLowerCase().replaceAll(/[^a-z]+/g, "-")}`;
+  return el("section", { className: "part", "aria-labelledby": id }, el("h2", { id, text: title }), ...children);
+}
+
+/** A part that can be folded. */
+export function folded(title: string, isOpen: boolean, ...children: Child[]): HTMLDetailsElement {
+  return el("details", { className: "part", open: isOpen }, el("summary", {}, el("h2", { text: title }), icon("chevron")), ...children);
+}

@@ -1,0 +1,58 @@
+/** Figures of the whole site out of each service's own account. */
+
+import type { Health } from "./messages";
+
+export interface Rates {
+  imu: number | null;
+  ray: number | null;
+  cursor: number | null;
+  frame: number | null;
+}
+
+const KEYS: Record<keyof Rates, (user: string) => string> = {
+  imu: (user) => `users/${user}/imu`, ray: (user) => `users/${user}/ray`, cursor: (user) => `users/${user}/cursor`,
+  frame: () => "strips/frame",
+};
+
+/** Messages a second that left their writers, along the chain from the wrist of `user` to the light; null: none writes. */
+export function rates(accounts: Iterable<Health>, user: string): Rates {
+  const found: Rates = { imu: null, ray: null, cursor: null, frame: null };
+  for (const { keys } of accounts) {
+    for (const { key, direction, rate_hz: rate } of keys) {
+      if (direction !== "out") continue;
+      for (const name of Object.keys(KEYS) as (keyof Rates)[]) {
+        if (key === KEYS[name](user)) found[name] = (found[name] ?? 0) + rate;
+      }
+    }
+  }
+  return found;
+}
+
+export interface Losses {
+  /** Newer ones came before they were read, or a queue was full. */
+  dropped: number;
+  /** Events that never arrived. */
+  lost: number;
+  invalid: number;
+  /** Handlers that raised. */
+  errors: number;
+}
+
+/** Since each service's start. */
+export function losses(accounts: Iterable<Health>): Losses {
+  const total: Losses = { dropped: 0, lost: 0, invalid: 0, errors: 0 };
+  for (const { keys, errors } of accounts) {
+    total.errors += errors;
+    for (const key of keys) {
+      total.dropped += key.dropped;
+      total.lost += key.lost;
+      total.invalid += key.invalid;
+    }
+  }
+  return total;
+}
+
+/** A figure of a service by name, such as the localizer's `yaw drift`. */
+export function figureOf(health: Health | undefined, name: string): number | null {
+  return health?.figures.find((each) => each.name === name)?.value ?? null;
+}

@@ -1,0 +1,81 @@
+/** The card over the scene that tells a newcomer what to do. */
+
+import type { Desk } from "./desk";
+import { el, icon, key, mark, show, write } from "./dom";
+import { capital } from "./format";
+import { guidance } from "./guidance";
+import type { SelectionEvent } from "./messages";
+import type { Mouse } from "./mouse";
+import type { Pairing } from "./panel/pairing";
+import { thing } from "./words";
+
+const SUCCESS_MS = 2500;
+
+export interface Guide {
+  update(): void;
+  /** Somebody selected something. */
+  selected(event: SelectionEvent): void;
+}
+
+export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: Pairing): Guide {
+  const { site } = desk;
+  let isDismissed = false;
+  let success = { what: "", user: "", at: -Infinity };
+  const button = (symbol: string, name: string, shortcut: string, className: string, run: () => void): HTMLButtonElement =>
+    el("button", { type: "button", className, onclick: run, ...(shortcut ? { "aria-keyshortcuts": shortcut } : {}) },
+      icon(symbol), el("span", { text: name }), shortcut ? key(shortcut === "Escape" ? "Esc" : shortcut) : null);
+  const sign = icon("point");
+  const title = el("strong", {}), text = el("span", { className: "text" });
+  const gauge = el("progress", { max: 1, value: 0, "aria-label": "How full it is" });
+  const take = button("mouse", "Point with the mouse", "", "primary", () => void mouse.take());
+  const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
+  const press = button("button", "Start pointing", "Space", "primary", () => desk.press());
+  const give = button("undo", "Give back", "Escape", "", () => void release());
+  const dismiss = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => {
+    isDismissed = true;
+    self.update();
+  } }, icon("close"));
+  host.append(sign, el("div", { className: "words" }, title, text, gauge), el("div", { className: "does" }, take, phone, press, give), dismiss);
+
+  async function release(): Promise<void> {
+    isDismissed = false;
+    if (desk.mine) await mouse.give();
+    else await desk.ask({ deed: "give", name: desk.user }, { isQuiet: true });
+  }
+
+  const self: Guide = {
+    update() {
+      const person = desk.mine ?? desk.person;
+      const user = person?.user ?? "";
+      const now = guidance({
+        mayTake: desk.mayDo("take"), mayPair: desk.mayDo("pair"), isSimulated: desk.isSimulated(user),
+        movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === desk.mine,
+        interaction: person?.interaction ?? null, hover: person?.hover ?? null,
+        hovered: capital(thing(site, person?.hover?.object_id ?? "")), scenario: desk.scenario,
+        canSelect: desk.isPresent("selector"),
+        success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
+        count: site.selection?.objects.filter((each) => each.user === user).length ?? 0,
+      });
+      const isShown = site.connected && now.mode !== "none" && !(now.mode === "invite" && isDismissed) && person !== null;
+      show(host, isShown);
+      if (!isShown) return;
+      mark(host, "data-mode", now.mode);
+      mark(sign.firstElementChild!, "href", `#icon-${now.mode === "success" ? "check" : now.mode === "phone" ? "phone" : now.mode === "idle" ? "pause" : "point"}`);
+      write(title, now.title);
+      write(text, now.text);
+      show(text, now.text !== "");
+      mark(gauge, "data-shown", now.progress === null ? null : "");
+      gauge.value = now.progress ?? 0;
+      show(take, now.mode === "invite" && desk.mayDo("take"));
+      show(phone, now.mode === "invite" && desk.mayDo("pair"));
+      show(press, now.mode === "idle" && desk.mayDo("press"));
+      show(give, now.mode !== "invite" && desk.mayDo("give"));
+      show(dismiss, now.mode === "invite");
+    },
+    selected(event) {
+      success = { what: `a ${thing(site, event.object_id, event.kind)}`, user: event.user, at: performance.now() };
+      setTimeout(() => self.update(), SUCCESS_MS + 50);
+    },
+  };
+  return self;
+}

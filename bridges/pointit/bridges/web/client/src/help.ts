@@ -1,0 +1,34 @@
+/** `?`: what this is, what each key does. */
+
+import { el, icon } from "./dom";
+import type { Shortcut } from "./keys";
+import { keepSettings, type Settings } from "./settings";
+
+export interface Help {
+  open(): void;
+}
+
+export function makeHelp(shortcuts: () => readonly Shortcut[], settings: Settings): Help {
+  const rows = el("tbody", {});
+  const single = el("input", { type: "checkbox", onchange: () => {
+    settings.shortcuts = single.checked;
+    keepSettings(settings);
+  } });
+  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
+  const dialog = el("dialog", { className: "sheet", "aria-labelledby": "help-title" },
+    el("header", {}, el("h2", { id: "help-title", text: "Help" }), close),
+    el("p", { text: "A sensor at a person's wrist tells where their arm points. Light on the strips shows it to them, and staying on an object selects it. Point with the mouse, and you are the arm." }),
+    el("table", { className: "keys" }, el("caption", { className: "unseen", text: "Keys" }),
+      el("thead", { className: "unseen" }, el("tr", {}, el("th", { scope: "col", text: "Key" }), el("th", { scope: "col", text: "What it does" }))), rows),
+    el("label", { className: "check" }, single, el("span", { text: "Single keys do this (Escape, arrows and ? always do)" })),
+    el("p", { className: "muted" }, "Licences of what this page is made of: ", el("a", { href: "/static/LICENSES.txt", target: "_blank", rel: "noreferrer", text: "LICENSES.txt" })));
+  document.body.append(dialog);
+  return {
+    open() {
+      single.checked = settings.shortcuts;
+      rows.replaceChildren(...shortcuts().filter((each) => each.isOffered()).map(({ shown, does }) =>
+        el("tr", {}, el("th", { scope: "row" }, ...shown.split(" ").map((name) => el("kbd", { text: name }))), el("td", { text: does }))));
+      if (!dialog.open) dialog.showModal();
+    },
+  };
+}

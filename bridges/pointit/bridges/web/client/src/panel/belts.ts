@@ -1,0 +1,98 @@
+/** The conveyor: its speed, packages, what came out where. */
+
+import { choice } from "../choice";
+import type { Desk } from "../desk";
+import { el, icon, key, mark, renew, section, show, write } from "../dom";
+import { byName, capital } from "../format";
+import { cssColor, kindColor } from "../geometry/looks";
+import type { BayCount } from "../messages";
+import { slider } from "../slider";
+import type { Part } from "./part";
+
+const USUAL_KINDS = ["red", "green", "blue"];
+const MOST_KINDS = 6;
+const USUAL_SPEED = 0.3;
+
+export interface Belts extends Part {
+  add(): void;
+  /** Stop, or go on as before. */
+  halt(): void;
+  faster(by: number): void;
+}
+
+export function beltsPart(desk: Desk): Belts {
+  const { site } = desk;
+  let kind = USUAL_KINDS[0]!;
+  let before = USUAL_SPEED;
+
+  async function setSpeed(value: number): Promise<number | null> {
+    const speed = Math.round(value * 100) / 100;
+    const reply = await desk.ask({ key: "conveyor/set_speed", query: { speed_mps: speed } }, { isQuiet: true });
+    return reply ? speed : null;
+  }
+
+  const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, text: (value) => `${value.toFixed(2)} m/s`, send: setSpeed });
+  const haltName = el("span", { text: "Stop the belts" });
+  const haltIcon = icon("stop");
+  const halt = el("button", { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() }, haltIcon, haltName, key("S"));
+  const kinds = choice("Kind to add", (value) => void (kind = value));
+  const add = el("button", { type: "button", "aria-keyshortcuts": "P", onclick: () => self.add() }, icon("plus"), el("span", { text: "Add a package" }), key("P"));
+  const bays = el("table", { className: "bays" });
+  const element = section("Belts", speed.element, halt, kinds.element, add, bays);
+
+  const self: Belts = {
+    element,
+    add() {
+      if (desk.may("conveyor/add_package")) void desk.ask({ key: "conveyor/add_package", query: { kind } });
+    },
+    halt() {
+      const now = site.conveyor?.speed_mps ?? 0;
+      if (!desk.may("conveyor/set_speed")) return;
+      if (now !== 0) before = now;
+      void setSpeed(now === 0 ? before : 0);
+    },
+    faster(by) {
+      if (desk.may("conveyor/set_speed") && site.conveyor) void setSpeed(Math.max(0, Math.min(1.5, site.conveyor.speed_mps + by)));
+    },
+    update() {
+      const state = site.conveyor;
+      const mayRun = desk.may("conveyor/set_speed");
+      const mayAdd = desk.may("conveyor/add_package");
+      show(element, state !== null);
+      if (!state) return;
+      show(speed.element, mayRun);
+      show(halt, mayRun);
+      show(add, mayAdd);
+      show(kinds.element, mayAdd);
+      speed.set(state.speed_mps);
+      const isStill = state.speed_mps === 0;
+      write(haltName, isStill ? "Start the belts" : "Stop the belts");
+      mark(haltIcon.firstElementChild!, "href", isStill ? "#icon-play" : "#icon-stop");
+      const seen = new Set(USUAL_KINDS);
+      for (const { objects } of site.objects.values()) {
+        for (const object of objects) if (object.kind && seen.size < MOST_KINDS) seen.add(object.kind);
+      }
+      kinds.offer([...seen].map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })));
+      kinds.set(kind);
+      showBays(state.bays);
+    },
+  };
+
+  function showBays(counts: readonly BayCount[]): void {
+    show(bays, counts.length > 0);
+    renew(bays, JSON.stringify(counts), () => {
+      const names = [...new Set(counts.map((each) => each.kind))].sort(byName);
+      const ids = [...new Set(counts.map((each) => each.bay))].sort(byName);
+      const cell = (bay: string, name: string): string => {
+        const found = counts.find((each) => each.bay === bay && each.kind === name);
+        return found ? String(found.count) : "–";
+      };
+      return [
+        el("caption", { text: "Came out" }),
+        el("thead", {}, el("tr", {}, el("th", { scope: "col", text: "Bay" }), ...names.map((name) => el("th", { scope: "col", text: capital(name) })))),
+        el("tbody", {}, ...ids.map((bay) => el("tr", {}, el("th", { scope: "row", text: bay }), ...names.map((name) => el("td", { text: cell(bay, name) }))))),
+      ];
+    });
+  }
+  return self;
+}

@@ -1,0 +1,32 @@
+/** The message log, newest first, with a filter. */
+
+import type { Desk } from "../desk";
+import { el, icon, renew, section } from "../dom";
+import { time } from "../format";
+import { matching } from "../log";
+import type { Part } from "./part";
+
+const MOST_SHOWN = 100;
+const SIGNS = { info: "info", warning: "warning", error: "warning" } as const;
+
+export function messagesPart(desk: Desk): Part {
+  const { site } = desk;
+  const filter = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter the messages", oninput: () => self.update() });
+  const list = el("ol", { className: "log", tabindex: 0, "aria-label": "Messages, newest first" });
+  const element = section("Messages", filter, list);
+  const self: Part = {
+    element,
+    update() {
+      if (!element.offsetParent) return;
+      renew(list, `${site.logged} ${filter.value}`, () => {
+        const lines = matching(site.log, filter.value, MOST_SHOWN);
+        return lines.length
+          ? lines.map(({ at, severity, who, text }) => el("li", { "data-severity": severity }, icon(SIGNS[severity]),
+            el("span", {}, el("time", { text: time(at) }), " ", who ? el("b", { text: who }) : null, " ", text,
+              severity === "info" ? null : el("span", { className: "unseen", text: ` (${severity})` }))))
+          : [el("li", { className: "muted", text: filter.value ? "No message fits." : "Nothing has happened yet." })];
+      });
+    },
+  };
+  return self;
+}

@@ -1,0 +1,98 @@
+/** The dialog that makes a phone a person's wrist: QR code, steps, fingerprint. */
+
+import type { Reply } from "../asks";
+import type { Desk } from "../desk";
+import { el, icon, show, write } from "../dom";
+
+export interface Pairing {
+  open(): void;
+  update(): void;
+}
+
+/** Groups of a certificate's fingerprint, as phones show them. */
+export function fingerprintLines(fingerprint: string): string {
+  const hex = fingerprint.replaceAll(/[^0-9a-f]/gi, "").toUpperCase();
+  return (hex.match(/.{2}/g) ?? []).join(" ");
+}
+
+/** The drawing in `markup`, nothing where it is none; scripts in it would not run. */
+function drawing(markup: string): Element | null {
+  const root = new DOMParser().parseFromString(markup, "image/svg+xml").documentElement;
+  return root.localName === "svg" ? root : null;
+}
+
+export function pairingDialog(desk: Desk): Pairing {
+  const code = el("div", { className: "qr", role: "img", "aria-label": "QR code that opens the phone's page" });
+  const link = el("a", { target: "_blank", rel: "noreferrer" });
+  const print = el("code", {});
+  const offer = el("div", { className: "offer", hidden: true }, code, el("ol", {},
+    el("li", { text: "Join the same Wi-Fi with your phone and scan the code." }),
+    el("li", { text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint." }),
+    el("li", { text: "Allow the motion sensors, hold the phone like a remote control, and point." })),
+    el("details", {}, el("summary", { text: "Address and fingerprint" }), el("p", {}, link), el("p", {}, print)));
+  const openLan = el("button", { className: "primary", type: "button", onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
+  const closed = el("div", { hidden: true },
+    el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
+  const wait = el("p", { role: "status" });
+  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
+  const title = el("h2", { id: "pairing-title", text: "Point with your phone" });
+  const dialog = el("dialog", { className: "sheet", "aria-labelledby": "pairing-title" }, el("header", {}, title, close), closed, wait, offer);
+  document.body.append(dialog);
+  dialog.addEventListener("close", () => desk.changed());
+  let user = "";
+  let isAsking = false;
+  let offeredTo = "";
+
+  async function lan(): Promise<void> {
+    openLan.disabled = true;
+    const reply = await desk.ask({ deed: "open_lan" }, { isQuiet: true, patienceMs: 15_000 });
+    openLan.disabled = false;
+    if (reply) await pair();
+  }
+
+  async function pair(): Promise<void> {
+    if (isAsking) return;
+    isAsking = true;
+    show(closed, false);
+    write(wait, "One moment …");
+    const reply = await desk.ask({ deed: "pair", name: user }, { isQuiet: true, patienceMs: 15_000 });
+    isAsking = false;
+    write(wait, "");
+    if (reply) present(reply);
+    else dialog.close();
+  }
+
+  function present(reply: Reply): void {
+    const svg = drawing(String(reply["qr_svg"] ?? ""));
+    code.replaceChildren(...(svg ? [svg] : []));
+    const url = String(reply["url"] ?? "");
+    link.href = url;
+    write(link, url.replace(/[?#].*/, " …"));
+    write(print, fingerprintLines(String(reply["fingerprint"] ?? "")));
+    offeredTo = user;
+    show(offer, true);
+  }
+
+  return {
+    open() {
+      user = desk.user;
+      write(title, desk.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
+      show(offer, false);
+      offeredTo = "";
+      const isClosed = !desk.site.status?.lan_url;
+      show(closed, isClosed);
+      show(openLan, desk.mayDo("open_lan"));
+      write(wait, isClosed && !desk.mayDo("open_lan") ? "Start PointIt with --lan to allow it." : "");
+      if (!dialog.open) dialog.showModal();
+      if (!isClosed) void pair();
+    },
+    update() {
+      if (!dialog.open || !offeredTo) return;
+      const line = desk.site.people.get(offeredTo)?.line;
+      if (line?.phone && line.moved_by === "phone") {
+        dialog.close();
+        desk.toasts.show("done", `The phone points as ${offeredTo} now.`);
+      } else if (line?.phone) write(wait, `Paired with ${line.phone}. Go on on the phone.`);
+    },
+  };
+}

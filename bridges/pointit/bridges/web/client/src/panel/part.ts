@@ -1,0 +1,5 @@
+/** A part of the panel: drawn once, then kept up to date a few times a second. */
+export interface Part {
+  readonly element: HTMLElement;
+  update(): void;
+}

@@ -1,0 +1,116 @@
+/** The large part of the page: the view, which one it is, from where it looks. */
+
+import { choice } from "./choice";
+import type { Desk } from "./desk";
+import { show, write } from "./dom";
+import { makePlan } from "./plan/plan";
+import { isDark } from "./theme";
+import type { Camera, MakeView, Vec3, View } from "./view";
+
+const CAMERAS: Record<Camera, { label: string; icon: string }> = {
+  room: { label: "Room", icon: "cube" }, top: { label: "Top", icon: "map" }, eyes: { label: "Eyes", icon: "eye" },
+};
+/** A view that fails so many frames in a row gives way to the plan. */
+const MOST_FAILURES = 20;
+
+/** Whether the browser can draw in three dimensions. */
+function hasWebGl(): boolean {
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("webgl2");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return context !== null;
+}
+
+export class Stage {
+  view: View | null = null;
+  readonly #cameras = choice("View from", (value) => this.look(value as Camera));
+  #camera: Camera = "room";
+  #user = "";
+  #making = 0;
+  #failures = 0;
+
+  /**
+   * @param host where the view is drawn.
+   * @param chip where is said how it is drawn, when that matters.
+   * @param onAim the mouse points there, {W}.
+   * @param onNew a new view is there.
+   */
+  constructor(
+    private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
+    private readonly desk: Desk, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+  ) {
+    this.#cameras.element.classList.add("bare");
+    cameras.append(this.#cameras.element);
+  }
+
+  /** Make the view that is wanted, or, where it cannot be had, the plan. */
+  async make(): Promise<void> {
+    const turn = ++this.#making;
+    const { settings, toasts } = this.desk;
+    let make: MakeView = makePlan;
+    try {
+      if (settings.view !== "plan") {
+        if (hasWebGl()) make = (await import("./scene/scene")).makeScene;
+        else if (settings.view === "scene") toasts.show("info", "This browser has no WebGL 2: the plan is shown.");
+      }
+      if (turn === this.#making) this.#put(make);
+    } catch (error) {
+      this.desk.connection.fault(error);
+      if (turn === this.#making) this.#put(makePlan);
+    }
+  }
+
+  /** Draw the site as of now. */
+  draw(): void {
+    if (!this.view) return;
+    try {
+      this.view.draw(this.desk.site);
+      this.#failures = 0;
+    } catch (error) {
+      this.desk.connection.fault(error);
+      this.#failures += 1;
+      if (this.#failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") {
+        this.desk.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
+        this.#put(makePlan);
+      }
+    }
+  }
+
+  look(camera: Camera): void {
+    if (!this.view?.cameras.includes(camera)) return;
+    this.#camera = camera;
+    this.#user = this.desk.user;
+    this.view.setCamera(camera, this.#user);
+    this.#cameras.set(camera);
+  }
+
+  theme(): void {
+    this.view?.setTheme(isDark(this.desk.settings.theme));
+  }
+
+  update(): void {
+    const { view } = this;
+    if (!view) return;
+    if (this.#camera === "eyes" && this.#user !== this.desk.user) this.look("eyes");
+    const { software, renderer } = view.stats;
+    show(this.chip, software);
+    write(this.chip, software ? "Light mode: no graphics processor" : "");
+    this.chip.title = renderer;
+  }
+
+  #put(make: MakeView): void {
+    this.view?.dispose();
+    this.view = null;
+    this.host.replaceChildren();
+    this.view = make(this.host, { onAim: this.onAim });
+    this.theme();
+    const { cameras } = this.view;
+    this.#cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));
+    show(this.#cameras.element, cameras.length > 1);
+    if (!cameras.includes(this.#camera)) this.#camera = cameras[0] ?? "room";
+    this.look(this.#camera);
+    this.#failures = 0;
+    this.onNew();
+    this.draw();
+  }
+}

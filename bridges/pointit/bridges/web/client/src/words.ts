@@ -1,0 +1,55 @@
+/** What the page calls things. */
+
+import { capital } from "./format";
+import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
+import type { LogLine, Site } from "./site";
+
+/** Scenarios by what one does there; others are called by their name. */
+const SCENARIOS: Record<string, string> = {
+  scenario_1: "Lamps: point at them",
+  scenario_2: "Strips: move the cursor",
+  scenario_3: "Strips: select the red segments",
+  scenario_4: "Conveyor: select the red packages",
+};
+
+export function scenarioTitle(name: string): string {
+  return SCENARIOS[name] ?? capital(name.replaceAll("_", " "));
+}
+
+const STATES: Record<Interaction["state"], string> = {
+  idle: "Not pointing", localizing: "Finding your place", pointing: "Pointing",
+};
+
+export function stateTitle(state: Interaction["state"]): string {
+  return STATES[state] ?? capital(state);
+}
+
+/** A tracked object by its id, whoever tracks it. */
+export function objectOf(site: Site, id: string): TrackedObject | null {
+  for (const { objects } of site.objects.values()) {
+    const found = objects.find((object) => object.id === id);
+    if (found) return found;
+  }
+  return null;
+}
+
+/** `red package`, `blue segment`. */
+export function thing(site: Site, id: string, kind = ""): string {
+  const object = objectOf(site, id);
+  const noun = object?.surface === "strip" ? "segment" : object?.surface === "belt" || site.conveyor ? "package" : "object";
+  return [kind || object?.kind, noun].filter(Boolean).join(" ");
+}
+
+/** How the log tells a selection event. */
+export function eventLine(site: Site, event: SelectionEvent): { severity: LogLine["severity"]; text: string } {
+  const what = `${thing(site, event.object_id, event.kind)} ${event.object_id}`;
+  const why = event.reason ? `: ${event.reason}` : "";
+  switch (event.event) {
+    case "selected": return { severity: "info", text: `selected ${what}` };
+    case "deselected": return { severity: "info", text: `took back ${what}${why}` };
+    case "refused": return { severity: "warning", text: `could not select ${what}${why}` };
+    case "dispatched": return { severity: "info", text: `${what} left at bay ${event.bay}` };
+    case "left": return { severity: "info", text: `${what} left` };
+    default: return { severity: "info", text: `${String(event.event)} ${what}` };
+  }
+}

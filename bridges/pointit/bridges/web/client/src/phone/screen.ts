@@ -1,0 +1,87 @@
+/** The phone's page as it is seen: before it starts, asking to point ahead, and as the person's button. */
+
+/** What fills the screen. */
+export type Stage = "before" | "centre" | "button" | "over";
+
+const IDS = [
+  "who", "link", "figures", "before", "start", "trouble", "running", "state", "next", "steps", "said", "big",
+  "big-name", "big-note", "skip", "centre", "place", "let-go",
+] as const;
+type Id = (typeof IDS)[number];
+
+export class Screen {
+  private readonly parts: Record<Id, HTMLElement>;
+  private readonly texts = new Map<Id, string>();
+  private saidUntil: ReturnType<typeof setTimeout> | undefined;
+
+  constructor() {
+    this.parts = Object.fromEntries(IDS.map((id) => {
+      const found = document.getElementById(id);
+      if (!found) throw new Error(`phone.html lacks #${id}`);
+      return [id, found];
+    })) as Record<Id, HTMLElement>;
+  }
+
+  /** Call `done` when a button is tapped. */
+  onTap(id: "start" | "skip" | "centre" | "place" | "let-go", done: () => void): void {
+    this.parts[id].addEventListener("click", done);
+  }
+
+  /** The big button itself, for touches. */
+  get big(): HTMLButtonElement {
+    return this.parts.big as HTMLButtonElement;
+  }
+
+  stage(stage: Stage): void {
+    document.body.dataset.stage = stage;
+    this.show("before", stage === "before" || stage === "over");
+    this.show("start", stage === "before");
+    this.show("running", stage === "centre" || stage === "button");
+    this.show("skip", stage === "centre");
+    for (const id of ["centre", "place", "let-go"] as const) this.show(id, stage === "button");
+  }
+
+  write(id: Id, text: string): void {
+    if (this.texts.get(id) === text) return;
+    this.texts.set(id, text);
+    this.parts[id].textContent = text;
+  }
+
+  show(id: Id, isShown: boolean): void {
+    this.parts[id].hidden = !isShown;
+  }
+
+  /** Mark what a style sheet shows: `data-…` of the page. */
+  mark(name: "link" | "state", value: string): void {
+    document.body.dataset[name] = value;
+  }
+
+  /** What to do next, and how far a task of several steps has come. */
+  next(text: string, step: { done: number; of: number } | null): void {
+    this.write("next", text);
+    const steps = this.parts.steps as HTMLProgressElement;
+    steps.hidden = !step;
+    if (!step) return;
+    steps.max = step.of;
+    steps.value = step.done;
+  }
+
+  /** Say something for a while. */
+  say(text: string): void {
+    this.write("said", text);
+    clearTimeout(this.saidUntil);
+    if (text) this.saidUntil = setTimeout(() => this.write("said", ""), 6000);
+  }
+
+  /** Tell what is wrong; stays until it is told otherwise. */
+  trouble(text: string): void {
+    this.write("trouble", text);
+    this.show("trouble", text !== "");
+  }
+
+  /** Whether the start button can be tapped, and what stands on it. */
+  offerStart(isOffered: boolean, name: string): void {
+    (this.parts.start as HTMLButtonElement).disabled = !isOffered;
+    this.write("start", name);
+  }
+}

@@ -1,0 +1,62 @@
+/** What the phone's page says. */
+
+import type { LinkState } from "./link";
+import type { Source } from "./sensing";
+
+/** Where the person is, by the interaction's state. */
+const STATES: Readonly<Record<string, string>> = { idle: "Resting", localizing: "Finding your place", pointing: "Pointing" };
+
+export function stateWords(state: string): string {
+  return STATES[state] ?? "";
+}
+
+/** What a press of the big button does, as far as the state tells. */
+export function pressWords(state: string): string {
+  return { idle: "starts pointing", localizing: "calls it off", pointing: "stops, or confirms" }[state] ?? "";
+}
+
+const LINKS: Readonly<Record<LinkState, string>> = {
+  connecting: "Connecting …", open: "Connected", closed: "Stopped",
+  unpaired: "This phone is not paired any more: have a new QR code shown and scan it.",
+  replaced: "The page was opened a second time on this phone; that one goes on.",
+};
+
+export function linkWords(state: LinkState): string {
+  return LINKS[state];
+}
+
+/** The figures under the heading: `59/s · 12 ms · 84 %`. */
+export function figures(rate: number, roundTrip: number | null, charge: number | null, source: Source | null, byPost: boolean): string {
+  return [
+    `${rate}/s`,
+    roundTrip === null ? "" : `${Math.round(roundTrip)} ms`,
+    charge === null ? "" : `battery ${Math.round(charge * 100)} %`,
+    source === "event" ? "by events" : "",
+    byPost ? "by posts" : "",
+  ].filter(Boolean).join(" · ");
+}
+
+/** How far a task of several steps has come, as a sentence says it: `(2 of 4)`, `2 of 4`. */
+export function stepOf(sentence: string): { done: number; of: number } | null {
+  const found = /\b(\d{1,2}) of (\d{1,2})\b/.exec(sentence);
+  const [step, of] = [Number(found?.[1]), Number(found?.[2])];
+  return found && step >= 1 && step <= of ? { done: step - 1, of } : null;
+}
+
+/** First letter in capitals, a full stop at the end. */
+export function sentence(text: string): string {
+  const trimmed = text.trim();
+  if (!trimmed) return "";
+  const whole = /[.!?…]$/.test(trimmed) ? trimmed : `${trimmed}.`;
+  return whole.charAt(0).toUpperCase() + whole.slice(1);
+}
+
+/** Whether the person is told that a double press does something now. */
+export function asksForDouble(nextStep: string): boolean {
+  return /double press/i.test(nextStep);
+}
+
+/** Whether somebody else has taken the arm. */
+export function tellsOfLoss(text: string): boolean {
+  return /somebody else moves your arm/i.test(text);
+}

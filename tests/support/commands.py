@@ -35,6 +35,13 @@ PATIENCE_S = 30.0
 _numbers = itertools.count()
 
 
+def without_page(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments of `pointit` for a run without a page, unless they say something of it."""
+    says_something = any("web" in argument or argument in {"--lan", "--help"} for argument in arguments)
+    is_run = list(arguments[:1]) == ["run"]
+    return [*arguments, "--no-web"] if is_run and not says_something else list(arguments)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Ended:
     """A command that ended."""
@@ -139,8 +146,8 @@ class Commands:
         self._started: list[Command] = []
 
     def start(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Command:
-        """Start `pointit …`."""
-        return self.run([sys.executable, "-m", "pointit.cli", *arguments], environment)
+        """Start `pointit …`; a run has no page, which takes time, unless something is said of it."""
+        return self.run([sys.executable, "-m", "pointit.cli", *without_page(arguments)], environment)
 
     def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
         """Start any command."""

@@ -1,6 +1,7 @@
 """Services that begin together and end together: in this process, or as processes of their own."""
 
 import asyncio
+import re
 import sys
 from collections.abc import Callable, Sequence
 
@@ -9,8 +10,8 @@ from pointit.runtime import Clock, Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 
-SECRET = "token"  # noqa: S105 - what secrets are called
-"""Parameters with this in their name are nobody else's business."""
+SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
+"""An assignment whose value is nobody else's business."""
 
 
 class Cast:
@@ -98,9 +99,4 @@ class Cast:
 
 def shown(arguments: Sequence[str]) -> list[str]:
     """Return what was typed, with the values of secrets left out."""
-    return [_shown(argument) for argument in arguments]
-
-
-def _shown(argument: str) -> str:
-    target, is_assigned, _value = argument.partition("=")
-    return f"{target}=…" if is_assigned and SECRET in target else argument
+    return [SECRET.sub(r"\1…", argument) for argument in arguments]

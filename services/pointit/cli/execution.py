@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Generator
 
 import click
 from rich.console import Console
@@ -122,28 +122,30 @@ class _Run:
         )
         async with _told(stage, is_drawn=is_drawn):
             try:
-                await stage.begin()
-                if self._plan.is_limited:
-                    self._limit_s = stage.end_s
-                with contextlib.ExitStack() as listening:
-                    self._listen(stage, listening)
+                with self._listening() as listening:
+                    await stage.begin()
+                    if self._plan.is_limited:
+                        self._limit_s = stage.end_s
+                    if self._plan.scenario:
+                        listening.callback(self._bus.serve(RUN_SCENARIO, self._wishes.serve).close)
+                    if self._plan.page is not None and stage.has_page:
+                        self._announce(self._plan.page)
                     with on_screen(stage, self._console, self._end_s, self._is_looked_on):
                         await self._until_over(stage)
             finally:
                 self.lasted_s = self._lasted_s(stage)
                 await stage.end()
 
-    def _listen(self, stage: Stage, listening: contextlib.ExitStack) -> None:
-        """Say where the page is; hear who looks on and what is wished for."""
+    @contextlib.contextmanager
+    def _listening(self) -> Generator[contextlib.ExitStack]:
+        """Hear who looks on; open the browser as soon as there is something to look at."""
         page = self._plan.page
-        if page is not None and stage.has_page:
-            self._announce(page)
-            if self._plan.browser and browser.is_wanted():
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
+            if page is not None and self._plan.browser and browser.is_wanted():
                 opening = browser.open_when_there(self._bus, page.launch.instance, page.url)
-                listening.callback(opening.close)
-        listening.callback(self._bus.subscribe(HEALTH, self._on_health).close)
-        if self._plan.scenario:
-            listening.callback(self._bus.serve(RUN_SCENARIO, self._wishes.serve).close)
+                stack.callback(opening.close)
+            yield stack
 
     def _announce(self, page: Page) -> None:
         """Say where the page is; where there is a view, it shows that itself."""

@@ -45,7 +45,10 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("--set", "imu-bridge.rate_hz=1"), ["imu-bridge is not among what this starts"]),
         (("--set", "pui.map={folder}/map.yaml"), ["{folder}/map.yaml: strips: ", "3"]),
         (("--set", "pui.map={folder}/none.yaml"), ["{folder}/none.yaml: cannot be read"]),
-        (("--imu", "nonsense"), ["--imu 'nonsense': give sim, page, simulated, serial:PORT or replay:FILE.csv"]),
+        (
+            ("--imu", "nonsense"),
+            ["--imu 'nonsense': give sim, page, simulated, serial:PORT or replay:FILE.csv"],
+        ),
         (("--imu", "replay:{folder}/none.csv"), ["{folder}/none.csv: cannot be read"]),
         (("--imu", "sim", "--imu", "sim"), ["--imu is given for 2 people", "--users"]),
         (("--leds", "nonsense"), ["--leds 'nonsense': give expander:PORT"]),

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.bench import until
-from tests.support.commands import onlooker
+from tests.support.commands import onlooker, without_page
 
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"
@@ -43,7 +43,7 @@ class Terminal:
         environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
         environment |= {"TERM": kind, "COLORTERM": "truecolor"}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", ADOPT, *arguments],
+            [sys.executable, "-c", ADOPT, *without_page(arguments)],
             stdin=slave,
             stdout=slave,
             stderr=slave,

@@ -1,0 +1,290 @@
+"""One scenario gives way to another: nothing of the first is left, and what cannot begin changes nothing."""
+
+import asyncio
+import time
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pytest
+
+from pointit.cli.execution import _Run
+from pointit.cli.launches import Choices
+from pointit.cli.page import page_of
+from pointit.cli.plan import Plan
+from pointit.cli.program import Program, staged
+from pointit.cli.scenario import read_scenario
+from pointit.cli.settings import Settings
+from pointit.cli.stage import Stage
+from pointit.runtime import Bus, RefusedError, WallClock
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Deployment, Environment, RunScenario
+from pointit.schemas.topics import (
+    CONVEYOR_STATE,
+    DEPLOYMENT,
+    HEALTH,
+    LAMP_COLOR,
+    MAP,
+    POSE,
+    PROFILE,
+    RUN_SCENARIO,
+    SELECTION,
+    SERVICE_ALIVE,
+    USER_ALIVE,
+)
+from tests.support.bench import until
+from tests.support.buses import free_port
+from tests.unit.cli_run.stand_in import Broken, StandIn
+
+PATIENCE_S = 20.0
+TWICE = "led-driver.outputs=[{kind: expander, port: /nowhere}, {kind: expander, port: /nowhere}]"
+"""Found wrong when the service begins, not before."""
+
+
+def plan_of(
+    name: str = "scenario_4",
+    people: int = 1,
+    settings: tuple[str, ...] = (),
+    service: type[StandIn] | None = StandIn,
+    **said: Any,
+) -> Plan:
+    scenario = read_scenario(name)
+    choices = Choices(settings=settings)
+    program = Program.beginning_with(name, name, scenario, choices)
+    return Plan(
+        name=name,
+        scenario=name,
+        launches=staged(scenario, Choices(), people),
+        link=Link(listen=(f"tcp/127.0.0.1:{free_port()}",)),
+        target_kinds=scenario.target_kinds,
+        scenarios=tuple(program.sources),
+        another=program.plan,
+        page=None if service is None else page_of(service, Settings(), asked={"port": 0}),
+        **({"duration_s": None} | said),
+    )
+
+
+@dataclass
+class Seen:
+    """What somebody sees who is there, or comes later."""
+
+    bus: Bus
+    services: set[str] = field(default_factory=set[str])
+    people: set[str] = field(default_factory=set[str])
+    deployments: dict[str, Deployment] = field(default_factory=dict[str, Deployment])
+    states: dict[str, set[str]] = field(default_factory=dict[str, set[str]])
+    """By key pattern, the names that have a state."""
+    rooms: list[str] = field(default_factory=list[str])
+
+    def look(self) -> None:
+        self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.services, name, here=here))
+        self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.subscribe(DEPLOYMENT, lambda message, name: self.deployments.update({name: message}))
+        self.bus.subscribe(MAP, self._on_map)
+        for topic in (CONVEYOR_STATE, LAMP_COLOR, POSE, PROFILE, SELECTION):
+            names = self.states.setdefault(topic.key, set())
+            self.bus.subscribe(topic, lambda _message, name, names=names: names.add(name))
+
+    def _on_map(self, room: Environment, _name: str) -> None:
+        self.rooms.append(room.name)
+
+    def runs(self, scenario: str) -> bool:
+        return any(deployment.scenario == scenario for deployment in self.deployments.values())
+
+
+def _change(names: set[str], name: str, *, here: bool) -> None:
+    (names.add if here else names.discard)(name)
+
+
+@asynccontextmanager
+async def late_joiner(bus: ZenohBus) -> AsyncGenerator[Seen]:
+    """Yield somebody in another session, who has just come."""
+    joined = await ZenohBus.open(Link(connect=bus.link.listen), patience_s=5)
+    seen = Seen(joined)
+    seen.look()
+    try:
+        yield seen
+    finally:
+        await joined.close()
+
+
+@dataclass
+class Going:
+    """A run in this process that has begun."""
+
+    run: _Run
+    bus: ZenohBus
+    task: asyncio.Task[None]
+
+    @property
+    def stage(self) -> Stage:
+        assert self.run.stage is not None
+        return self.run.stage
+
+    async def asks(self, scenario: str, **asked: Any) -> None:
+        await self.bus.call(RUN_SCENARIO, RunScenario(scenario=scenario, **asked), timeout_s=PATIENCE_S)
+
+
+@asynccontextmanager
+async def going(plan: Plan) -> AsyncGenerator[Going]:
+    bus = await ZenohBus.open(plan.link)
+    run = _Run(plan, bus, None)
+    task = asyncio.create_task(run.live(WallClock()))
+    try:
+        await until(
+            lambda: task.done() or bool(bus.exchange.desks.get(RUN_SCENARIO.key)), PATIENCE_S, "a run"
+        )
+        yield Going(run, bus, task)
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
+        await bus.close()
+
+
+async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    async with going(plan_of(people=2)) as run, late_joiner(run.bus) as onlooker:
+        await until(lambda: run.stage.monitor.first_cursor_unix_s is not None, PATIENCE_S, "a cursor")
+        await until(lambda: onlooker.people == {"user1", "user2"}, PATIENCE_S, "two people")
+        assert onlooker.runs("scenario_4")
+        first = run.stage.monitor
+        await run.asks("scenario_2", users=1)
+        assert run.stage.plan.name == "scenario_2"
+        assert run.stage.monitor is not first
+        assert run.stage.monitor.score.target_kinds == ()
+        async with late_joiner(run.bus) as late:
+            await until(lambda: bool(late.deployments and late.rooms), PATIENCE_S, "the other scenario")
+            wanted = {"pui", "led-driver", "web"}
+            wanted |= {f"{name}.user1" for name in ("pointing", "localizer", "supervisor", "user-sim")}
+            for seen in (onlooker, late):
+                await until(
+                    lambda seen=seen: seen.services == wanted, PATIENCE_S, f"{seen.services} to change"
+                )
+                await until(lambda seen=seen: seen.people == {"user1"}, PATIENCE_S, "user2 to be gone")
+            await until(
+                lambda: bool(late.states[POSE.key] and late.states[PROFILE.key]), PATIENCE_S, "states"
+            )
+            assert late.rooms == ["lab"]
+            assert late.states[POSE.key] == late.states[PROFILE.key] == {"user1"}
+            assert late.states[CONVEYOR_STATE.key] == late.states[SELECTION.key] == set()
+            assert set(late.deployments) == {"scenario_2"}
+            told = late.deployments["scenario_2"]
+            assert (told.scenario, told.localizes) == ("scenario_2", False)
+            assert set(told.scenarios) >= {"scenario_1", "scenario_4"}
+            assert {service.service for service in told.services} == {
+                name.partition(".")[0] for name in wanted
+            }
+            assert onlooker.deployments["scenario_4"].services == ()  # who was there knows that it is over
+            assert onlooker.deployments["scenario_4"].scenario == ""
+        await until(lambda: run.stage.monitor.cursor_count > 0, PATIENCE_S, "a cursor in the other scenario")
+    assert not [record for record in caplog.records if record.levelname in {"ERROR", "CRITICAL"}]
+
+
+async def test_the_page_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(StandIn, "viewers", 0)
+    async with going(plan_of("scenario_2")) as run:
+        uptimes: list[float] = []
+        run.bus.subscribe(HEALTH, lambda health, _name: uptimes.append(health.uptime_s), "web")
+        await until(lambda: bool(uptimes), PATIENCE_S, "the page")
+        await run.asks("scenario_1")
+        await until(lambda: uptimes[-1] > 1.0, PATIENCE_S, "the same page")
+        assert uptimes == sorted(uptimes)
+
+
+async def test_wishes_are_granted_one_after_the_other() -> None:
+    async with going(plan_of("scenario_2")) as run:
+        names: list[str] = []
+        run.bus.subscribe(DEPLOYMENT, lambda told, _name: names.append(told.scenario))
+        wishes = [asyncio.create_task(run.asks(name)) for name in ("scenario_1", "scenario_3", "scenario_2")]
+        await asyncio.gather(*wishes)
+        assert run.stage.plan.name == "scenario_2"
+        await until(lambda: len([name for name in names if name]) == 4, what=f"{names}")
+        assert [name for name in names if name] == ["scenario_2", "scenario_1", "scenario_3", "scenario_2"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ({"scenario": "nope"}, "no scenario 'nope'; there are scenario_1"),
+        ({"scenario": "scenario_1", "users": 2}, "user2: already on site lab; choose another name"),
+    ],
+)
+async def test_a_wish_that_cannot_be_changes_nothing(asked: dict[str, Any], sentence: str) -> None:
+    async with going(plan_of("scenario_2")) as run, late_joiner(run.bus) as beside:
+        await until(lambda: beside.runs("scenario_2"), PATIENCE_S, "a run")
+        there: set[str] = set()
+        run.bus.watch(USER_ALIVE, lambda name, here: _change(there, name, here=here))
+        beside.bus.announce(USER_ALIVE, "user2")  # somebody has joined under that name
+        await until(lambda: "user2" in there, what="user2")
+        before = run.stage.monitor
+        with pytest.raises(RefusedError, match=sentence):
+            await run.asks(**asked)
+        assert run.stage.monitor is before
+        count = before.cursor_count
+        await until(lambda: before.cursor_count > count, PATIENCE_S, "more cursors")
+        assert beside.deployments["scenario_2"].services
+
+
+async def test_what_cannot_begin_lets_the_other_begin_again() -> None:
+    async with going(plan_of("scenario_2", settings=(TWICE,))) as run:
+        await until(lambda: run.stage.monitor.cursor_count > 0, PATIENCE_S, "a cursor")
+        with pytest.raises(
+            RefusedError, match=r"scenario_1 could not begin \(.*used by two.*\); scenario_2 has begun again"
+        ):
+            await run.asks("scenario_1")
+        assert run.stage.plan.name == "scenario_2"
+        await until(lambda: run.stage.monitor.cursor_count > 0, PATIENCE_S, "a cursor again")
+        assert not run.task.done()
+
+
+async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
+    async with going(replace(plan_of("scenario_2", people=0), another=None, scenarios=())) as run:
+        with pytest.raises(RefusedError, match="--site-only"):
+            await run.asks("scenario_1")
+
+
+async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pointit.cli.onlookers.SILENT_S", 1.2)
+    monkeypatch.setattr(StandIn, "viewers", 1)
+    async with going(plan_of("scenario_2", duration_s=0.5)) as run:
+        await until(run.run._is_looked_on, PATIENCE_S, "somebody")
+        began_s = time.monotonic()
+        await asyncio.wait({run.task}, timeout=2.0)
+        assert not run.task.done()  # four times its duration
+        StandIn.newest.bus.figure("viewers", 0)  # the page is closed
+        await asyncio.wait_for(run.task, 5.0)
+        assert time.monotonic() - began_s < 6.0
+        assert run.run.lasted_s > 2.0
+
+
+@pytest.mark.parametrize(("viewers", "is_limited"), [(1, True), (0, False)])
+async def test_it_ends_in_time_when_told_to_or_alone(
+    monkeypatch: pytest.MonkeyPatch, viewers: int, *, is_limited: bool
+) -> None:
+    monkeypatch.setattr(StandIn, "viewers", viewers)
+    async with going(plan_of("scenario_2", duration_s=1.5, is_limited=is_limited)) as run:
+        await asyncio.wait_for(run.task, 10.0)
+        assert run.run.lasted_s == pytest.approx(1.5)
+
+
+async def test_a_page_that_cannot_be_is_told_and_costs_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    async with going(plan_of("scenario_2", service=Broken, duration_s=1.5)) as run:
+        await asyncio.wait_for(run.task, 10.0)
+        assert run.stage.monitor.frame_count > 0
+    (told,) = (record for record in caplog.records if "page" in record.getMessage())
+    assert told.getMessage() == "the page has ended (the port is taken); the run goes on without it"
+
+
+async def test_the_address_is_told_once_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("DEBUG")
+    plan = plan_of("scenario_2", duration_s=1.0)
+    assert plan.page is not None
+    async with going(plan) as run:
+        await asyncio.wait_for(run.task, 10.0)
+    token = plan.page.url.partition("=")[2]
+    assert [text for record in caplog.records if token in (text := record.getMessage())] == [
+        f"page: {plan.page.url}"
+    ]

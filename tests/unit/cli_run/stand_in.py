@@ -1,0 +1,30 @@
+"""A page that serves nobody: it only says how many have it open."""
+
+from typing import ClassVar
+
+from pointit.bridges.web.config import WebConfig
+from pointit.runtime import Context, Service
+from pointit.runtime.service import Scope
+
+
+class StandIn(Service[WebConfig]):
+    """What a run sees of a page."""
+
+    NAME: ClassVar[str] = "web"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = WebConfig
+    viewers: ClassVar[int] = 0
+    newest: ClassVar["StandIn"]
+
+    def __init__(self, config: WebConfig, context: Context) -> None:
+        super().__init__(config, context)
+        type(self).newest = self
+        self.bus.figure("viewers", self.viewers)
+
+
+class Broken(StandIn):
+    """A page that cannot begin."""
+
+    def __init__(self, config: WebConfig, context: Context) -> None:
+        super().__init__(config, context)
+        raise OSError("the port is taken")

@@ -1,0 +1,234 @@
+"""The page of a run: where it is, who may see it, what is asked of it."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from pointit.bridges.web.config import WebConfig
+from pointit.cli import browser, dashboard, page
+from pointit.cli.cast import shown
+from pointit.cli.launches import Choices
+from pointit.cli.main import command
+from pointit.cli.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_of
+from pointit.cli.person_options import Pose
+from pointit.cli.program import PLACES, places
+from pointit.cli.scenario import read_scenario
+from pointit.cli.settings import Settings
+from pointit.runtime import ConfigError, Exchange, ListenError, MemoryBus
+from pointit.schemas.topics import SERVICE_ALIVE
+from tests.support.bench import until
+from tests.support.buses import free_port
+from tests.unit.cli_run.stand_in import StandIn
+
+
+def page_with(*settings: str, **asked: Any) -> Page:
+    return page_of(StandIn, Settings(settings=settings), asked={"port": 0, **asked})
+
+
+def config_of(made: Page) -> WebConfig:
+    config = made.launch.config
+    assert isinstance(config, WebConfig)
+    return config
+
+
+@contextmanager
+def taken(*ports: int) -> Iterator[None]:
+    sockets = [socket.create_server(("127.0.0.1", port)) for port in ports]
+    try:
+        yield
+    finally:
+        for server in sockets:
+            server.close()
+
+
+def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
+    made = page_with()
+    config = config_of(made)
+    address = urlsplit(made.url)
+    assert (address.scheme, address.hostname, address.port) == ("http", "127.0.0.1", config.port)
+    assert config.port > 0  # any that is free was asked for, and is known before it is served
+    assert parse_qs(address.query) == {"token": [config.operator_token]}
+    assert made.viewer_url.partition("=")[2] == config.viewer_token
+    assert not made.lan_url
+    assert len(made.url) <= 70  # with `page: ` in a frame of 80 columns
+
+
+def test_tokens_are_secret() -> None:
+    made = [config_of(page_with()) for _ in range(2)]
+    tokens = {token for config in made for token in (config.operator_token, config.viewer_token)}
+    assert len(tokens) == 4
+    assert min(map(len, tokens)) >= 22
+
+
+def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = free_port()
+    monkeypatch.setattr(page, "PORT", first)
+    assert config_of(page_of(StandIn, Settings())).port == first
+    with taken(first):
+        assert config_of(page_of(StandIn, Settings())).port in range(first + 1, first + PORTS_TO_TRY)
+    assert PORT == 8090
+
+
+def test_a_port_that_was_asked_for_and_is_taken_is_an_error() -> None:
+    port = free_port()
+    with taken(port):
+        for asked, settings in (({"port": port}, ()), ({}, (f"web.port={port}",))):
+            with pytest.raises(
+                ListenError,
+                match=rf"cannot listen at 127\.0\.0\.1:{port}: Address already in use; .* --web-port",
+            ):
+                page_of(StandIn, Settings(settings=settings), asked=asked)
+
+
+def test_settings_win_over_options_and_options_over_the_scenario() -> None:
+    below = {"rate_hz": 20.0, "record_s": 5.0, "lan": False}
+    chosen = Settings(settings=["web.rate_hz=30", "web.operator_token=mine"])
+    made = page_of(StandIn, chosen, below=below, asked={"port": 0})
+    config = config_of(made)
+    assert (config.rate_hz, config.record_s) == (30.0, 5.0)
+    assert made.url.endswith("/?token=mine")
+    with pytest.raises(ConfigError, match=r"--set web\.nope=1: no parameter nope"):
+        page_with("web.nope=1")
+
+
+def test_the_local_network_is_told_where_it_is_opened() -> None:
+    made = page_with(lan=True, lan_port=0, lan_address="192.168.1.5")
+    config = config_of(made)
+    assert made.lan_url == f"https://192.168.1.5:{config.lan_port}/?token={config.operator_token}"
+    assert made.viewer_lan_url.endswith(config.viewer_token)
+    assert config.host == "127.0.0.1"  # what is not encrypted stays on this machine
+
+
+def test_an_ipv6_host_stands_in_brackets() -> None:
+    try:
+        made = page_with(host="::1")
+    except ListenError:
+        pytest.skip("no IPv6 here")
+    assert made.url.startswith("http://[::1]:")
+
+
+def test_people_are_where_the_scenario_or_the_command_line_puts_them() -> None:
+    scenario = read_scenario("scenario_4")
+    told = places(scenario, Choices(poses=[None, Pose(x_m=1.0, y_m=2.0, yaw_deg=30.0)], localize=True))
+    assert told["user1"] == scenario.places[0].model_dump()
+    assert told["user2"] == {"position_m": (1.0, 2.0, 0.0), "yaw_deg": 30.0}
+    assert told["user5"] == scenario.places[0].model_dump()
+    assert len(told) == PLACES  # people may come while it is served
+    assert (
+        config_of(page_of(StandIn, Settings(), asked={"port": 0}, places=told)).places.keys() == told.keys()
+    )
+
+
+def test_several_pages_of_a_site_have_names_of_their_own() -> None:
+    made = page_with()
+    assert [made.numbered(number).instance for number in (1, 2, 3)] == ["web", "web.2", "web.3"]
+
+
+def test_what_is_asked_of_the_page() -> None:
+    assert is_asked_of_page(["pui.map=lab", "web.rate_hz=3"])
+    assert not is_asked_of_page(["pui.map=web"])
+
+
+def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
+    typed = ["run", "--set", "web.operator_token=abc", "--set", "web.port=1", "--set=web.viewer_token=def"]
+    told = shown(typed)
+    assert told == ["run", "--set", "web.operator_token=…", "--set", "web.port=1", "--set=web.viewer_token=…"]
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
+def test_this_machine_alone(name: str) -> None:
+    assert dashboard.is_loopback(name)
+
+
+@pytest.mark.parametrize("name", ["0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil"])  # noqa: S104
+def test_other_machines_too(name: str) -> None:
+    assert not dashboard.is_loopback(name)
+
+
+def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
+    for module in ("pointit.cli.run", "pointit.cli.dashboard"):
+        monkeypatch.setattr(f"{module}.page_service", lambda: StandIn if has_extra else None)
+    result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    return result.exception
+
+
+def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: pytest.MonkeyPatch) -> None:
+    error = invoke(monkeypatch, "dashboard", "--host", "192.168.1.5")
+    assert isinstance(error, ConfigError)
+    assert str(error).startswith("--host 192.168.1.5: a page on a network needs HTTPS")
+    assert "use --lan" in str(error)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "--lan"),
+        ("run", "--web-port", "0"),
+        ("run", "--set", "web.rate_hz=3"),
+        ("dashboard",),
+    ],
+)
+def test_who_asks_for_a_page_without_the_extra_is_told_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    error = invoke(monkeypatch, *arguments, has_extra=False)
+    assert isinstance(error, ConfigError)
+    assert str(error).endswith('the page needs `pip install "pointit[web]"`')
+
+
+@pytest.mark.parametrize("arguments", [("--lan",), ("--web-port", "0")])
+def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
+    error = invoke(monkeypatch, "run", "--no-web", *arguments)
+    assert isinstance(error, ConfigError)
+    assert f"--no-web and {arguments[0]} exclude each other" in str(error)
+    error = invoke(monkeypatch, "run", "--no-web", "--set", "web.rate_hz=3")
+    assert isinstance(error, ConfigError)
+    assert "web is not among what this starts" in str(error)
+
+
+def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(invoke(monkeypatch, "run", "--web-port", "70000"), click.BadParameter)
+
+
+@pytest.mark.parametrize(
+    ("environment", "platform", "desktop"),
+    [
+        ({}, "linux", False),
+        ({"DISPLAY": ""}, "linux", False),
+        ({"DISPLAY": ":0"}, "linux", True),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
+        ({}, "darwin", True),
+        ({}, "win32", True),
+    ],
+)
+def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *, desktop: bool) -> None:
+    assert browser.has_desktop(environment, platform) is desktop
+
+
+async def test_the_browser_opens_once_as_soon_as_the_page_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+
+    def opens(url: str) -> bool:
+        opened.append(url)
+        return True
+
+    monkeypatch.setattr("webbrowser.open", opens)
+    bus = MemoryBus(Exchange())
+    browser.open_when_there(bus, "web", "http://here")
+    bus.announce(SERVICE_ALIVE, "pui")
+    bus.announce(SERVICE_ALIVE, "pui").close()
+    there = bus.announce(SERVICE_ALIVE, "web")
+    await until(lambda: bool(opened), what="the browser")
+    there.close()
+    bus.announce(SERVICE_ALIVE, "web")
+    seen: list[str] = []
+    bus.watch(SERVICE_ALIVE, lambda name, _present: seen.append(name))
+    await until(lambda: "web" in seen, what="the page again")
+    assert opened == ["http://here"]
+    await bus.close()

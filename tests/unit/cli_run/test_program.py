@@ -1,0 +1,140 @@
+"""Which plan comes of a wish for another scenario."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.cli.launches import Choices
+from pointit.cli.person_options import Pose
+from pointit.cli.plan import Plan
+from pointit.cli.program import Program, staged
+from pointit.cli.scenario import read_scenario, scenario_names
+from pointit.runtime import ConfigError
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import RunScenario
+
+
+def beginning(
+    source: str = "scenario_4", choices: Choices | None = None, people: int = 1, **said: Any
+) -> tuple[Program, Plan]:
+    scenario, chosen = read_scenario(source), choices or Choices(page=True)
+    name = Path(source).stem
+    program = Program.beginning_with(name, source, scenario, chosen)
+    plan = Plan(
+        name=name,
+        scenario=name,
+        launches=staged(scenario, chosen, people),
+        link=Link(),
+        localizes=chosen.localize,
+        scenarios=tuple(program.sources),
+        duration_s=scenario.duration_s,
+        **said,
+    )
+    return program, plan
+
+
+def wish(source: str = "scenario_2", choices: Choices | None = None, people: int = 1, **asked: Any) -> Plan:
+    program, plan = beginning(choices=choices, people=people)
+    return program.plan(RunScenario(scenario=source, **asked), plan)
+
+
+def config_of(plan: Plan, instance: str) -> dict[str, Any]:
+    (launch,) = (launch for launch in plan.launches if launch.instance == instance)
+    values: dict[str, Any] = launch.config.model_dump()
+    return values
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_shipped_scenario_can_be_asked_for(name: str) -> None:
+    plan = wish(name, people=2)
+    scenario = read_scenario(name)
+    assert (plan.name, plan.scenario, plan.target_kinds) == (name, name, scenario.target_kinds)
+    assert plan.duration_s == scenario.duration_s
+    assert plan.users == ["user1", "user2"]
+    assert config_of(plan, "pui")["map"] == scenario.site["pui"]["map"]
+    assert config_of(plan, "imu-bridge.user2")["source"] == "page"
+    assert plan.notes == ()
+
+
+def test_people_and_localizing_are_as_asked_or_as_now() -> None:
+    as_now = wish(people=3, choices=Choices(localize=True))
+    assert as_now.users == ["user1", "user2", "user3"]
+    assert as_now.localizes
+    assert config_of(as_now, "localizer.user3")["method"] == "static_targets"
+    asked = wish(people=3, choices=Choices(localize=True, targets=3), users=1, localizes=False)
+    assert asked.users == ["user1"]
+    assert not asked.localizes
+    assert config_of(asked, "localizer.user1")["method"] == "fixed"
+    assert wish(users=0).users == []
+    program, plan = beginning()
+    second = program.plan(RunScenario(scenario="scenario_2", users=4, localizes=True), plan)
+    third = program.plan(RunScenario(scenario="scenario_3"), second)
+    assert (len(third.users), third.localizes) == (4, True)
+
+
+def test_what_was_set_is_set_again_where_it_fits() -> None:
+    settings = [
+        "selector.window_s=0.7",
+        "pui.tolerance_deg=7",
+        "imu-bridge.yaw_origin_deg=3",
+        "web.rate_hz=9",
+    ]
+    choices = Choices(settings=settings, method="hold", page=True)
+    there = wish("scenario_3", choices)
+    assert config_of(there, "selector")["window_s"] == 0.7
+    assert config_of(there, "selector")["method"] == "hold"
+    assert there.notes == ()
+    lacking = wish("scenario_2", choices)
+    assert config_of(lacking, "pui")["tolerance_deg"] == 7
+    assert config_of(lacking, "imu-bridge.user1")["yaw_origin_deg"] == 3
+    assert lacking.notes == (
+        "--set selector.window_s=0.7 is ignored: scenario_2.yaml has no selector",
+        "--method hold is ignored: scenario_2.yaml has no selector",
+    )
+
+
+def test_devices_stay_with_their_persons_and_poses_with_their_room() -> None:
+    choices = Choices(
+        imu=["sim", "serial:/dev/ttyUSB7"], poses=[Pose(x_m=-1.0, y_m=-1.0), Pose(x_m=-2.0, y_m=-1.0)]
+    )
+    plan = wish("scenario_2", choices, people=2)
+    assert config_of(plan, "imu-bridge.user2")["serial"]["port"] == "/dev/ttyUSB7"
+    place = read_scenario("scenario_2").places[1]
+    assert config_of(plan, "localizer.user2")["position_m"] == place.position_m
+    assert (
+        plan.notes[0] == "--pose is ignored: it is of another room; people stand where scenario_2.yaml says"
+    )
+    assert plan.notes[1].startswith("user2 is taken to stand at ")
+    same_room = wish("scenario_4", choices, people=2)
+    assert config_of(same_room, "localizer.user2")["position_m"] == (-2.0, -1.0, 0.0)
+    found = wish("scenario_4", choices, people=2, localizes=True)  # who wears a device is found out
+    assert config_of(found, "localizer.user2")["method"] == "static_targets"
+    assert config_of(found, "user-sim.user1")["position_m"] == (-1.0, -1.0, 0.0)
+
+
+def test_a_wish_that_cannot_be_is_refused_with_a_sentence() -> None:
+    with pytest.raises(ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*, scenario_4$"):
+        wish("nope")
+    with pytest.raises(ConfigError, match=r"^no scenario '/etc/passwd\.yaml'; there are"):
+        wish("/etc/passwd.yaml")  # only what was shipped or typed here
+    with pytest.raises(ConfigError, match=r"^pui: /nowhere\.yaml: cannot be read"):
+        wish("scenario_2", Choices(settings=["pui.map=/nowhere.yaml"]))
+
+
+def test_a_scenario_of_ones_own_can_be_come_back_to(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        "about: mine\nduration_s: 9\nplaces: [{position_m: [0, 0, 0]}]\n"
+        "site: {pui: {map: lab}}\nuser: {pointing: {}}\n"
+    )
+    program, plan = beginning(str(mine))
+    assert set(plan.scenarios) == {*scenario_names(), "mine"}
+    other = program.plan(RunScenario(scenario="scenario_1"), plan)
+    back = program.plan(RunScenario(scenario="mine"), other)
+    assert (back.name, back.duration_s) == ("mine", 9.0)
+
+
+def test_a_duration_that_was_asked_for_stays() -> None:
+    program, plan = beginning(is_limited=True)
+    assert program.plan(RunScenario(scenario="scenario_2"), plan).duration_s == plan.duration_s

@@ -24,7 +24,12 @@ def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
 def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:
     def at(samples: int, index: int) -> Localization:
         return Localization(
-            stamp_ns=0, phase="sampling", target_id=f"led_{index}", target_index=index, target_count=3, samples=samples
+            stamp_ns=0,
+            phase="sampling",
+            target_id=f"led_{index}",
+            target_index=index,
+            target_count=3,
+            samples=samples,
         )
 
     cues = Cues()

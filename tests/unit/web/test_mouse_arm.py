@@ -1,7 +1,6 @@
 """The mouse's arm: the pointing service's ray of it meets the place, and it moves as wrists can."""
 
 import math
-from typing import Literal
 
 import pytest
 from hypothesis import assume, given
@@ -13,7 +12,6 @@ from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, UserProfile
 from pointit.services.pointing.arm_ray import ArmRay
-from pointit.sim.aim import RayModel
 
 STEP_NS = NS_PER_S // 60
 
@@ -42,24 +40,26 @@ def seen_from(profile: UserProfile, arm: Quaternion, feet_m: Vec3, yaw_rad: floa
     return vector.add(feet_m, vector.turn(ray.origin_m, yaw_rad)), vector.turn(direction, yaw_rad)
 
 
+profiles = st.builds(
+    UserProfile,
+    stamp_ns=st.just(0),
+    body=bodies,
+    hand=st.sampled_from(["left", "right"]),
+    ray_model=st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]),
+)
+
+
 @given(
-    bodies,
-    st.sampled_from(["left", "right"]),
-    st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]),
+    profiles,
     st.tuples(coordinates, coordinates, st.floats(-1.0, 1.0)),
     angles,
     st.tuples(coordinates, coordinates, st.floats(-1.0, 5.0)),
 )
 def test_the_ray_of_the_arm_meets_the_place(
-    body: BodyMeasures,
-    hand: Literal["left", "right"],
-    model: RayModel,
-    feet_m: Vec3,
-    yaw_rad: float,
-    at_m: Vec3,
+    profile: UserProfile, feet_m: Vec3, yaw_rad: float, at_m: Vec3
 ) -> None:
-    profile = UserProfile(stamp_ns=0, body=body, hand=hand, ray_model=model)
-    # An arm shorter than the way from eyes to shoulder reaches not every line of sight.
+    body = profile.body
+    # an arm shorter than the way from the eyes to the shoulder reaches not every line of sight
     assume(body.shoulder_to_wrist_m > 1.01 * math.hypot(body.neck_to_eyes_m, body.neck_to_shoulder_m))
     arm = MouseArm()
     arm.wear(profile)

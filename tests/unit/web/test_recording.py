@@ -60,7 +60,9 @@ def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
     minute = LastMinute(60.0)
     add(minute, CURSOR, cursor(1.0), "anna")
     add(minute, FEEDBACK, Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
-    add(minute, STRIPS_FRAME, StripsFrame(stamp_ns=at(3.0), strips=(StripFrame(id="s", rgb=b"\xff\xfe\x00"),)))
+    add(
+        minute, STRIPS_FRAME, StripsFrame(stamp_ns=at(3.0), strips=(StripFrame(id="s", rgb=b"\xff\xfe\x00"),))
+    )
     first, second, third = read(minute, at(4.0))
     assert first[:3] == ("users/anna/cursor", Cursor.schema_name(), at(1.0))
     assert first[3]["point_m"] == [1.0, 2.0, 3.0]

@@ -25,7 +25,8 @@ def lamps(*positions: tuple[float, float, float]) -> Environment:
 
 def test_the_newest_pose_counts_then_the_configured_place_then_the_room() -> None:
     standing = Standing(Place(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0))
-    assert standing.at == ((1.0, 2.0, 0.0), pytest.approx(math.pi / 2))
+    assert standing.at[0] == (1.0, 2.0, 0.0)
+    assert standing.at[1] == pytest.approx(math.pi / 2)
     standing.pose(pose(3.0))
     standing.pose(pose(4.0, 0.5))
     assert standing.at == ((4.0, 0.0, 0.0), 0.5)
@@ -77,7 +78,9 @@ def test_in_a_narrow_room_nobody_stands_outside() -> None:
 
 def test_an_empty_or_endless_room_has_a_place_too() -> None:
     floor = Environment(
-        stamp_ns=0, name="floor", planes=(Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),)
+        stamp_ns=0,
+        name="floor",
+        planes=(Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),),
     )
     assert len(places(floor)) == 0
     assert stand_in(floor) == ((0.0, 0.0, 0.0), 0.0)

@@ -1,5 +1,6 @@
 """Who has whose wrist, and the samples that come of it."""
 
+import itertools
 import math
 
 import pytest
@@ -128,7 +129,7 @@ def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: 
     sent = [START]
     for k in range(1, 60):
         sent += [sample.stamp_ns for _, sample in wrists.step(START + k * TICK)]
-    gaps = [b - a for a, b in zip(sent, sent[1:], strict=False)]
+    gaps = [b - a for a, b in itertools.pairwise(sent)]
     assert 4 <= len(gaps) <= 6
     assert max(gaps) <= 0.2 * NS_PER_S
 

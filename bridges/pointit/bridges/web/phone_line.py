@@ -146,6 +146,9 @@ class PhoneLine:
         if (ask.deed not in DEEDS) if ask.deed is not None else (ask.key not in REQUESTS):
             self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
             return
+        if ask.deed == "centre" and self._host.wrists.holder(self.phone.user)[0] != self.phone.page:
+            self.put(Answer(id=ask.id, error="this phone does not move the arm: take it first"))
+            return
         own = ask.model_copy(update={"name": self.phone.user})
         try:
             answer = await self._host.answer(self.phone.page, self.phone.user, own)

@@ -1,0 +1,299 @@
+"""Phones over TLS: pairing, the socket, the posts, and everything a phone may not."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import pytest_asyncio
+import websockets
+from websockets.asyncio.client import ClientConnection
+
+from pointit.schemas import Feedback, Interaction, Localization
+from tests.support.bench import until
+from tests.unit.web.phone_bench import PhoneBench, phone_bench
+
+TURN = {"kind": "turn", "q": [0.0, 0.0, 0.0, 1.0], "t_ms": 12.5, "session": 3, "battery": 0.5}
+
+
+@pytest_asyncio.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[PhoneBench]:
+    async with phone_bench(tmp_path) as bench:
+        yield bench
+
+
+@pytest_asyncio.fixture
+async def phone(bench: PhoneBench) -> AsyncIterator[httpx.AsyncClient]:
+    async with bench.client() as client:
+        await bench.pair(client)
+        yield client
+
+
+async def heard(socket: ClientConnection) -> dict[str, Any]:
+    async with asyncio.timeout(5.0):
+        found: dict[str, Any] = json.loads(await socket.recv())
+        return found
+
+
+async def greeted(socket: ClientConnection) -> dict[str, Any]:
+    hello, state = await heard(socket), await heard(socket)
+    assert (hello["kind"], state["kind"]) == ("hello", "cue")
+    return hello
+
+
+async def posted(phone: httpx.AsyncClient, *items: Any) -> list[dict[str, Any]]:
+    response = await phone.post("/wrist", json=list(items))
+    assert response.status_code == 200, response.text
+    found: list[dict[str, Any]] = response.json()
+    return found
+
+
+async def test_the_link_pairs_and_leads_to_the_page_without_its_token(bench: PhoneBench) -> None:
+    async with bench.client() as client:
+        assert (await client.get("/phone")).status_code == 403
+        token, _ = bench.pairing.pair("anna", 1e12)
+        response = await client.get(f"/phone?token={token}")
+        assert (response.status_code, response.headers["location"]) == (303, "/phone")
+        cookie = response.headers["set-cookie"]
+        assert all(word in cookie for word in ("HttpOnly", "Secure", "SameSite=lax"))
+        assert token not in cookie
+        page = await client.get("/phone")
+        assert (page.status_code, page.headers["content-type"]) == (200, "text/html; charset=utf-8")
+        assert "content-security-policy" in page.headers
+        assert (await client.get("/phone?token=wrong")).status_code == 403
+
+
+async def test_a_phones_cookie_opens_nothing_but_its_wrist(
+    bench: PhoneBench, phone: httpx.AsyncClient
+) -> None:
+    assert (await phone.get("/")).status_code == 403
+    assert (await phone.get("/recording.mcap")).status_code == 403
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        await bench.connect(phone, path="/ws")
+    assert refused.value.response.status_code == 403
+
+
+async def test_the_socket_greets_and_takes_how_the_phone_is_held(
+    bench: PhoneBench, phone: httpx.AsyncClient
+) -> None:
+    async with bench.connect(phone) as socket:
+        hello = await greeted(socket)
+        assert (hello["role"], hello["user"], hello["site"]) == ("wrist", "anna", "lab")
+        assert "press" in hello["deeds"]
+        assert "localizer/{user}/start" in hello["requests"]
+        await socket.send(json.dumps(TURN))
+        await until(lambda: bool(bench.sent))
+        user, sample = bench.sent[0]
+        assert (user, sample.device, sample.device_time_ns, sample.battery) == (
+            "anna",
+            "phone",
+            12_500_000,
+            0.5,
+        )
+        assert bench.wrists.holder("anna")[1] == "phone"
+    await until(lambda: bench.wrists.holder("anna")[1] == "own", what="a socket that is gone lets go")
+
+
+async def test_another_origin_or_no_cookie_opens_no_socket(
+    bench: PhoneBench, phone: httpx.AsyncClient
+) -> None:
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        await bench.connect(phone, origin="https://evil.example")
+    assert refused.value.response.status_code == 403
+    async with bench.client() as stranger:
+        with pytest.raises(websockets.InvalidStatus):
+            await bench.connect(stranger)
+        assert (await stranger.post("/wrist", json=[TURN])).status_code == 403
+    foreign = await phone.post("/wrist", json=[TURN], headers={"Origin": "https://evil.example"})
+    assert foreign.status_code == 403
+    assert bench.sent == []
+
+
+async def test_what_a_phone_asks_is_done_for_its_own_person(
+    bench: PhoneBench, phone: httpx.AsyncClient
+) -> None:
+    async with bench.connect(phone) as socket:
+        await greeted(socket)
+        await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
+        assert await heard(socket) == {"kind": "answer", "id": 7, "reply": {"message": "done"}, "error": ""}
+        _, user, ask = bench.asked[0]
+        assert (user, ask.name, ask.deed) == ("anna", "anna", "press")
+        await socket.send(
+            json.dumps({"kind": "ask", "id": 8, "key": "localizer/{user}/start", "name": "ben"})
+        )
+        assert (await heard(socket))["error"] == ""
+        assert (bench.asked[1][2].key, bench.asked[1][2].name) == ("localizer/{user}/start", "anna")
+        bench.refusal = "the localizer is busy"
+        await socket.send(json.dumps({"kind": "ask", "id": 9, "deed": "press"}))
+        assert (await heard(socket))["error"] == "the localizer is busy"
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        {"deed": "pair"},
+        {"deed": "open_lan"},
+        {"deed": "tremor"},
+        {"key": "conveyor/set_speed", "query": {"speed_mps": 1.0}},
+        {"key": ""},
+    ],
+)
+async def test_a_phone_may_not_control_the_site(
+    bench: PhoneBench, phone: httpx.AsyncClient, ask: dict[str, Any]
+) -> None:
+    (answer,) = await posted(phone, {"kind": "ask", "id": 1, **ask})
+    assert "a phone cannot ask for" in answer["error"]
+    assert bench.asked == []
+
+
+async def test_only_the_phone_that_moves_the_arm_says_what_is_ahead(
+    bench: PhoneBench, phone: httpx.AsyncClient
+) -> None:
+    centre = {"kind": "ask", "id": 1, "deed": "centre"}
+    (answer,) = await posted(phone, centre)
+    assert "take it first" in answer["error"]
+    (answer,) = await posted(phone, TURN, centre)
+    assert answer["error"] == ""
+    bench.phones.centred("anna")
+    (cue,) = await posted(phone, TURN)
+    assert "ahead" in cue["text"]
+
+
+async def test_cues_come_to_the_socket(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+    bench.phones.interaction("anna", Interaction(stamp_ns=0, state="idle", next_step="press to begin"))
+    async with bench.connect(phone) as socket:
+        await heard(socket)
+        state = await heard(socket)
+        assert (state["state"], state["next_step"]) == ("idle", "press to begin")
+        feedback = Feedback(stamp_ns=0, cue="selected", text="taken", chime="tick", haptic_ms=(30,))
+        bench.phones.feedback("ben", feedback)
+        bench.phones.feedback("anna", feedback)
+        cue = await heard(socket)
+        assert (cue["chime"], cue["haptic_ms"], cue["text"]) == ("tick", [30], "taken")
+        bench.phones.localization("anna", Localization(stamp_ns=0, phase="sampling", target_id="led_0"))
+        assert (await heard(socket))["text"] == "point at led_0"
+
+
+async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+    hello, state = await posted(phone)
+    assert (hello["role"], state["kind"]) == ("wrist", "cue")
+    bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="started", chime="up"))
+    turns = [{**TURN, "t_ms": 10.0 + k} for k in range(3)]
+    cue, answer = await posted(phone, *turns, {"kind": "ask", "id": 4, "deed": "press"})
+    assert cue["chime"] == "up"
+    assert (answer["id"], answer["error"]) == (4, "")
+    assert [sample.device_time_ns for _, sample in bench.sent] == [12_000_000]
+    assert await posted(phone, TURN) == []
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        "no json",
+        "[]",
+        '{"kind": "turn"}',
+        '{"kind": "turn", "q": [0, 0, 0, 5], "t_ms": 1}',
+        '{"kind": "turn", "q": [0, 0, 0, 1], "t_ms": -1}',
+        '{"kind": "turn", "q": [0, 0, 0, NaN], "t_ms": 1}',
+        '{"kind": "turn", "q": [0, 0, 0, 1], "t_ms": 1, "more": 1}',
+        '{"kind": "aim", "user": "ben", "at_m": [0, 0, 0]}',
+        '{"kind": "ask", "id": 1, "deed": "destroy"}',
+        "[" * 5000,
+        b"\xff\x00",
+    ],
+)
+async def test_what_cannot_be_understood_is_counted_and_told(
+    bench: PhoneBench, phone: httpx.AsyncClient, item: str | bytes
+) -> None:
+    async with bench.connect(phone) as socket:
+        await greeted(socket)
+        await socket.send(item)
+        await until(lambda: "phone of anna" in bench.warned.sentences)
+        assert "load its page again" in bench.warned.sentences["phone of anna"]
+        await socket.send(json.dumps(TURN))  # it goes on
+        await until(lambda: len(bench.sent) == 1)
+
+
+@pytest.mark.parametrize("body", ["", "{}", "[1]", "nothing", json.dumps([TURN] * 65), "[" * 9000])
+async def test_posts_that_are_no_lists_are_refused(
+    bench: PhoneBench, phone: httpx.AsyncClient, body: str
+) -> None:
+    response = await phone.post("/wrist", content=body)
+    assert response.status_code == 400
+    assert "phone of anna" in bench.warned.sentences
+    assert bench.sent == []
+    assert (await posted(phone))[0]["kind"] == "hello"
+    assert bench.warned.sentences == {}
+
+
+async def test_the_newer_socket_of_a_phone_replaces_the_older(
+    bench: PhoneBench, phone: httpx.AsyncClient
+) -> None:
+    async with bench.connect(phone) as first:
+        await greeted(first)
+        async with bench.connect(phone) as second:
+            await greeted(second)
+            with pytest.raises(websockets.ConnectionClosed) as closed:
+                await heard(first)
+            assert closed.value.rcvd is not None
+            assert closed.value.rcvd.code == 4409
+            await second.send(json.dumps(TURN))
+            await until(lambda: len(bench.sent) == 1)
+            assert bench.wrists.holder("anna")[1] == "phone"
+
+
+async def test_unpairing_ends_what_is_open(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+    async with bench.connect(phone) as socket:
+        await greeted(socket)
+        await socket.send(json.dumps(TURN))
+        await until(lambda: bool(bench.sent))
+        await bench.phones.cut(bench.pairing.unpair("anna"))
+        with pytest.raises(websockets.ConnectionClosed) as closed:
+            await heard(socket)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 4403
+    assert bench.wrists.holder("anna") == ("", "own")
+    assert (await phone.post("/wrist", json=[TURN])).status_code == 403
+    assert (await phone.get("/phone")).status_code == 403
+
+
+async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+    async with bench.connect(phone) as socket:
+        await greeted(socket)
+        for _ in range(1500):
+            await socket.send(json.dumps(TURN))
+        await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
+        line = next(iter(bench.phones._lines.values()))
+        await until(lambda: line.dropped > 0)
+        assert len(bench.sent) < 1500
+
+
+async def test_too_many_wishes_at_once_are_refused(phone: httpx.AsyncClient) -> None:
+    answers = await posted(phone, *({"kind": "ask", "id": k, "deed": "press"} for k in range(20)))
+    refused = [answer["id"] for answer in answers if "too much" in answer["error"]]
+    assert refused == list(range(8, 20))
+    assert len(answers) == 20
+
+
+async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+    for k in range(1000):
+        bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text=f"{k}"))
+    assert await posted(phone, TURN) == []  # it had not begun when they were said
+    for k in range(1000):
+        bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text=f"{k}"))
+    cues = await posted(phone, TURN)
+    assert [cue["text"] for cue in cues] == [str(k) for k in range(936, 1000)]
+
+
+async def test_two_people_have_two_phones(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+    async with bench.client() as other:
+        await bench.pair(other, "ben")
+        await posted(phone, TURN)
+        await posted(other, TURN)
+        assert [user for user, _ in bench.sent] == ["anna", "ben"]
+        bench.phones.lost("ben")
+        assert await posted(phone, TURN) == []
+        assert "somebody else" in (await posted(other, TURN))[0]["text"]

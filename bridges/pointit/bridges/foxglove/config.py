@@ -28,8 +28,8 @@ class FoxgloveConfig(Config):
         default=8765,
         ge=0,
         le=65535,
-        description="port to listen on, 0: any free one; in the viewer open a Foxglove WebSocket connection to "
-        "ws://127.0.0.1:8765 and import the layout that is named at the start",
+        description="port to listen on, 0: any free one; in the viewer open a Foxglove WebSocket connection "
+        "to ws://127.0.0.1:8765 and import the layout that is named at the start",
     )
     rate_hz: float = Field(
         default=30.0, gt=0, le=120, description="what changes is sent at most so often; the newest wins, Hz"

@@ -6,7 +6,7 @@ The SDK calls from threads of its own; `hand_over` brings each call into the loo
 import functools
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import foxglove
 from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChannel, SceneUpdateChannel
@@ -26,6 +26,15 @@ LOG = "/log"
 HandOver = Callable[[Callable[[], None]], None]
 """Has a function called where everything else runs."""
 
+
+class Tell(Protocol):
+    """Is told that a viewer begins or ends to look at a channel."""
+
+    def __call__(self, topic: str, *, begins: bool) -> None:
+        """Take it."""
+        ...
+
+
 PictureChannel = Any
 """A channel for pictures of one part; each takes messages of its own type."""
 
@@ -33,8 +42,8 @@ PictureChannel = Any
 class Viewers(ServerListener):
     """Counts who looks at which channel, and tells of each who begins or ends."""
 
-    def __init__(self, hand_over: HandOver, tell: Callable[[str], None]) -> None:
-        """Have `tell(topic)` called in the loop for each viewer that begins to look at a channel."""
+    def __init__(self, hand_over: HandOver, tell: Tell) -> None:
+        """Have `tell(topic, begins=…)` called in the loop for each viewer that begins or ends to look."""
         self._hand_over = hand_over
         self._tell = tell
         self._counts = Counter[str]()
@@ -63,14 +72,13 @@ class Viewers(ServerListener):
         self._counts[topic] += 1 if begins else -1
         if self._counts[topic] <= 0:
             del self._counts[topic]
-        if begins:
-            self._tell(topic)
+        self._tell(topic, begins=begins)
 
 
 class Outlet:
     """Channels, and a server that nobody can control anything through: it offers no capability at all."""
 
-    def __init__(self, hand_over: HandOver, tell: Callable[[str], None]) -> None:
+    def __init__(self, hand_over: HandOver, tell: Tell) -> None:
         """Serve nobody yet; `tell` as `Viewers` has it."""
         self.viewers = Viewers(hand_over, tell)
         self._context = foxglove.Context()
@@ -97,7 +105,7 @@ class Outlet:
                 message_backlog_size=BACKLOG,
             )
         except (RuntimeError, ValueError) as error:
-            reason = str(error).rpartition(": ")[2]
+            reason = str(error).rpartition(": ")[2].partition(" (os error")[0]
             raise ListenError(
                 f"cannot listen on {host} port {port} for viewers ({reason}); end what listens there, or "
                 "give another --port or --host"

@@ -36,6 +36,14 @@ class Person:
     profile: UserProfile = NOBODY
     pose: UserPose | None = None
     cursor: Cursor | None = None
+    rim_m: list[list[float]] | None = None
+    """The ellipse around their place; it changes with the pose only."""
+
+    def stand(self, pose: UserPose) -> None:
+        """Take where they stand."""
+        self.pose = pose
+        rim = ellipse(pose)
+        self.rim_m = None if rim is None else rim.tolist()
 
     @property
     def color(self) -> Rgb:
@@ -94,14 +102,14 @@ def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> Drawn:
         met = vector.add(cursor.origin_m, vector.scale(cursor.direction, reach_m))
         arm = vector.scale(vector.direction(*stance.aim_at(met)), stance.arm_m)
         limbs.append(shapes.limb(stance.shoulder_m, vector.add(stance.shoulder_m, arm), ARM_M, rgb))
-    rim = ellipse(pose)
+    rim_m = person.rim_m
     return shapes.entity(
         f"person {user}",
         now_ns,
         facts={"user": user, "located by": pose.method, "samples": str(pose.samples)},
         cylinders=limbs,
         spheres=[shapes.ball(stance.eyes_m, HEAD_M, rgb)],
-        lines=[] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")],
+        lines=[] if rim_m is None else [shapes.line(rim_m, rgb, kind="loop")],
         texts=[shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)],
     )
 

@@ -156,14 +156,14 @@ class Scene:
     def _update(self, part: Part, drawn: list[Drawn], now_ns: int) -> SceneUpdate:
         """Return `drawn`, and take away what was there before and is not among it."""
         names = {each.name for each in drawn}
-        gone = self._names.get(part, set()) - names
+        gone = sorted(self._names.get(part, set()) - names)
         self._names[part] = names
+        kind = SceneEntityDeletionType.MatchingId
+        if part == "room":  # comes seldom, and stays for ever: nothing that a viewer missed may stay with it
+            gone, kind = [""], SceneEntityDeletionType.All
         at = shapes.timestamp(now_ns)
         return SceneUpdate(
-            deletions=[
-                SceneEntityDeletion(timestamp=at, type=SceneEntityDeletionType.MatchingId, id=name)
-                for name in sorted(gone)
-            ],
+            deletions=[SceneEntityDeletion(timestamp=at, type=kind, id=name) for name in gone],
             entities=[each.entity for each in drawn],
         )
 
@@ -210,7 +210,7 @@ class Scene:
         self.changed |= {"people", "objects"}
 
     def _on_pose(self, pose: UserPose, user: str, _now_s: float) -> None:
-        self._person(user).pose = pose
+        self._person(user).stand(pose)
         self.changed |= {"people", "frames"}
 
     def _on_cursor(self, cursor: Cursor, user: str, now_s: float) -> None:

@@ -16,10 +16,10 @@ from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.outlet import LOG, Outlet, picture_topic
 from pointit.bridges.foxglove.plain import Plain, channel_name
 from pointit.bridges.foxglove.scene import PARTS, Scene
-from pointit.runtime import Context, Service
+from pointit.runtime import Context, Service, Subscription
 from pointit.runtime.service import Scope
 from pointit.schemas import Environment, Message
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
+from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
 from pointit.services.registry import SHOWN
 
 log = logging.getLogger(__name__)
@@ -29,6 +29,12 @@ LAYOUT = Path(__file__).with_name("layout.json")
 
 MAX_CHANNELS = 2000
 """Keys that are mirrored; there may be any number of names in them."""
+
+FAST = tuple(topic for topic in SHOWN if topic.delivery is Delivery.LATEST and topic is not HEALTH)
+"""What takes time to read; it is left alone while nobody looks on."""
+
+LOOK_S = 3.0
+"""So long it is read when a service comes, and when the last viewer has gone."""
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -64,8 +70,12 @@ class Foxglove(Service[FoxgloveConfig]):
         self._timer: asyncio.TimerHandle | None = None
         self._fading: asyncio.TimerHandle | None = None
         self._sent_s = 0.0
+        self._fast: list[Subscription] = []
+        self._rest_timer: asyncio.TimerHandle | None = None
         for topic in SHOWN:
-            self.bus.subscribe(topic, functools.partial(self._on_message, topic))
+            if topic not in FAST:
+                self._subscribe(topic)
+        self._look()
         self.bus.watch(USER_ALIVE, self._on_person)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
 
@@ -84,6 +94,24 @@ class Foxglove(Service[FoxgloveConfig]):
             await asyncio.Event().wait()
         finally:
             self._outlet.close()
+
+    def _subscribe(self, topic: Topic[Any]) -> Subscription:
+        return self.bus.subscribe(topic, functools.partial(self._on_message, topic))
+
+    def _look(self) -> None:
+        """Read the fast topics as long as anybody looks on, or long enough to learn which keys there are."""
+        if not self._fast:
+            self._fast = [self._subscribe(topic) for topic in FAST]
+        if self._rest_timer is not None:
+            self._rest_timer.cancel()
+        self._rest_timer = self.bus.call_later(LOOK_S, self._rest)
+
+    def _rest(self) -> None:
+        if self._outlet.viewers.any:
+            return
+        for subscription in self._fast:
+            subscription.close()
+        self._fast.clear()
 
     def _hand_over(self, call: Callable[[], None]) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended, and the server is about to
@@ -130,6 +158,7 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present:
+            self._look()
             return
         self._scene.leave(user)
         self._chronicle.leave(user)
@@ -142,10 +171,15 @@ class Foxglove(Service[FoxgloveConfig]):
         self._wish()
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if present:
+            self._look()
         self._say(self._chronicle.presence(instance, self.clock.now_ns(), present=present))
 
-    def _on_viewer(self, topic: str) -> None:
+    def _on_viewer(self, topic: str, *, begins: bool) -> None:
         """Have all of a channel sent, for who has just begun to look at it."""
+        self._look()
+        if not begins:
+            return
         if topic == LOG:
             is_first = self._outlet.viewers.of(LOG) == 1
             chronicle = self._chronicle

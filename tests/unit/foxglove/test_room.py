@@ -1,0 +1,178 @@
+"""What stands still, against known numbers, and any map a message can hold."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from foxglove.messages import SceneUpdate
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.bridges.foxglove.room import SHARPEST, Lines, ribbon, room
+from pointit.bridges.foxglove.scene import PARTS, Scene
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import Belt, Environment, Lamp, Strip
+from pointit.schemas.environment import Bay, Box, Cloud, Cylinder, Plane, Sphere
+from tests.integration.foxglove.protobuf import read
+
+NOW_NS = 1_700_000_000_123_456_789
+
+
+def drawn(environment: Environment) -> dict[str, dict[str, Any]]:
+    found = room(environment, Lines(environment), NOW_NS)
+    entities = read(SceneUpdate(entities=[each.entity for each in found])).get("entities", [])
+    assert [each["id"] for each in entities] == [each.name for each in found]
+    return {entity["id"]: entity for entity in entities}
+
+
+def xyz(point: dict[str, float]) -> tuple[float, float, float]:
+    return (point.get("x", 0.0), point.get("y", 0.0), point.get("z", 0.0))
+
+
+def test_a_straight_ribbon() -> None:
+    places, triangles = ribbon(Polyline([(1.0, 2.0, 0.5), (4.0, 2.0, 0.5)]), 0.6)
+    assert places.tolist() == [[1, 2.3, 0.5], [1, 1.7, 0.5], [4, 2.3, 0.5], [4, 1.7, 0.5]]
+    assert triangles == [0, 1, 2, 2, 1, 3]
+
+
+def test_a_ribbon_keeps_its_width_around_a_corner() -> None:
+    places, triangles = ribbon(Polyline([(0, 0, 0), (2, 0, 0), (2, 3, 0)]), 1.0)
+    assert places[2:4] == pytest.approx(np.array([[1.5, 0.5, 0], [2.5, -0.5, 0]]))
+    assert len(triangles) == 12
+
+
+def test_a_ribbon_that_turns_back_or_goes_straight_up_stays_a_ribbon() -> None:
+    back, _ = ribbon(Polyline([(0, 0, 0), (2, 0, 0), (0, 0, 0)]), 1.0)
+    assert np.abs(back).max() <= 2.0
+    up, _ = ribbon(Polyline([(0, 0, 0), (2, 0, 0), (2, 0, 2)]), 1.0)
+    assert up[-2:] == pytest.approx(np.array([[2, 0.5, 2], [2, -0.5, 2]]))
+
+
+coordinate = st.floats(-1e6, 1e6)
+near = st.floats(-5, 5)
+vertices = st.lists(st.tuples(near, near, near) | st.tuples(*[coordinate] * 3), min_size=2, max_size=8)
+
+
+@given(vertices, st.floats(1e-3, 1e6))
+def test_no_corner_of_any_ribbon_is_far_out(line_m: list[tuple[float, float, float]], width_m: float) -> None:
+    try:
+        line = Polyline(line_m)
+    except ValueError:
+        return
+    places, triangles = ribbon(line, width_m)
+    assert np.all(np.isfinite(places))
+    assert set(triangles) == set(range(len(places)))
+    out_m = np.linalg.norm(places - np.repeat(line.vertices_m, 2, axis=0), axis=1)
+    assert np.all(out_m <= width_m / 2.0 / SHARPEST * (1 + 1e-6) + 1e-9)
+    assert np.all(out_m >= width_m / 2.0 * (1 - 1e-6) - 1e-9)
+
+
+def test_every_kind_of_thing_is_drawn_where_it_is() -> None:
+    shown = drawn(
+        Environment(
+            stamp_ns=1,
+            name="all",
+            lamps=(Lamp(id="l", position_m=(1, 2, 1.5)),),
+            strips=(Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3),),
+            belts=(Belt(id="b", line_m=((0, 0, 1), (2, 0, 1)), width_m=0.4),),
+            boxes=(Box(id="box", center_m=(1, 1, 1), size_m=(1, 2, 3), yaw_rad=math.pi / 2),),
+            planes=(
+                Plane(id="wall", center_m=(0, 3, 1), normal=(0, -1, 0), size_m=(4, 2)),
+                Plane(id="floor", center_m=(0, 0, 0), normal=(0, 0, 1)),
+            ),
+            cylinders=(Cylinder(id="c", center_m=(5, 5, 0), radius_m=0.25, height_m=2),),
+            spheres=(Sphere(id="ball", center_m=(1, 0, 2), radius_m=0.5),),
+            clouds=(Cloud(id="scan", points=7, low_m=(0, 0, 0), high_m=(2, 2, 2)),),
+        )
+    )
+    assert set(shown) == {
+        *("belt b", "strips", "box box", "plane wall", "plane floor"),
+        *("cylinder c", "sphere ball", "cloud scan", "pole l"),
+    }
+    assert all(entity["frame_id"] == "world" for entity in shown.values())
+    assert shown["belt b"]["timestamp"] == {"seconds": 1_700_000_000, "nanos": 123_456_789}
+    (box,) = shown["box box"]["cubes"]
+    assert xyz(box["size"]) == (1, 2, 3)
+    assert box["pose"]["orientation"] == pytest.approx({"z": math.sqrt(0.5), "w": math.sqrt(0.5)})
+    corners = {xyz(point) for point in shown["plane wall"]["triangles"][0]["points"]}
+    assert corners == {(-2, 3, 0), (2, 3, 0), (2, 3, 2), (-2, 3, 2)}
+    (column,) = shown["cylinder c"]["cylinders"]
+    assert xyz(column["pose"]["position"]) == (5, 5, 1)
+    assert xyz(column["size"]) == (0.5, 0.5, 2)
+    assert xyz(shown["sphere ball"]["spheres"][0]["size"]) == (1, 1, 1)
+    assert len(shown["cloud scan"]["lines"][0]["points"]) == 24
+    assert "7 points" in shown["cloud scan"]["texts"][0]["text"]
+    assert xyz(shown["pole l"]["cylinders"][0]["pose"]["position"]) == (1, 2, 0.75)
+    arrow = shown["belt b"]["arrows"][0]
+    assert xyz(arrow["pose"]["position"]) == (1, 0, 1.01)
+    assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(0.4)
+
+
+def test_a_line_without_length_is_told_and_the_rest_is_drawn() -> None:
+    environment = Environment(
+        stamp_ns=1,
+        name="odd",
+        strips=(
+            Strip(id="dot", line_m=((1, 1, 1), (1, 1, 1)), pixels=3),
+            Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3),
+        ),
+        belts=(Belt(id="b", line_m=((0, 0, 1), (2, 0, 1))),),
+        bays=(Bay(id="1", belt="nowhere"), Bay(id="2", belt="b")),
+    )
+    lines = Lines(environment)
+    assert lines.complaints == [
+        "strip 'dot' cannot be drawn (a line needs two different vertices); correct the map"
+    ]
+    assert set(lines.strips) == {"s"}
+    assert "belt b" in drawn(environment)
+
+
+places = st.tuples(coordinate, coordinate, coordinate)
+sizes = st.floats(1e-6, 1e6)
+names = st.sampled_from(["a", "b", "1"])
+odd_maps = st.builds(
+    Environment,
+    stamp_ns=st.just(1),
+    name=st.text(max_size=5),
+    lamps=st.lists(st.builds(Lamp, id=names, position_m=places), max_size=2).map(tuple),
+    strips=st.lists(
+        st.builds(Strip, id=names, line_m=vertices.map(tuple), pixels=st.integers(1, 50)), max_size=3
+    ).map(tuple),
+    belts=st.lists(
+        st.builds(Belt, id=names, line_m=vertices.map(tuple), width_m=st.floats(1e-6, 1e6)), max_size=3
+    ).map(tuple),
+    bays=st.lists(st.builds(Bay, id=names, belt=names), max_size=2).map(tuple),
+    boxes=st.lists(
+        st.builds(Box, id=names, center_m=places, size_m=st.tuples(sizes, sizes, sizes), yaw_rad=coordinate),
+        max_size=2,
+    ).map(tuple),
+    planes=st.lists(
+        st.builds(
+            Plane,
+            id=names,
+            center_m=places,
+            normal=st.sampled_from([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)]),
+            size_m=st.none() | st.tuples(sizes, sizes),
+        ),
+        max_size=2,
+    ).map(tuple),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(odd_maps)
+def test_any_map_can_be_shown(environment: Environment) -> None:
+    scene = Scene({}, 1.0)
+    scene.take(environment, "", 0.0)
+    for part in PARTS:
+        assert_finite(read(scene.draw(part, NOW_NS)))
+
+
+def assert_finite(value: Any) -> None:
+    values: list[Any] = (
+        list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
+    )
+    for each in values:
+        assert_finite(each)
+    assert not isinstance(value, float) or math.isfinite(value)

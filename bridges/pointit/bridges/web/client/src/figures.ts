@@ -9,19 +9,24 @@ export interface Rates {
   frame: number | null;
 }
 
-const KEYS: Record<keyof Rates, (user: string) => string> = {
-  imu: (user) => `users/${user}/imu`, ray: (user) => `users/${user}/ray`, cursor: (user) => `users/${user}/cursor`,
-  frame: () => "strips/frame",
+const KEYS: Record<keyof Rates, string> = {
+  imu: "users/{user}/imu", ray: "users/{user}/ray", cursor: "users/{user}/cursor", frame: "strips/frame",
 };
 
-/** Messages a second that left their writers, along the chain from the wrist of `user` to the light; null: none writes. */
-export function rates(accounts: Iterable<Health>, user: string): Rates {
+/**
+ * Messages a second that left their writers, along the chain from the wrist of `user` to the light; null: none
+ * writes. Services that all share count those of all, so theirs are shared out among `people`.
+ */
+export function rates(accounts: Iterable<Health>, user: string, people: number): Rates {
   const found: Rates = { imu: null, ray: null, cursor: null, frame: null };
-  for (const { keys } of accounts) {
-    for (const { key, direction, rate_hz: rate } of keys) {
+  for (const account of accounts) {
+    if (account.user && account.user !== user) continue;
+    for (const { key, direction, rate_hz: rate } of account.keys) {
       if (direction !== "out") continue;
       for (const name of Object.keys(KEYS) as (keyof Rates)[]) {
-        if (key === KEYS[name](user)) found[name] = (found[name] ?? 0) + rate;
+        if (key !== KEYS[name]) continue;
+        const isShared = !account.user && key.includes("{user}");
+        found[name] = (found[name] ?? 0) + (isShared ? rate / Math.max(1, people) : rate);
       }
     }
   }

@@ -17,6 +17,9 @@ export interface Guide {
   selected(event: SelectionEvent): void;
 }
 
+/** On a phone or tablet: a finger points, and a phone cannot scan its own screen. */
+const isTouch = matchMedia("(hover: none) and (pointer: coarse)").matches;
+
 export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = desk;
   let isDismissed = false;
@@ -27,7 +30,7 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
   const sign = icon("point");
   const title = el("strong", {}), text = el("span", { className: "text" });
   const gauge = el("progress", { max: 1, value: 0, "aria-label": "How full it is" });
-  const take = button("mouse", "Point with the mouse", "", "primary", () => void mouse.take());
+  const take = button("mouse", isTouch ? "Point with your finger" : "Point with the mouse", "", "primary", () => void mouse.take());
   const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
   const press = button("button", "Start pointing", "Space", "primary", () => desk.press());
   const give = button("undo", "Give back", "Escape", "", () => void release());
@@ -67,7 +70,7 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
       mark(gauge, "data-shown", now.progress === null ? null : "");
       gauge.value = now.progress ?? 0;
       show(take, now.mode === "invite" && desk.mayDo("take"));
-      show(phone, now.mode === "invite" && desk.mayDo("pair"));
+      show(phone, now.mode === "invite" && desk.mayDo("pair") && !isTouch);
       show(press, now.mode === "idle" && desk.mayDo("press"));
       show(give, now.mode !== "invite" && desk.mayDo("give"));
       show(dismiss, now.mode === "invite");

@@ -38,11 +38,11 @@ export class LatencyGraph {
     const axis = { stroke: color("--muted"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
     this.#plot = new uPlot({
       width: this.element.clientWidth, height: HEIGHT, cursor: { show: false }, legend: { show: false },
-      padding: [8, 4, 0, 0],
+      padding: [8, 16, 0, 0],
       scales: { x: { time: false, range: [-59, 0] }, y: { range: (_plot, _low, high) => [0, Math.max(40, (high ?? 0) * 1.15)] } },
       axes: [
-        { ...axis, size: 20, space: 60, values: (_plot, ticks) => ticks.map((tick) => (tick === 0 ? "now" : `${tick} s`)) },
-        { ...axis, size: 34, space: 26 },
+        { ...axis, size: 20, space: 60, values: (_plot, ticks) => ticks.map((tick) => (tick === 0 ? "now" : `−${-tick} s`)) },
+        { ...axis, size: 34, space: 26, values: (_plot, ticks) => ticks.map((tick) => (tick === 0 ? "0" : `${tick}`)) },
       ],
       series: [
         {}, { stroke: color("--accent"), width: 2, points: { show: false }, fill: color("--accent-soft") },

@@ -92,7 +92,7 @@ export function healthPart(desk: Desk, stats: () => ViewStats | null): Part {
       p95.set(milliseconds(total.p95));
       p99.set(milliseconds(total.p99));
       graph.show(latency.bySecond(now));
-      const found = rates(site.health.values(), desk.user);
+      const found = rates(site.health.values(), desk.user, site.people.size);
       const hertz = (value: number | null): string => (value === null ? "–" : `${Math.round(value)}`);
       imu.set(hertz(found.imu));
       ray.set(hertz(found.ray));

@@ -1,0 +1,179 @@
+"""Who may see and who may control."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.bridges.web import access
+from pointit.bridges.web.access import GUESSES_S, MOST_ADDRESSES, MOST_GUESSES, Access, Asked
+
+OPERATOR, VIEWER = "operator token; with = and ü", "viewer-token"
+
+
+def asked(
+    *,
+    scheme: str = "http",
+    host: str = "127.0.0.1:8090",
+    address: str = "127.0.0.1",
+    origin: str = "",
+    destination: str = "",
+    cookies: dict[str, str] | None = None,
+) -> Asked:
+    return Asked(
+        scheme=scheme,
+        host=host,
+        address=address,
+        origin=origin,
+        destination=destination,
+        cookies=cookies or {},
+    )
+
+
+HERE = asked()
+
+
+@pytest.fixture
+def doors() -> Access:
+    return Access(OPERATOR, VIEWER)
+
+
+def with_cookie(token: str) -> Asked:
+    return asked(cookies={access.cookie_name(HERE): access.cookie_value(token)})
+
+
+@pytest.mark.parametrize(("token", "role"), [(OPERATOR, "operator"), (VIEWER, "viewer"), ("else", None)])
+def test_the_token_says_who_one_is_and_so_does_the_cookie(
+    doors: Access, token: str, role: str | None
+) -> None:
+    assert doors.enter(token, HERE, 0.0) == role
+    assert doors.admit(with_cookie(token), 0.0) == role
+
+
+def test_no_cookie_is_nobody_and_no_guess(doors: Access) -> None:
+    for _ in range(2 * MOST_GUESSES):
+        assert doors.admit(HERE, 0.0) is None
+    assert not doors.is_barred("127.0.0.1", 0.0)
+
+
+@given(st.text())
+def test_no_other_text_opens(token: str) -> None:
+    doors = Access(OPERATOR, VIEWER)
+    assert (doors.enter(token, HERE, 0.0) is None) == (token not in (OPERATOR, VIEWER))
+    assert doors.admit(asked(cookies={access.cookie_name(HERE): token}), 0.0) is None
+
+
+def test_new_tokens_differ_and_are_long() -> None:
+    tokens = {access.new_token() for _ in range(100)}
+    assert len(tokens) == 100
+    assert min(map(len, tokens)) >= 24
+
+
+def test_who_guesses_too_often_waits_even_with_the_right_token(doors: Access) -> None:
+    for guess in range(MOST_GUESSES):
+        assert doors.enter(f"guess {guess}", HERE, float(guess)) is None
+    late_s = float(MOST_GUESSES)
+    assert doors.is_barred("127.0.0.1", late_s)
+    assert doors.enter(OPERATOR, HERE, late_s) is None
+    assert doors.admit(with_cookie(OPERATOR), late_s) is None
+    assert doors.enter(OPERATOR, asked(address="10.0.0.7"), late_s) == "operator"
+    assert doors.enter(OPERATOR, HERE, late_s + GUESSES_S) == "operator"
+
+
+def test_a_page_that_tries_its_old_cookie_again_and_again_is_not_barred(doors: Access) -> None:
+    for second in range(100):
+        assert doors.admit(with_cookie("of the run before"), float(second)) is None
+    assert doors.enter(OPERATOR, HERE, 100.0) == "operator"
+
+
+def test_cookies_are_guessed_no_more_often_than_tokens(doors: Access) -> None:
+    for guess in range(MOST_GUESSES):
+        doors.admit(asked(cookies={access.cookie_name(HERE): f"{guess}"}), 0.0)
+    assert doors.is_barred("127.0.0.1", 1.0)
+
+
+@pytest.mark.parametrize("destination", ["image", "iframe", "script", "empty"])
+def test_foreign_pages_cannot_guess_through_what_they_embed(doors: Access, destination: str) -> None:
+    embedded = asked(destination=destination)
+    for guess in range(2 * MOST_GUESSES):
+        assert doors.enter(f"guess {guess}", embedded, 0.0) is None
+    assert doors.enter(OPERATOR, embedded, 0.0) is None
+    assert doors.enter(OPERATOR, asked(destination="document"), 0.0) == "operator"
+
+
+def test_addresses_that_guess_are_not_remembered_without_end(doors: Access) -> None:
+    for number in range(2 * MOST_ADDRESSES):
+        doors.enter("wrong", asked(address=f"10.0.{number // 256}.{number % 256}"), 0.0)
+    assert len(doors._guesses) <= MOST_ADDRESSES
+
+
+@pytest.mark.parametrize(
+    ("host", "known"),
+    [
+        ("127.0.0.1:8090", True),
+        ("localhost:8090", True),
+        ("LOCALHOST", True),
+        ("[::1]:8090", True),
+        ("localhost:9000", True),  # an ssh tunnel
+        ("192.168.1.20:8443", True),
+        ("[fd00::1]:8443", True),
+        ("evil.example", False),
+        ("evil.example:8090", False),
+        ("127.0.0.1.evil.example:8090", False),
+        ("192.168.1.21:8443", False),
+        ("", False),
+        ("[::1", False),
+        ("user@localhost", False),
+    ],
+)
+def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bool) -> None:  # noqa: FBT001
+    doors.know_hosts(["192.168.1.20", "fd00::1"])
+    assert doors.is_known_host(host) == known
+
+
+@pytest.mark.parametrize(
+    ("scheme", "host", "origin", "own"),
+    [
+        ("http", "127.0.0.1:8090", "http://127.0.0.1:8090", True),
+        ("https", "10.0.0.7:8443", "https://10.0.0.7:8443", True),
+        ("http", "127.0.0.1:8090", "", False),
+        ("http", "127.0.0.1:8090", "null", False),
+        ("http", "127.0.0.1:8090", "http://127.0.0.1:9000", False),
+        ("http", "127.0.0.1:8090", "http://localhost:8090", False),
+        ("http", "127.0.0.1:8090", "https://127.0.0.1:8090", False),
+        ("https", "127.0.0.1:8090", "http://127.0.0.1:8090", False),
+        ("http", "127.0.0.1:8090", "http://127.0.0.1:8090.evil.example", False),
+        ("http", "127.0.0.1:8090", "https://evil.example", False),
+    ],
+)
+def test_only_the_own_origin_is_own(doors: Access, scheme: str, host: str, origin: str, own: bool) -> None:  # noqa: FBT001
+    assert doors.is_own_origin(asked(scheme=scheme, host=host, origin=origin)) == own
+
+
+def test_the_cookie_is_strict_and_holds_no_token() -> None:
+    cookie = access.cookie(HERE, OPERATOR)
+    assert "; HttpOnly; SameSite=Strict" in cookie
+    assert "Secure" not in cookie
+    assert OPERATOR not in cookie
+    assert access.cookie(asked(scheme="https"), OPERATOR).endswith("; Secure")
+
+
+def test_cookies_of_two_servers_on_one_host_do_not_clash() -> None:
+    names = {
+        access.cookie_name(asked(scheme=scheme, host=host))
+        for scheme in ("http", "https")
+        for host in ("localhost:8090", "localhost:8091", "localhost")
+    }
+    assert len(names) == 6
+    assert all(name.replace("-", "").isalnum() for name in names)
+
+
+def test_headers_let_nothing_foreign_in() -> None:
+    headers = access.headers(asked(scheme="https", host="10.0.0.7:8443"))
+    policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
+    assert policy["default-src"] == policy["frame-ancestors"] == policy["base-uri"] == "'none'"
+    assert policy["script-src"] == policy["style-src"] == "'self'"
+    assert policy["connect-src"] == "'self' wss://10.0.0.7:8443"
+    assert "unsafe" not in headers["Content-Security-Policy"]
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Referrer-Policy"] == "no-referrer"
+    assert "gyroscope=(self)" in headers["Permissions-Policy"]

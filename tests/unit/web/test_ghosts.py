@@ -1,0 +1,109 @@
+"""What goes with whom: nobody sees things of people, services and scenarios that have gone."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from pointit.bridges.web.ghosts import SILENT_S, WITH_WRITER, Deployments, Trackers, of_person, of_service
+from pointit.schemas import Deployment
+from pointit.schemas.system import ExpectedService
+from pointit.schemas.topics import (
+    CONVEYOR_STATE,
+    CURSOR,
+    DEPLOYMENT,
+    FEEDBACK,
+    HEALTH,
+    HOVER,
+    INTERACTION,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    POSE,
+    PROFILE,
+    SELECTION,
+    STRIPS_FRAME,
+    Topic,
+)
+
+
+def gone(instance: str, present: Sequence[str], known: dict[Topic[Any], list[str]]) -> set[tuple[str, str]]:
+    return {(topic.key, name) for topic, name in of_service(instance, present, lambda t: known.get(t, []))}
+
+
+def test_what_has_lost_its_writer_goes() -> None:
+    known: dict[Topic[Any], list[str]] = {CURSOR: ["anna", "ben"], MAP: [""], SELECTION: [""]}
+    assert gone("pui", ["selector"], known) == {
+        (CURSOR.key, "anna"),
+        (CURSOR.key, "ben"),
+        (HEALTH.key, "pui"),
+    }
+
+
+def test_what_another_still_writes_stays() -> None:
+    known: dict[Topic[Any], list[str]] = {LAMP_COLOR: ["l1"]}
+    assert gone("localizer.anna", ["led-driver"], known) == {(HEALTH.key, "localizer.anna")}
+    assert (LAMP_COLOR.key, "l1") in gone("localizer.anna", ["pui"], known)
+
+
+def test_one_persons_service_takes_nothing_of_others() -> None:
+    known: dict[Topic[Any], list[str]] = {INTERACTION: ["anna", "ben"], LOCALIZATION: ["anna"]}
+    present = ["supervisor.ben", "localizer.anna"]
+    assert gone("supervisor.anna", present, known) == {
+        (INTERACTION.key, "anna"),
+        (HEALTH.key, "supervisor.anna"),
+    }
+
+
+def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
+    assert not {MAP, OBJECTS, POSE, PROFILE, DEPLOYMENT} & set(WITH_WRITER)
+    assert {CURSOR, HOVER, STRIPS_FRAME, CONVEYOR_STATE, SELECTION} <= set(WITH_WRITER)
+
+
+def test_all_that_is_a_persons_goes_with_them() -> None:
+    topics = {topic for topic, user in of_person("anna") if user == "anna"}
+    assert topics == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, INTERACTION}
+    assert FEEDBACK not in topics, "what happened, happened"
+
+
+def test_a_silent_tracker_is_gone_once() -> None:
+    trackers = Trackers()
+    trackers.heard("conveyor", 0.0)
+    trackers.heard("robot", 2.0)
+    assert trackers.silent(SILENT_S) == []
+    assert trackers.silent(SILENT_S + 0.1) == [(OBJECTS, "conveyor")]
+    assert trackers.silent(SILENT_S + 0.2) == []
+
+
+def deployment(*instances: str, scenario: str = "") -> Deployment:
+    services = tuple(
+        ExpectedService(service=service, user=user)
+        for service, _, user in (instance.partition(".") for instance in instances)
+    )
+    return Deployment(stamp_ns=0, name="x", services=services, scenario=scenario)
+
+
+def test_a_deployment_is_over_when_none_of_it_is_left() -> None:
+    deployments = Deployments("web")
+    assert deployments.put("anna", deployment("pointing.anna", "supervisor.anna"), set()) == []
+    assert deployments.over(set()) == [], "it has not begun"
+    deployments.came({"pointing.anna"})
+    assert deployments.over({"supervisor.anna"}) == []
+    assert deployments.over({"pui"}) == [(DEPLOYMENT, "anna")]
+    assert deployments.known == {}
+    assert deployments.over(set()) == []
+
+
+def test_the_page_itself_keeps_no_deployment() -> None:
+    deployments = Deployments("web")
+    deployments.put("scenario_4", deployment("pui", "web"), {"pui", "web"})
+    assert deployments.over({"web"}) == [(DEPLOYMENT, "scenario_4")]
+
+
+def test_one_scenario_replaces_another_and_no_persons_part() -> None:
+    deployments = Deployments("web")
+    deployments.put("scenario_3", deployment("pui", scenario="scenario_3"), {"pui"})
+    deployments.put("anna", deployment("pointing.anna"), {"pointing.anna"})
+    replaced = deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), {"pui"})
+    assert replaced == [(DEPLOYMENT, "scenario_3")]
+    assert set(deployments.known) == {"anna", "scenario_4"}
+    assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), set()) == []

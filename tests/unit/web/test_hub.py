@@ -1,0 +1,266 @@
+"""Whatever a page's speed, it ends with the newest of every key, and with every event or their number."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.bridges.web.hub import MOST_GONE, Hub
+from pointit.bridges.web.wire import IN_FLIGHT
+from pointit.schemas import pack
+from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS
+
+FAST_HZ = 1e6
+
+
+def test_a_new_page_gets_what_is_true_and_no_old_events() -> None:
+    hub = Hub()
+    hub.put(CURSOR, "anna", b"1")
+    hub.put(CURSOR, "anna", b"2")
+    hub.put(CURSOR, "ben", b"3")
+    hub.put(FEEDBACK, "anna", b"past")
+    hub.forget(CURSOR, "ben")
+    batch = hub.open(60.0).take(0.0)
+    assert batch is not None
+    assert batch.n == 1
+    assert batch.states == (("users/{user}/cursor", "anna", b"2"),)
+    assert batch.events == ()
+    assert batch.dropped == 0
+
+
+def test_a_batch_travels_as_the_wire_says() -> None:
+    hub = Hub()
+    feed = hub.open(60.0)
+    hub.put(CURSOR, "anna", b"\x81")
+    hub.put(SELECTION_EVENTS, "", b"\x82")
+    batch = feed.take(0.0)
+    assert batch is not None
+    expected = [1, 5, 2.0, [["users/{user}/cursor", "anna", b"\x81"]], [["selection/events", "", b"\x82"]], 0]
+    assert batch.packed(5, 2.0) == pack(expected)
+
+
+def test_states_between_are_missed_and_events_are_not() -> None:
+    hub = Hub()
+    feed = hub.open(60.0)
+    for value in (b"1", b"2", b"3"):
+        hub.put(CURSOR, "anna", value)
+        hub.put(FEEDBACK, "anna", value)
+    batch = feed.take(0.0)
+    assert batch is not None
+    assert [payload for _, _, payload in batch.states] == [b"3"]
+    assert [payload for _, _, payload in batch.events] == [b"1", b"2", b"3"]
+
+
+def test_a_page_is_sent_no_more_than_its_rate() -> None:
+    hub = Hub()
+    feed = hub.open(10.0)
+    hub.put(CURSOR, "anna", b"1")
+    assert feed.wait_s(0.0) == 0.0
+    assert feed.take(0.0) is not None
+    assert feed.wait_s(0.0) is None
+    hub.put(CURSOR, "anna", b"2")
+    assert feed.wait_s(0.04) == 0.1 - 0.04
+    assert feed.take(0.04) is None
+    assert feed.take(0.1) is not None
+
+
+def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> None:
+    hub = Hub()
+    feed = hub.open(FAST_HZ)
+    sent = 0
+    for moment in range(10):
+        hub.put(CURSOR, "anna", bytes([moment]))
+        sent += feed.take(float(moment)) is not None
+    assert sent == IN_FLIGHT
+    assert feed.in_flight == IN_FLIGHT
+    assert feed.wait_s(10.0) is None
+    assert feed.ack(1)
+    batch = feed.take(11.0)
+    assert batch is not None
+    assert batch.states == (("users/{user}/cursor", "anna", bytes([9])),)
+
+
+def test_an_acknowledgement_counts_for_all_before_and_none_that_cannot_be_counts() -> None:
+    hub = Hub()
+    feed = hub.open(FAST_HZ)
+    for moment in range(3):
+        hub.put(CURSOR, "anna", bytes([moment]))
+        feed.take(float(moment))
+    assert not feed.ack(0)
+    assert not feed.ack(4)
+    assert feed.in_flight == 3
+    assert feed.ack(3)
+    assert feed.in_flight == 0
+    assert feed.ack(1)  # told once more: nothing new
+    assert feed.in_flight == 0
+
+
+def test_what_is_gone_is_told_once_to_those_who_knew_it() -> None:
+    hub = Hub()
+    early = hub.open(FAST_HZ)
+    hub.put(CURSOR, "anna", b"1")
+    early.take(0.0)
+    assert hub.forget(CURSOR, "anna")
+    assert not hub.forget(CURSOR, "anna")
+    assert not hub.forget(CURSOR, "nobody")
+    assert hub.names(CURSOR) == []
+    late = hub.open(FAST_HZ)
+    gone = early.take(1.0)
+    assert gone is not None
+    assert gone.states == (("users/{user}/cursor", "anna", None),)
+    assert late.take(1.0) is None
+
+
+def test_who_comes_back_is_shown_again() -> None:
+    hub = Hub()
+    feed = hub.open(FAST_HZ)
+    hub.put(POSE, "anna", b"1")
+    feed.take(0.0)
+    hub.forget(POSE, "anna")
+    hub.put(POSE, "anna", b"2")
+    batch = feed.take(1.0)
+    assert batch is not None
+    assert batch.states == (("users/{user}/pose", "anna", b"2"),)
+
+
+def test_what_is_gone_is_not_kept_for_ever() -> None:
+    hub = Hub(most_keys=MOST_GONE + 10)
+    feed = hub.open(FAST_HZ)
+    for number in range(5 * MOST_GONE):
+        assert hub.put(CURSOR, f"user{number}", b"1"), "forgotten keys fill the hub"
+        hub.forget(CURSOR, f"user{number}")
+        feed.take(float(number))
+        feed.ack(feed.in_flight + feed._acked)
+    assert len(hub._entries) <= MOST_GONE + 1
+
+
+def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
+    hub = Hub(most_keys=3)
+    feed = hub.open(FAST_HZ)
+    for name in ("a", "b", "c"):
+        assert hub.put(CURSOR, name, b"1")
+    assert not hub.put(CURSOR, "d", b"1")
+    assert hub.refused == 1
+    assert hub.put(CURSOR, "a", b"2")
+    hub.forget(CURSOR, "b")
+    hub.close(feed)
+    assert hub.put(CURSOR, "d", b"1")
+
+
+def test_events_beyond_the_ring_are_counted() -> None:
+    hub = Hub(most_events=4)
+    feed = hub.open(FAST_HZ)
+    for number in range(10):
+        hub.put(FEEDBACK, "anna", bytes([number]))
+    batch = feed.take(0.0)
+    assert batch is not None
+    assert [payload for _, _, payload in batch.events] == [bytes([number]) for number in (6, 7, 8, 9)]
+    assert batch.dropped == 6
+    assert feed.dropped == 6
+
+
+STATES = (CURSOR, HOVER, MAP)
+ACTIONS = st.lists(
+    st.one_of(
+        st.tuples(st.just("put"), st.integers(0, 2), st.sampled_from(["anna", "ben"])),
+        st.tuples(st.just("forget"), st.integers(0, 2), st.sampled_from(["anna", "ben"])),
+        st.tuples(st.just("event"), st.just(0), st.just("anna")),
+        st.tuples(st.just("take"), st.integers(0, 1), st.just("")),
+        st.tuples(st.just("ack"), st.integers(0, 1), st.sampled_from(["newest", "next", "wrong"])),
+        st.tuples(st.just("open"), st.just(0), st.just("")),
+    ),
+    max_size=60,
+)
+
+
+class Page:
+    """What a page makes of its batches."""
+
+    def __init__(self, hub: Hub, first_event: int = 0) -> None:
+        self.feed = hub.open(FAST_HZ)
+        self.known: dict[tuple[str, str], bytes] = {}
+        self.events: list[bytes] = []
+        self.first_event = first_event
+        self.dropped = 0
+        self.sent = 0
+        self.acked = 0
+
+    def take(self, now_s: float) -> None:
+        batch = self.feed.take(now_s)
+        if batch is None:
+            return
+        self.sent += 1
+        assert batch.n == self.sent, "batches are counted from 1"
+        assert batch.states or batch.events or batch.dropped, "a batch without news"
+        keys = [(key, name) for key, name, _ in batch.states]
+        assert len(set(keys)) == len(keys), "one key twice in a batch"
+        for key, name, payload in batch.states:
+            if payload is None:
+                self.known.pop((key, name), None)
+            else:
+                self.known[key, name] = payload
+        self.events += [payload for _, _, payload in batch.events if payload is not None]
+        self.dropped += batch.dropped
+
+
+class Story:
+    """A hub, two pages, and what is true."""
+
+    def __init__(self) -> None:
+        self.hub = Hub(most_events=5)
+        self.true: dict[tuple[str, str], bytes] = {}
+        self.events: list[bytes] = []
+        self.pages = [Page(self.hub), Page(self.hub)]
+        self.now_s = 0.0
+
+    def put(self, which: int, name: str) -> None:
+        payload = str(self.now_s).encode()
+        self.hub.put(STATES[which], name, payload)
+        self.true[STATES[which].key, name] = payload
+
+    def forget(self, which: int, name: str) -> None:
+        was_true = self.true.pop((STATES[which].key, name), None) is not None
+        assert self.hub.forget(STATES[which], name) == was_true
+
+    def event(self, _which: int, name: str) -> None:
+        self.events.append(str(self.now_s).encode())
+        self.hub.put(FEEDBACK, name, self.events[-1])
+
+    def open(self, _which: int, _name: str) -> None:
+        self.hub.close(self.pages[0].feed)
+        self.pages[0] = Page(self.hub, len(self.events))
+
+    def take(self, which: int, _name: str) -> None:
+        self.pages[which].take(self.now_s)
+
+    def ack(self, which: int, name: str) -> None:
+        page = self.pages[which]
+        if name == "wrong":
+            assert not page.feed.ack(page.sent + 1)
+        elif page.acked < page.sent:
+            page.acked = page.sent if name == "newest" else page.acked + 1
+            assert page.feed.ack(page.acked)
+
+    def end(self) -> None:
+        """Each page acknowledges, and then knows all."""
+        for page in self.pages:
+            for _ in range(3):
+                self.now_s += 1.0
+                page.feed.ack(page.sent)
+                page.take(self.now_s)
+            assert page.known == self.true
+            seen = self.events[page.first_event :]
+            assert page.events == [event for event in seen if event in page.events], "out of order, or twice"
+            assert len(page.events) + page.dropped == len(seen)
+            assert page.feed.wait_s(self.now_s) is None
+
+
+@given(ACTIONS)
+def test_in_whatever_order_things_happen_pages_end_with_what_is_true(
+    actions: list[tuple[str, int, str]],
+) -> None:
+    story = Story()
+    for what, which, name in actions:
+        story.now_s += 1.0
+        getattr(story, what)(which, name)
+        for page in story.pages:
+            assert page.feed.in_flight == page.sent - page.acked <= IN_FLIGHT
+    story.end()

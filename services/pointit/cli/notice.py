@@ -42,8 +42,7 @@ class Notice:
         )
 
     def take_down(self) -> None:
-        """Tell who has read it that nothing of it runs any more; who comes later does not see it."""
+        """Tell nobody any more who comes from now on."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
-            publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
             publisher.retire()

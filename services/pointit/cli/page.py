@@ -60,7 +60,9 @@ def page_service() -> type[AnyService] | None:
     """Return the service, or none where the extra it needs is not installed."""
     try:
         service: type[AnyService] = registry.process(PAGE).load()
-    except ImportError:
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] == "pointit":
+            raise  # that is no extra, but a fault of ours
         return None
     return service
 

@@ -112,9 +112,9 @@ class PhoneBench:
         return Response(status_code=404)
 
 
-def trust() -> ssl.SSLContext:
-    """Return a context that trusts the certificate of the site `lab` and nothing else."""
-    return ssl.create_default_context(cafile=site_folder("lab", "web") / "certificate.pem")
+def trust(site: str = "lab") -> ssl.SSLContext:
+    """Return a context that trusts the certificate of `site` and nothing else."""
+    return ssl.create_default_context(cafile=site_folder(site, "web") / "certificate.pem")
 
 
 @asynccontextmanager

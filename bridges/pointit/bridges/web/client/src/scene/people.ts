@@ -1,0 +1,182 @@
+/** People: where they stand and how surely, where they point, and what they are asked to point at. */
+
+import type { Person, Site } from "../site";
+import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
+import { ellipseOf } from "../geometry/ellipse";
+import { cssColor, type Pattern } from "../geometry/looks";
+import { add, scale, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
+import type { Beams } from "./beams";
+import { Figure } from "./figure";
+import { Kit } from "./kit";
+import type { Labels } from "./labels";
+import type { Marks } from "./marks";
+
+/** A cursor that is older is gone, ms. */
+const CURSOR_MS = 700;
+/** Who points and has had no cursor for so long is shown faintly, ms. */
+const STALE_MS = 2000;
+/** A ray that meets nothing is drawn so far, m. */
+const FAR_M = 7;
+const RAISE_PER_S = 4;
+const TURN_PER_S = 7;
+const WHITE: Read3 = [255, 255, 255];
+
+interface Body {
+  readonly kit: Kit;
+  readonly figure: Figure;
+  readonly looks: string;
+  facing: number;
+  /** How far the arm is raised, 0 to 1. */
+  raised: number;
+  arm: Arm | null;
+}
+
+/** What people are drawn with, and what there is to be pointed at. */
+export interface Surroundings {
+  readonly kit: Kit;
+  readonly marks: Marks;
+  readonly beams: Beams;
+  readonly labels: Labels;
+  /** Where a lamp or object is; null: unknown. */
+  placeOf(id: string): Read3 | null;
+}
+
+/** All people of a site. */
+export class People {
+  private readonly bodies = new Map<string, Body>();
+
+  constructor(private readonly around: Surroundings, private readonly isStill: boolean) {}
+
+  /** Where the eyes of `user` are, {W}; null: unknown. */
+  static eyes(person: Person | undefined): Vec3 | null {
+    const feet = person ? feetOf(person) : null;
+    return feet ? eyesOf(person?.profile?.body ?? DEFAULT_BODY, feet) : null;
+  }
+
+  /**
+   * Draw everybody as of `now` (`performance.now()`), `seconds` after the frame before; returns whether
+   * anybody goes on moving.
+   *
+   * @param own through whose eyes it is seen; empty: nobody's
+   */
+  draw(site: Site, now: number, seconds: number, own: string): boolean {
+    let moves = false;
+    for (const [user, body] of this.bodies) {
+      if (site.people.has(user)) continue;
+      body.kit.dispose();
+      this.bodies.delete(user);
+    }
+    for (const person of site.people.values()) moves = this.one(site, person, now, seconds, own) || moves;
+    return moves;
+  }
+
+  private one(site: Site, person: Person, now: number, seconds: number, own: string): boolean {
+    const feet = feetOf(person);
+    const color = person.profile?.cursor_color ?? WHITE, pattern = person.profile?.pattern ?? "solid";
+    const asked = this.beacon(person, color, now);
+    if (!feet) return asked;
+    const measures = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
+    const body = this.body(person, color);
+    const { cursor } = person, age = now - person.cursorAt;
+    const points = cursor?.direction && age < CURSOR_MS;
+    const origin = cursor?.origin_m ?? eyesOf(measures, feet);
+    const target = points ? null : this.askedFor(person);
+    const direction = points ? cursor.direction : target ? unit(subtract(target, origin)) : null;
+    const isStale = !site.connected || (person.interaction?.state === "pointing" && age > STALE_MS && person.cursorAt > 0);
+    const gain = this.isStill ? 1 : 1 - Math.exp(-seconds * TURN_PER_S);
+    const turn = direction ? wrapped(Math.atan2(direction[1], direction[0]) - body.facing) : 0;
+    body.facing += turn * gain;
+    const wanted = direction ? 1 : 0, step = this.isStill ? 1 : seconds * RAISE_PER_S;
+    body.raised += Math.min(Math.max(wanted - body.raised, -step), step);
+    const hangs = hangingArm(measures, hand, feet, body.facing);
+    if (direction) body.arm = pointingArm(measures, hand, feet, body.facing, origin, direction);
+    const arm = body.arm && body.raised > 0 ? mixed(hangs, body.arm, smooth(body.raised)) : hangs;
+    body.figure.stand(feet, body.facing);
+    body.figure.setArm(0, arm);
+    body.figure.setArm(1, hangingArm(measures, hand === "left" ? "right" : "left", feet, body.facing));
+    body.figure.see(isStale ? 0.35 : 1, person.user === own);
+    this.uncertainty(person, feet, color, isStale);
+    if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, person.user === own);
+    if (person.user !== own) {
+      this.around.labels.add(`user ${person.user}`, feet, measures.footprint_to_neck_m + measures.neck_to_eyes_m + 0.26,
+        [{ text: person.user }], cssColor(color));
+    }
+    return asked || Math.abs(turn) > 0.002 || body.raised !== wanted;
+  }
+
+  private pointing(person: Person, arm: Arm, origin: Read3, color: Read3, pattern: Pattern, isStale: boolean, isOwn: boolean): void {
+    const { beams, marks, kit } = this.around, { cursor } = person, alpha = isStale ? 0.3 : 1;
+    const at = cursor?.point_m ?? add(origin, scale(cursor!.direction!, FAR_M));
+    beams.add(arm.finger, at, color, 0.95 * alpha, 2.6, 0, cursor?.point_m ? 0.55 : 0);
+    if (!isOwn) beams.add(origin, arm.finger, color, 0.5 * alpha, 1.6, 0.05);
+    if (!cursor?.point_m) return;
+    if (!kit.theme.dark) marks.add(at, 0.078, [20, 25, 32], { faces: true, thick: 0.36, alpha: 0.55 * alpha });
+    marks.add(at, 0.17, color, { pattern: "glow", faces: true, alpha });
+    marks.add(at, 0.07, color, { pattern, faces: true, thick: 0.26, alpha });
+  }
+
+  private uncertainty(person: Person, feet: Read3, color: Read3, isStale: boolean): void {
+    const { marks } = this.around, alpha = isStale ? 0.3 : 0.85;
+    const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
+    marks.add(feet, 0.27, [0, 0, 0], { thick: 0.02, alpha: 0.3, fill: 1 }, 0.006);
+    if (major > 0.02) {
+      marks.add(feet, major, color, { thick: 0.08, alpha, fill: 0.22 }, 0.01, Math.max(minor, 0.01), angle);
+    } else marks.add(feet, 0.3, color, { thick: 0.12, alpha }, 0.01);
+  }
+
+  /** Where they are asked to point now. */
+  private askedFor(person: Person): Read3 | null {
+    const found = person.localization;
+    if (found?.phase !== "sampling" || !found.target_id || found.ahead.length) return null;
+    return this.around.placeOf(found.target_id);
+  }
+
+  private beacon(person: Person, color: Read3, now: number): boolean {
+    const at = this.askedFor(person), { marks, beams, labels } = this.around;
+    if (!at) return false;
+    const beat = this.isStill ? 0.4 : (now / 1300) % 1;
+    marks.add(at, 0.14, color, { faces: true, thick: 0.14 });
+    marks.add(at, 0.5 - 0.34 * beat, color, { faces: true, thick: 0.07, alpha: Math.min(beat * 2, 1) });
+    beams.add([at[0], at[1], at[2] + 0.16], [at[0], at[1], at[2] + 1.5], color, 0.8, 7, 0, 0);
+    beams.add([at[0], at[1], 0.02], at, color, 0.45, 3);
+    marks.add([at[0], at[1], 0], 0.18 + 0.3 * beat, color, { thick: 0.12, alpha: 1 - beat }, 0.02);
+    const share = Math.round(100 * (person.localization?.progress ?? 0));
+    labels.add(`beacon ${person.user}`, at, 0.42,
+      [{ text: "point here" }, { text: person.user, color: cssColor(color) }, { text: `${share} %` }], cssColor(color));
+    return !this.isStill;
+  }
+
+  private body(person: Person, color: Read3): Body {
+    const measures = person.profile?.body ?? DEFAULT_BODY, looks = JSON.stringify([measures, color]);
+    const before = this.bodies.get(person.user);
+    if (before?.looks === looks) return before;
+    before?.kit.dispose();
+    const kit = new Kit(this.around.kit.light, this.around.kit.theme);
+    this.around.kit.group.add(kit.group);
+    const body: Body = {
+      kit, looks, figure: new Figure(kit, measures, color), facing: before?.facing ?? person.pose?.yaw_rad ?? 0,
+      raised: before?.raised ?? 0, arm: null,
+    };
+    this.bodies.set(person.user, body);
+    return body;
+  }
+
+  dispose(): void {
+    for (const body of this.bodies.values()) body.kit.dispose();
+    this.bodies.clear();
+  }
+}
+
+/** Where a person stands; from their eyes while there is no pose. */
+function feetOf(person: Person): Vec3 | null {
+  if (person.pose) return person.pose.position_m;
+  const eyes = person.cursor?.origin_m;
+  return eyes ? subtract(eyes, eyesOf(person.profile?.body ?? DEFAULT_BODY, [0, 0, 0])) : null;
+}
+
+const smooth = (x: number): number => x * x * (3 - 2 * x);
+
+function mixed(a: Arm, b: Arm, share: number): Arm {
+  const mix = (x: Vec3, y: Vec3): Vec3 => [0, 1, 2].map((i) => x[i]! + (y[i]! - x[i]!) * share) as Vec3;
+  return { shoulder: mix(a.shoulder, b.shoulder), elbow: mix(a.elbow, b.elbow), wrist: mix(a.wrist, b.wrist), finger: mix(a.finger, b.finger) };
+}

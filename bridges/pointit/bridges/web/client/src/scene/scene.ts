@@ -1,0 +1,239 @@
+/** The 3-D scene: a view of the site; drawn when something has changed or moves, never else. */
+
+import type * as THREE from "three";
+import { boundsOf, type Bounds } from "../geometry/bounds";
+import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import type { Read3, Vec3 } from "../geometry/vec";
+import type { Environment } from "../messages";
+import { siteNow, type Site } from "../site";
+import type { Camera, View, ViewOptions } from "../view";
+import { Aim } from "./aim";
+import { Beams } from "./beams";
+import { Belts } from "./belts";
+import { Cameras } from "./cameras";
+import { DARK, Kit, LIGHT, type Theme } from "./kit";
+import { Labels } from "./labels";
+import { Lamps } from "./lamps";
+import { Marks } from "./marks";
+import { People } from "./people";
+import { Room } from "./room";
+import { Stage } from "./stage";
+import { state } from "./state";
+import { Strips } from "./strips";
+import { Things } from "./things";
+
+/** What the scene is told beside what every view is. */
+export interface SceneOptions extends ViewOptions {
+  /** The graphics context is gone and did not come back: another view should take over. */
+  onLost?(): void;
+}
+
+/** What is made anew for every map and theme. */
+interface World {
+  readonly kit: Kit;
+  readonly belts: Belts;
+  readonly strips: Strips;
+  readonly lamps: Lamps;
+  readonly room: Room;
+  readonly things: Things;
+  readonly people: People;
+  readonly marks: Marks;
+  readonly beams: Beams;
+  readonly bays: readonly { id: string; at: Vec3 }[];
+}
+
+const NOTHING: Environment = {
+  name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], cylinders: [], lamps: [], links: [],
+  planes: [], spheres: [], strips: [],
+};
+/** Longer than this between two frames nothing has moved, s. */
+const LONGEST_STEP_S = 0.25;
+/** Without a graphics processor, frames between the site's own are left out while these come so often, ms. */
+const OFTEN_MS = 90;
+
+class Scene implements View {
+  readonly cameras: readonly Camera[] = ["room", "top", "eyes"];
+  private readonly stage: Stage;
+  private readonly labels: Labels;
+  private readonly camera: Cameras;
+  private readonly aim: Aim;
+  private readonly isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  private theme: Theme = DARK;
+  private world: World | null = null;
+  private site: Site | null = null;
+  private mapVersion = -1;
+  private bounds: Bounds = boundsOf(NOTHING);
+  private pointer = "";
+  private asked = 0;
+  private dirty = true;
+  private moves = false;
+  private drawnAt = 0;
+  private toldAt = -Infinity;
+  private siteAt = 0;
+  private readonly targets = (into: THREE.Object3D[]): void => {
+    if (!this.world) return;
+    const { belts, strips, lamps, room, things } = this.world;
+    into.push(...room.targets, ...belts.targets, ...strips.targets, ...lamps.targets);
+    things.targets(into);
+  };
+
+  constructor(host: HTMLElement, private readonly options: SceneOptions) {
+    this.stage = new Stage(host, () => this.wake(), () => options.onLost?.());
+    if (getComputedStyle(host).position === "static") host.style.position = "relative";
+    this.labels = new Labels(host);
+    this.camera = new Cameras(this.stage, this.isStill, () => this.wake());
+    this.aim = new Aim(this.stage, () => this.wake(), (dx, dy) => {
+      if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
+    });
+    this.aim.set(false);
+    this.build(NOTHING);
+  }
+
+  get stats(): { fps: number; renderer: string; software: boolean } {
+    this.stage.measure(performance.now(), false);
+    return this.stage.stats;
+  }
+
+  draw(site: Site): void {
+    const isFirst = !this.site;
+    this.site = site;
+    if (site.mapVersion !== this.mapVersion || isFirst) {
+      this.mapVersion = site.mapVersion;
+      this.build(site.map ?? NOTHING);
+      this.camera.frame(this.bounds);
+    }
+    this.dirty = true;
+    this.toldAt = performance.now();
+    // here and not in the frame's own turn, which may have been before the news came
+    this.frame(this.toldAt);
+  }
+
+  setTheme(dark: boolean): void {
+    if (this.theme.dark === dark) return;
+    this.theme = dark ? DARK : LIGHT;
+    this.build(this.site?.map ?? NOTHING);
+    this.wake();
+  }
+
+  setCamera(camera: Camera, user: string): void {
+    const direction = this.site?.people.get(user)?.cursor?.direction;
+    if (camera === "eyes" && direction && (this.camera.mode !== "eyes" || this.camera.user !== user)) this.camera.face(direction);
+    this.camera.set(camera, user);
+    this.camera.setPointing(this.aim.on);
+    this.wake();
+  }
+
+  setPointing(on: boolean, user: string): void {
+    this.pointer = user;
+    this.aim.set(on);
+    this.camera.setPointing(on);
+  }
+
+  nudge(right: number, away: number): void {
+    if (!this.aim.on) return;
+    const { low, high } = this.bounds;
+    const start = this.site?.people.get(this.pointer)?.cursor?.point_m ?? [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0];
+    this.options.onAim(this.aim.nudge(right, away, start, this.targets));
+  }
+
+  private build(map: Environment): void {
+    this.world?.people.dispose();
+    this.world?.kit.dispose();
+    this.bounds = boundsOf(map);
+    const kit = new Kit(this.stage.stats.software, this.theme);
+    const belts = new Belts(kit, map), strips = new Strips(kit, map), lamps = new Lamps(kit, map);
+    const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;
+    const things = new Things(kit, lines), marks = new Marks(kit), beams = new Beams(kit);
+    const placeOf = (id: string): Read3 | null => lamps.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
+    const people = new People({ kit, marks, beams, labels: this.labels, placeOf }, this.isStill);
+    const bays = map.bays.flatMap(({ id, belt }) => {
+      const line = belts.lines.get(belt);
+      return line ? [{ id, at: line.pointAt(line.length) }] : [];
+    });
+    this.world = { kit, belts, strips, lamps, room: new Room(kit, map, this.bounds), things, people, marks, beams, bays };
+    this.stage.light(this.theme, this.bounds);
+    this.stage.scene.add(kit.group);
+    this.dirty = true;
+  }
+
+  /** Have a frame drawn. */
+  private wake(): void {
+    this.dirty = true;
+    this.ask();
+  }
+
+  private ask(): void {
+    if (!this.asked) this.asked = requestAnimationFrame(() => this.turn());
+  }
+
+  private turn(): void {
+    this.asked = 0;
+    const now = performance.now();
+    if (this.stage.stats.software && now - this.toldAt < OFTEN_MS && !this.dirty) this.ask();
+    else if (this.dirty || this.moves) this.frame(now);
+  }
+
+  private frame(now: number): void {
+    const { world, stage } = this;
+    if (!world || stage.isLost) return;
+    const seconds = Math.min((now - this.drawnAt) / 1000, LONGEST_STEP_S);
+    this.drawnAt = now;
+    this.dirty = false;
+    const chosen = this.site?.people.get(this.camera.user);
+    const isAiming = this.aim.on && this.aim.isOver;
+    const turned = this.camera.tick(now, seconds, People.eyes(chosen), chosen?.cursor?.direction ?? null,
+      isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null);
+    stage.camera.updateMatrixWorld();
+    this.moves = turned;
+    world.marks.begin(stage.pixel);
+    world.beams.begin(stage.width, stage.height);
+    this.labels.begin(this.theme);
+    if (this.site) this.moves = this.show(this.site, world, now, seconds) || this.moves;
+    const at = this.aim.tick(this.targets, turned && this.camera.mode === "eyes");
+    this.aim.mark(world.marks, world.beams, this.site?.people.get(this.pointer)?.cursor?.point_m ?? null, this.theme.dark);
+    world.marks.end();
+    world.beams.end();
+    this.labels.end(stage.camera, stage.width, stage.height);
+    stage.render(now, this.moves);
+    if (this.moves || this.dirty) this.ask();
+    if (at) this.options.onAim(at);
+  }
+
+  /** Everything of the site as of now; returns whether anything goes on moving. */
+  private show(site: Site, world: World, now: number, seconds: number): boolean {
+    const now_ns = siteNow(site), passed = Math.min(Math.max((now_ns - this.siteAt) / 1e9, 0), LONGEST_STEP_S * site.speed);
+    this.siteAt = now_ns;
+    world.belts.set(site.conveyor);
+    world.strips.set(site.strips);
+    world.lamps.set(site.lamps, this.theme.dark);
+    world.lamps.mark(world.marks);
+    world.things.set(site.objects);
+    let moves = world.things.place(now_ns);
+    if (site.connected) moves = world.belts.run(passed) || moves;
+    moves = world.people.draw(site, now, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
+    state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
+    for (const bay of world.bays) {
+      const counts = site.conveyor?.bays.filter((each) => each.bay === bay.id) ?? [];
+      this.labels.add(`bay ${bay.id}`, bay.at, 0.22, [
+        { text: /^bay/i.test(bay.id) ? bay.id : `Bay ${bay.id}` },
+        ...counts.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: cssColor(kindColor(kind)) })),
+      ]);
+    }
+    return moves;
+  }
+
+  dispose(): void {
+    cancelAnimationFrame(this.asked);
+    this.asked = -1;
+    this.aim.dispose();
+    this.camera.dispose();
+    this.world?.people.dispose();
+    this.world?.kit.dispose();
+    this.world = null;
+    this.labels.dispose();
+    this.stage.dispose();
+  }
+}
+
+/** Makes the 3-D scene within `host`. @throws Error with one sentence where there is no WebGL. */
+export const makeScene = (host: HTMLElement, options: SceneOptions): View => new Scene(host, options);

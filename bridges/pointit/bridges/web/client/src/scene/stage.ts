@@ -1,0 +1,156 @@
+/** The picture itself: WebGL, its size, how much can be asked of it, light and shadow. */
+
+import * as THREE from "three";
+import type { Bounds } from "../geometry/bounds";
+import type { Theme } from "./kit";
+
+THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
+
+const SOFTWARE = /SwiftShader|llvmpipe|softpipe|Software|Basic Render/i;
+const SOFTWARE_RATIO = 0.8;
+const LEAST_RATIO = 0.35;
+/** Slower than this for `PATIENCE_MS`: fewer pixels. */
+const TOO_SLOW_FPS = 12;
+const PATIENCE_MS = 3000;
+/** A context that does not come back in this time is lost for good. */
+const LOST_MS = 5000;
+
+/** What draws here, as WebGL names it. @throws Error when there is no WebGL. */
+export function rendererName(): string {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) throw new Error("This browser draws no 3-D pictures: WebGL 2 is missing or switched off.");
+  const detail = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(detail ? detail.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return name;
+}
+
+/** Renderer, scene, camera. */
+export class Stage {
+  readonly scene = new THREE.Scene();
+  readonly camera = new THREE.PerspectiveCamera(42, 1, 0.1, 200);
+  readonly stats: { fps: number; renderer: string; software: boolean };
+  readonly canvas: HTMLCanvasElement;
+  /** There is no context to draw with, for now. */
+  isLost = false;
+  width = 1;
+  height = 1;
+  private readonly renderer: THREE.WebGLRenderer;
+  private readonly sky = new THREE.HemisphereLight(0xffffff, 0x777777, 1);
+  private readonly sun = new THREE.DirectionalLight(0xffffff, 1);
+  private readonly observer: ResizeObserver;
+  private ratio: number;
+  private frames: number[] = [];
+  private slowSince = 0;
+  private lostTimer = 0;
+
+  constructor(private readonly host: HTMLElement, private readonly changed: () => void, lost: () => void) {
+    const name = rendererName(), software = SOFTWARE.test(name);
+    this.stats = { fps: 0, renderer: name, software };
+    try {
+      this.renderer = new THREE.WebGLRenderer({ antialias: !software, powerPreference: "high-performance" });
+    } catch {
+      throw new Error("This browser could not start its 3-D pictures (WebGL).");
+    }
+    this.canvas = this.renderer.domElement;
+    this.canvas.style.display = "block";
+    this.canvas.style.touchAction = "none";
+    this.canvas.tabIndex = -1;
+    this.canvas.setAttribute("aria-hidden", "true");
+    this.ratio = software ? SOFTWARE_RATIO : Math.min(devicePixelRatio, 2);
+    this.renderer.setPixelRatio(this.ratio);
+    this.renderer.shadowMap.enabled = !software;
+    this.renderer.shadowMap.type = THREE.PCFShadowMap;
+    if (!software) {
+      this.renderer.toneMapping = THREE.NeutralToneMapping;
+      this.sun.castShadow = true;
+      this.sun.shadow.mapSize.set(2048, 2048);
+      this.sun.shadow.radius = 4;
+      this.sun.shadow.bias = -0.0005;
+      this.sun.shadow.normalBias = 0.02;
+    }
+    this.scene.add(this.sky, this.sun, this.sun.target);
+    this.canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      this.isLost = true;
+      this.lostTimer = window.setTimeout(lost, LOST_MS);
+    });
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.isLost = false;
+      window.clearTimeout(this.lostTimer);
+      this.changed();
+    });
+    host.append(this.canvas);
+    this.observer = new ResizeObserver(() => this.fit());
+    this.observer.observe(host);
+    this.fit();
+  }
+
+  private fit(): void {
+    this.width = Math.max(this.host.clientWidth, 1);
+    this.height = Math.max(this.host.clientHeight, 1);
+    this.renderer.setSize(this.width, this.height);
+    this.camera.aspect = this.width / this.height;
+    this.camera.updateProjectionMatrix();
+    this.changed();
+  }
+
+  /** Size, m, of a pixel of the picture 1 m before the camera. */
+  get pixel(): number {
+    return (2 * Math.tan((this.camera.fov * Math.PI) / 360)) / this.height;
+  }
+
+  /** Light a room of this size in this theme. */
+  light(theme: Theme, bounds: Bounds): void {
+    const { low, high } = bounds, x = (low[0] + high[0]) / 2, y = (low[1] + high[1]) / 2;
+    const radius = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2 + 1.5, 3);
+    const background = new THREE.Color(theme.background);
+    this.scene.background = background;
+    this.scene.fog = new THREE.Fog(background, radius * 2.2 + 6, radius * 5 + 18);
+    this.sky.color.set(theme.dark ? 0xcfdcf0 : 0xffffff);
+    this.sky.groundColor.set(theme.dark ? 0x3a3f47 : 0xa7a9ad);
+    this.sky.intensity = theme.dark ? 1.35 : 2.1;
+    this.sun.intensity = theme.dark ? 1.9 : 1.7;
+    this.sun.target.position.set(x, y, 0.8);
+    this.sun.position.set(x + 0.35 * radius, y - 0.5 * radius, 1.25 * radius + 2);
+    const eye = this.sun.shadow.camera;
+    eye.left = eye.bottom = -radius;
+    eye.right = eye.top = radius;
+    eye.near = 0.5;
+    eye.far = 4 * radius + 6;
+    eye.updateProjectionMatrix();
+    this.camera.far = radius * 12 + 60;
+    this.camera.updateProjectionMatrix();
+  }
+
+  /** Draw. `busy`: the next frame is wanted at once, so that the time between them tells how fast it goes. */
+  render(now: number, busy: boolean): void {
+    if (this.isLost) return;
+    this.renderer.render(this.scene, this.camera);
+    this.frames.push(now);
+    this.measure(now, busy);
+  }
+
+  /** Keep the figures true when nothing is drawn. */
+  measure(now: number, busy: boolean): void {
+    while (this.frames.length && this.frames[0]! < now - 1000) this.frames.shift();
+    this.stats.fps = this.frames.length;
+    if (!busy || this.stats.fps >= TOO_SLOW_FPS || document.hidden) {
+      this.slowSince = now;
+      return;
+    }
+    if (now - this.slowSince < PATIENCE_MS || this.ratio <= LEAST_RATIO) return;
+    this.slowSince = now;
+    this.ratio = Math.max(this.ratio * 0.8, LEAST_RATIO);
+    this.renderer.setPixelRatio(this.ratio);
+  }
+
+  dispose(): void {
+    this.observer.disconnect();
+    window.clearTimeout(this.lostTimer);
+    this.sun.shadow.map?.dispose();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+    this.canvas.remove();
+  }
+}

@@ -1,0 +1,56 @@
+/** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
+
+import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import type { Read3 } from "../geometry/vec";
+import type { Site } from "../site";
+import type { Labels } from "./labels";
+import type { Marks } from "./marks";
+import type { Thing, Things } from "./things";
+
+const WHITE: Read3 = [255, 255, 255];
+const REFUSED: Read3 = [255, 70, 60];
+
+/** Draw the state of every thing of `site`. */
+export function state(site: Site, things: Things, marks: Marks, labels: Labels, dark: boolean): void {
+  things.beginOutlines();
+  for (const { id, user } of site.selection?.objects ?? []) {
+    const thing = things.byId.get(id), profile = site.people.get(user)?.profile;
+    if (!thing) continue;
+    const color = profile?.cursor_color ?? WHITE;
+    things.outline(thing, color);
+    ring(thing, marks, color, profile?.pattern ?? "solid", 1);
+  }
+  for (const { id, user } of site.selection?.reserved ?? []) {
+    const thing = things.byId.get(id);
+    if (thing) ring(thing, marks, site.people.get(user)?.profile?.cursor_color ?? WHITE, "dotted", 0.7);
+  }
+  things.endOutlines();
+  let rank = 0;
+  for (const { hover, profile, user } of site.people.values()) {
+    const thing = hover?.object_id ? things.byId.get(hover.object_id) : undefined;
+    if (!thing || !hover) continue;
+    const color = profile?.cursor_color ?? WHITE, up = thing.up + thing.size[2] / 2 + 0.2;
+    const shown = hover.action === "refuse" ? REFUSED : color, radius = 0.1 + 0.035 * (rank++ % 3);
+    if (!dark) marks.add(thing.placed.at, radius * 1.06, [20, 25, 32], { faces: true, thick: 0.34, alpha: 0.4 }, up);
+    marks.add(thing.placed.at, radius, shown, { faces: true, thick: 0.28, progress: hover.progress }, up);
+    if (hover.taken_by && hover.action === "refuse") {
+      labels.add(`taken ${user}`, thing.placed.at, up + 0.16, [{ text: `taken by ${hover.taken_by}` }], cssColor(color));
+    }
+  }
+  for (const thing of things.byId.values()) {
+    if (thing.form === "package") continue;
+    const { kind, id } = thing.object;
+    const letter = { text: kindLetter(kind) || "?", color: cssColor(kindColor(kind)) };
+    labels.add(`thing ${id}`, thing.placed.at, thing.form === "segment" ? 0.06 : 0.2, thing.form === "robot" ? [{ text: id }] : [letter]);
+    if (thing.form === "robot") marks.add([thing.placed.at[0], thing.placed.at[1], 0], 0.12, WHITE, { thick: 0.12, alpha: 0.4 }, 0.01);
+  }
+}
+
+function ring(thing: Thing, marks: Marks, color: Read3, pattern: "solid" | "dashed" | "dotted" | "striped" | "hollow" | "tailed", alpha: number): void {
+  const { form, placed, size, up } = thing;
+  if (form === "package") {
+    marks.add(placed.at, 0.62 * Math.max(size[0], size[1]), color, { pattern, thick: 0.17, alpha }, up + size[2] / 2 + 0.035);
+  } else {
+    marks.add(placed.at, 0.13, color, { pattern, faces: true, thick: 0.2, alpha }, form === "segment" ? 0.1 : 0);
+  }
+}

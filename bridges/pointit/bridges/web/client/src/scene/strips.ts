@@ -1,0 +1,138 @@
+/** LED strips: every pixel an instance, a glow about those that shine; what they are fixed to. */
+
+import * as THREE from "three";
+import type { Environment, StripsFrame } from "../messages";
+import { layOut, type Pixels } from "../geometry/pixels";
+import { Polyline } from "../geometry/polyline";
+import { ribbon } from "../geometry/ribbon";
+import { setMatrix, type Kit } from "./kit";
+import { Mesher } from "./mesher";
+
+const PIXEL_M = 0.02;
+const GLOW_M = 0.085;
+/** A strip that is no farther from a belt's edge is fixed to it and needs no posts. */
+const FIXED_M = 0.15;
+const POST_EVERY_M = 1.25;
+
+const PIXEL_VERTEX = `
+attribute vec3 place; attribute vec2 lie; attribute vec3 shine;
+uniform float off; varying vec3 tint;
+void main() {
+  float lit = max(max(shine.r, shine.g), shine.b);
+  tint = max(shine, vec3(off * (1.0 - min(lit * 3.0, 1.0))));
+  tint *= position.z > 0.3 ? 1.0 : 0.72;
+  float c = cos(lie.x), s = sin(lie.x);
+  vec3 own = vec3(position.x * lie.y, position.yz * ${PIXEL_M.toFixed(4)});
+  vec3 at = place + vec3(c * own.x - s * own.y, s * own.x + c * own.y, own.z);
+  gl_Position = projectionMatrix * viewMatrix * vec4(at, 1.0);
+}`;
+const PIXEL_FRAGMENT = `varying vec3 tint; void main() { gl_FragColor = vec4(tint, 1.0); }`;
+const GLOW_VERTEX = `
+attribute vec3 place; attribute vec3 shine;
+uniform float size; varying vec3 tint; varying vec2 q;
+void main() {
+  float lit = max(max(shine.r, shine.g), shine.b);
+  tint = shine; q = position.xy;
+  vec4 at = viewMatrix * vec4(place + vec3(0.0, 0.0, 0.015), 1.0);
+  at.xy += position.xy * size * (0.6 + 0.6 * lit);
+  at.z += 0.03;
+  gl_Position = lit < 0.03 ? vec4(0.0, 0.0, 2.0, 1.0) : projectionMatrix * at;
+}`;
+const GLOW_FRAGMENT = `
+uniform float over; varying vec3 tint; varying vec2 q;
+void main() {
+  float fall = max(1.0 - dot(q, q), 0.0);
+  float a = fall * fall * mix(0.42, 0.5, over);
+  gl_FragColor = vec4(tint * a, a * over * max(max(tint.r, tint.g), tint.b));
+}`;
+
+/** All strips of a map. */
+export class Strips {
+  readonly lines = new Map<string, Polyline>();
+  /** What can be pointed at; unseen. */
+  readonly targets: THREE.Object3D[] = [];
+  private readonly pixels: Pixels;
+  private readonly shine: THREE.InstancedBufferAttribute;
+  private frame: StripsFrame | null = null;
+
+  constructor(kit: Kit, map: Environment) {
+    this.pixels = layOut(map.strips);
+    const { count } = this.pixels;
+    this.shine = new THREE.InstancedBufferAttribute(new Uint8Array(3 * count), 3, true);
+    this.shine.setUsage(THREE.DynamicDrawUsage);
+    if (!count) return;
+    const lie = new Float32Array(2 * count), place = new THREE.InstancedBufferAttribute(this.pixels.places, 3);
+    for (const { first, pixels, pitch } of this.pixels.strips.values()) {
+      for (let i = first; i < first + pixels; i++) lie.set([this.pixels.headings[i]!, Math.min(pitch * 0.72, 0.05)], 2 * i);
+    }
+    const body = new THREE.InstancedBufferGeometry();
+    const n = 0.34, z = 0.55;
+    body.setAttribute("position", new THREE.Float32BufferAttribute(
+      [-0.5, -0.5, 0, 0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, 0.5, 0, -n, -n, z, n, -n, z, n, n, z, -n, n, z], 3));
+    body.setIndex([4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7]);
+    body.setAttribute("lie", new THREE.InstancedBufferAttribute(lie, 2));
+    const glow = new THREE.InstancedBufferGeometry();
+    glow.setAttribute("position", new THREE.Float32BufferAttribute([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 3));
+    glow.setIndex([0, 1, 2, 0, 2, 3]);
+    for (const geometry of [body, glow]) {
+      geometry.instanceCount = count;
+      geometry.setAttribute("place", place);
+      geometry.setAttribute("shine", this.shine);
+    }
+    const lit = kit.mesh(body, kit.own(new THREE.ShaderMaterial({
+      vertexShader: PIXEL_VERTEX, fragmentShader: PIXEL_FRAGMENT, uniforms: { off: { value: kit.theme.off } },
+    })), "");
+    const halo = kit.mesh(glow, kit.own(new THREE.ShaderMaterial({
+      vertexShader: GLOW_VERTEX, fragmentShader: GLOW_FRAGMENT, transparent: true, depthWrite: false,
+      blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
+      uniforms: { size: { value: GLOW_M }, over: { value: kit.theme.dark ? 0 : 1 } },
+    })), "");
+    lit.frustumCulled = halo.frustumCulled = false;
+    halo.renderOrder = 5;
+    this.fix(kit, map);
+  }
+
+  /** Rails under the pixels, posts where no belt carries them, and what a mouse meets. */
+  private fix(kit: Kit, map: Environment): void {
+    const belts = map.belts.map((belt) => ({ belt, line: new Polyline(belt.line_m) }));
+    const rails = new Mesher(), reach = new Mesher(), posts: number[][] = [];
+    for (const strip of map.strips) {
+      if (!this.pixels.strips.has(strip.id)) continue;
+      const line = new Polyline(strip.line_m), cuts = ribbon(line, 0.03);
+      this.lines.set(strip.id, line);
+      const middle = line.pointAt(line.length / 2);
+      const fixed = belts.some(({ belt, line: other }) => other.nearestTo(middle).apart < belt.width_m / 2 + FIXED_M);
+      rails.beam(cuts, 0.03, fixed ? -0.002 : 0.004, -0.001, fixed ? -0.012 : -0.035);
+      reach.beam(cuts, 0.03, 0.02, 0.02, -0.04);
+      if (fixed) continue;
+      const count = Math.max(2, Math.ceil(line.length / POST_EVERY_M) + 1);
+      for (let i = 0; i < count; i++) {
+        const at = 0.05 + ((line.length - 0.1) * i) / (count - 1), [x, y, z] = line.pointAt(at);
+        if (z > 0.1) posts.push([x, y, (z - 0.03) / 2, line.headingAt(at), 0.03, 0.03, z - 0.03]);
+      }
+    }
+    kit.mesh(rails.geometry(), kit.matt(kit.theme.leg, { roughness: 0.5, metalness: 0.3 }));
+    const proxy = kit.mesh(reach.geometry(), kit.plain(0), "");
+    proxy.visible = false;
+    this.targets.push(proxy);
+    if (!posts.length) return;
+    const stands = kit.many(new THREE.BoxGeometry(1, 1, 1), kit.matt(kit.theme.leg), posts.length);
+    posts.forEach(([x, y, z, yaw, sx, sy, sz], i) => setMatrix(stands.instanceMatrix.array, i, x!, y!, z!, yaw!, sx!, sy!, sz!));
+  }
+
+  /** Show `frame`; returns whether it is another than before. */
+  set(frame: StripsFrame | null): boolean {
+    if (frame === this.frame) return false;
+    this.frame = frame;
+    const shown = this.shine.array as Uint8Array;
+    if (!frame) shown.fill(0);
+    else {
+      for (const { id, rgb } of frame.strips) {
+        const strip = this.pixels.strips.get(id);
+        if (strip) shown.set(rgb.length > 3 * strip.pixels ? rgb.subarray(0, 3 * strip.pixels) : rgb, 3 * strip.first);
+      }
+    }
+    this.shine.needsUpdate = true;
+    return true;
+  }
+}

@@ -1,0 +1,195 @@
+/** What moves: packages on belts, segments on strips, robots; carried on to now in every frame. */
+
+import * as THREE from "three";
+import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
+import type { TrackedObject, TrackedObjects } from "../messages";
+import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import { carriedOn, elapsed, LONGEST_S, type Placed } from "../geometry/motion";
+import type { Polyline } from "../geometry/polyline";
+import type { Vec3 } from "../geometry/vec";
+import { setMatrix, type Kit } from "./kit";
+import { inkOn } from "./labels";
+
+type Form = "package" | "segment" | "robot";
+
+/** One object and where it is in this frame. */
+export interface Thing {
+  object: TrackedObject;
+  readonly form: Form;
+  readonly placed: Placed;
+  /** Length, width, height, m. */
+  readonly size: Vec3;
+  /** Its middle above its place on the surface, m. */
+  readonly up: number;
+  stamp_ns: number;
+  line: Polyline | null;
+}
+
+interface Crowd {
+  mesh: THREE.InstancedMesh;
+  form: Form;
+  kind: string;
+  things: Thing[];
+}
+
+/** All tracked objects. */
+export class Things {
+  readonly byId = new Map<string, Thing>();
+  private readonly crowds = new Map<string, Crowd>();
+  private heard = new Map<string, TrackedObjects>();
+  private readonly hull: THREE.InstancedMesh;
+  private readonly paint = new THREE.Color();
+
+  constructor(private readonly kit: Kit, private readonly lines: (surface: string, id: string) => Polyline | null) {
+    this.hull = this.grown("outline", new THREE.BoxGeometry(1, 1, 1), kit.plain(0xffffff, { side: THREE.BackSide }), 128, "");
+    this.hull.count = 0;
+  }
+
+  /** What can be pointed at now. */
+  targets(into: THREE.Object3D[]): void {
+    for (const { mesh } of this.crowds.values()) {
+      mesh.boundingSphere = null;
+      if (mesh.count) into.push(mesh);
+    }
+  }
+
+  /** Take the trackers' newest; returns whether anything is new. */
+  set(objects: ReadonlyMap<string, TrackedObjects>): boolean {
+    let isNew = objects.size !== this.heard.size;
+    for (const [tracker, message] of objects) isNew ||= this.heard.get(tracker) !== message;
+    if (!isNew) return false;
+    this.heard = new Map(objects);
+    const before = new Map(this.byId);
+    this.byId.clear();
+    for (const crowd of this.crowds.values()) crowd.things.length = 0;
+    for (const message of objects.values()) {
+      for (const object of message.objects) {
+        const form = formOf(object), line = this.lines(object.surface, object.surface_id);
+        let thing = before.get(object.id);
+        if (!thing || thing.form !== form || thing.object.length_m !== object.length_m) thing = made(object, form);
+        thing.object = object;
+        thing.line = line;
+        thing.stamp_ns = message.stamp_ns;
+        this.byId.set(object.id, thing);
+        this.crowd(form, object.kind).things.push(thing);
+      }
+    }
+    return true;
+  }
+
+  /** Put everything where it is at `now_ns` of the site; returns whether anything goes on moving. */
+  place(now_ns: number): boolean {
+    let moves = false;
+    for (const { mesh, form, things } of this.crowds.values()) {
+      const room = mesh.instanceMatrix.count;
+      let i = 0;
+      for (const thing of things) {
+        if (i >= room) break;
+        const { object, placed, size } = thing, seconds = elapsed(thing.stamp_ns, now_ns);
+        carriedOn(object, seconds, thing.line, placed);
+        const [vx, vy, vz] = object.velocity_mps;
+        moves ||= seconds < LONGEST_S && (object.surface_speed_mps !== 0 || vx !== 0 || vy !== 0 || vz !== 0);
+        const [x, y, z] = placed.at;
+        const wide = form === "robot" ? size[0] : size[1], tall = form === "robot" ? size[0] : size[2];
+        setMatrix(mesh.instanceMatrix.array, i++, x, y, z + thing.up, placed.heading, size[0], wide, tall);
+      }
+      mesh.count = i;
+      mesh.instanceMatrix.needsUpdate = true;
+    }
+    return moves;
+  }
+
+  /** Draw an outline about things; `begin` first. */
+  beginOutlines(): void {
+    this.hull.count = 0;
+  }
+
+  outline(thing: Thing, color: readonly number[]): void {
+    const i = this.hull.count;
+    if (i >= this.hull.instanceMatrix.count || thing.form === "robot") return;
+    const [x, y, z] = thing.placed.at, [long, wide, tall] = thing.size, rim = 0.026;
+    setMatrix(this.hull.instanceMatrix.array, i, x, y, z + thing.up, thing.placed.heading, long + rim, wide + rim, tall + rim);
+    this.hull.setColorAt(i, this.paint.setRGB(color[0]! / 255, color[1]! / 255, color[2]! / 255, THREE.SRGBColorSpace));
+    this.hull.count = i + 1;
+  }
+
+  endOutlines(): void {
+    this.hull.instanceMatrix.needsUpdate = true;
+    if (this.hull.instanceColor) this.hull.instanceColor.needsUpdate = true;
+  }
+
+  private crowd(form: Form, kind: string): Crowd {
+    const key = `${form} ${kind}`;
+    let crowd = this.crowds.get(key);
+    const needed = crowd ? crowd.things.length + 1 : 1;
+    if (crowd && needed <= crowd.mesh.instanceMatrix.count) return crowd;
+    const room = Math.max(16, 2 * needed), things = crowd?.things ?? [];
+    crowd?.mesh.removeFromParent();
+    crowd?.mesh.dispose();
+    const mesh = this.grown(key, form === "robot" ? quadrotor() : new THREE.BoxGeometry(1, 1, 1), this.skin(form, kind), room, form === "segment" ? "" : "both");
+    crowd = { mesh, form, kind, things };
+    this.crowds.set(key, crowd);
+    return crowd;
+  }
+
+  private grown(name: string, geometry: THREE.BufferGeometry, material: THREE.Material, room: number, shadows: "" | "both"): THREE.InstancedMesh {
+    const mesh = this.kit.many(geometry, material, room, shadows);
+    mesh.name = name;
+    mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
+    return mesh;
+  }
+
+  private skin(form: Form, kind: string): THREE.Material {
+    const color = cssColor(kindColor(kind));
+    if (form === "robot") return this.kit.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
+    if (form === "segment") return this.kit.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
+    const map = this.kit.texture(128, 128, (c) => {
+      c.fillStyle = color;
+      c.fillRect(0, 0, 128, 128);
+      c.fillStyle = "rgba(255,255,255,.13)";
+      c.fillRect(0, 52, 128, 24);
+      c.strokeStyle = "rgba(0,0,0,.34)";
+      c.lineWidth = 7;
+      c.strokeRect(0, 0, 128, 128);
+      c.fillStyle = inkOn(color);
+      c.font = "800 78px system-ui, sans-serif";
+      c.textAlign = "center";
+      c.textBaseline = "middle";
+      c.fillText(kindLetter(kind), 64, 69);
+    });
+    return this.kit.matt(0xffffff, { map, roughness: 0.75 });
+  }
+}
+
+function formOf(object: TrackedObject): Form {
+  if (object.surface === "belt") return "package";
+  return object.surface === "strip" ? "segment" : "robot";
+}
+
+function made(object: TrackedObject, form: Form): Thing {
+  const long = object.length_m || (form === "robot" ? 0.3 : 0.12), held = (x: number, low: number, high: number) => Math.min(Math.max(x, low), high);
+  const size: Vec3 = form === "package" ? [long, held(0.75 * long, 0.1, 0.34), held(0.6 * long, 0.1, 0.26)]
+    : form === "segment" ? [long, 0.07, 0.06] : [long, long, long];
+  const up = form === "package" ? size[2] / 2 + 0.004 : form === "segment" ? 0.012 : 0;
+  return { object, form, size, up, placed: { at: [...object.position_m], heading: 0, along: 0 }, stamp_ns: 0, line: null };
+}
+
+/** A small flying robot with four rotors, 1 m across, its front in another colour. */
+function quadrotor(): THREE.BufferGeometry {
+  const parts: THREE.BufferGeometry[] = [];
+  const part = (geometry: THREE.BufferGeometry, color: number) => {
+    const { count } = geometry.getAttribute("position"), paint = new THREE.Color(color);
+    geometry.setAttribute("color", new THREE.Float32BufferAttribute(Array.from({ length: count }, () => paint.toArray()).flat(), 3));
+    parts.push(geometry);
+  };
+  for (const turn of [Math.PI / 4, -Math.PI / 4]) part(new THREE.BoxGeometry(0.78, 0.05, 0.04).rotateZ(turn), 0x2f3742);
+  part(new THREE.BoxGeometry(0.3, 0.2, 0.12), 0xe7ecf2);
+  part(new THREE.SphereGeometry(0.06, 12, 8).translate(0.15, 0, 0), 0xffb000);
+  for (const x of [-0.27, 0.27]) {
+    for (const y of [-0.27, 0.27]) {
+      part(new THREE.TorusGeometry(0.19, 0.016, 6, 20).translate(x, y, 0.06), x > 0 ? 0xffb000 : 0x56606d);
+      part(new THREE.CylinderGeometry(0.035, 0.035, 0.1, 8).rotateX(Math.PI / 2).translate(x, y, 0.03), 0x2f3742);
+    }
+  }
+  return mergeGeometries(parts);
+}

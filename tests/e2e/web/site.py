@@ -1,0 +1,66 @@
+"""A running site with its page, and an operator who asks it for something as the page does."""
+
+import itertools
+import json
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+import httpx
+from websockets.asyncio.client import ClientConnection, connect
+
+from tests.support.commands import Command
+
+
+@dataclass(frozen=True)
+class SitePage:
+    """A scenario that runs."""
+
+    command: Command
+    endpoint: str
+    """Of its bus."""
+    url: str
+    """Of the page on this machine, with the operator's token."""
+
+    @property
+    def origin(self) -> str:
+        parts = urlsplit(self.url)
+        return urlunsplit((parts.scheme, parts.netloc, "", "", ""))
+
+    @asynccontextmanager
+    async def operator(self) -> AsyncGenerator["Operator"]:
+        """Open the page's websocket as its operator."""
+        async with httpx.AsyncClient() as client:
+            answer = await client.get(self.url)
+            assert answer.is_redirect or answer.is_success, answer.text
+        cookie = answer.headers["set-cookie"].partition(";")[0]
+        socket = f"{self.origin.replace('http', 'ws', 1)}/ws"
+        async with connect(socket, origin=self.origin, additional_headers={"Cookie": cookie}) as connection:  # type: ignore[arg-type]  # a NewType of str
+            yield Operator(connection)
+
+
+class Operator:
+    """Asks what the page's panel would."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self._connection = connection
+        self._ids = itertools.count(1)
+
+    async def ask(self, **wish: Any) -> dict[str, Any]:
+        """Ask, and return the reply."""
+        number = next(self._ids)
+        await self._connection.send(json.dumps({"kind": "ask", "id": number, **wish}))
+        while True:
+            message = await self._connection.recv()
+            if isinstance(message, bytes):
+                continue
+            part = json.loads(message)
+            if part["kind"] == "answer" and part["id"] == number:
+                assert not part["error"], part["error"]
+                return dict(part["reply"])
+
+    async def pair(self, user: str) -> str:
+        """Return the address that a QR code has for the phone of `user`, by HTTPS."""
+        return str((await self.ask(deed="pair", name=user))["url"])

@@ -1,0 +1,226 @@
+"""The phone's page moves a person's arm in a running site, and is their button."""
+
+import asyncio
+import math
+from collections.abc import Callable
+
+import pytest
+from axe_playwright_python.async_playwright import Axe
+from playwright.async_api import Browser, expect
+
+from pointit.schemas import ButtonEvent, Cursor
+from pointit.schemas.topics import BUTTON
+from tests.e2e.web.phone import CUES, NO_SOCKET, PhonePage
+from tests.e2e.web.site import SitePage
+from tests.support.bench import until
+from tests.support.commands import Onlooker, onlooker
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+USER = "user1"
+
+
+async def address(site: SitePage) -> str:
+    """Return the address on this machine that pairs a phone, without encryption."""
+    async with site.operator() as operator:
+        secure = await operator.pair(USER)
+    return site.origin + secure[secure.index("/phone") :]
+
+
+def azimuth(cursor: Cursor) -> float:
+    """Return where the ray goes, degrees."""
+    assert cursor.direction is not None
+    return math.degrees(math.atan2(cursor.direction[1], cursor.direction[0]))
+
+
+def newest(seen: Onlooker) -> Cursor:
+    return seen.cursors[USER][-1]
+
+
+async def points(seen: Onlooker, is_there: Callable[[Cursor], bool], what: str) -> None:
+    def does() -> bool:
+        return bool(seen.cursors[USER]) and newest(seen).direction is not None and is_there(newest(seen))
+
+    await until(does, 15, what)
+
+
+async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 20.0) -> None:
+    """Have the phone turn left and right, and wait until the ray does the same."""
+    begin = 0.0
+    for yaw in (0.0, 30.0):
+        deadline = asyncio.get_running_loop().time() + patience_s
+        while True:
+            seen.cursors[USER].clear()
+            for i in range(8):
+                await phone.turn(yaw + 0.3 * (i % 2), -15)
+                await asyncio.sleep(0.03)
+            rays = [azimuth(cursor) for cursor in seen.cursors[USER] if cursor.direction is not None]
+            last = rays[-5:]
+            if len(last) == 5 and max(last) - min(last) < 1.5:
+                turned = (last[-1] - begin + 180) % 360 - 180
+                if yaw == 0 or abs(turned - 30) < 4:
+                    begin = last[-1]
+                    break
+            assert asyncio.get_running_loop().time() < deadline, f"at yaw {yaw} the ray is at {last}"
+
+
+@pytest.mark.parametrize("source", ["sensor", "event"])
+async def test_an_emulated_phone_moves_the_ray_by_as_much_as_it_turns(
+    browser: Browser, site: SitePage, source: str
+) -> None:
+    phone = await PhonePage.open(browser, await address(site), source=source)  # type: ignore[arg-type]  # one of both
+    async with onlooker(site.endpoint) as seen:
+        await phone.start()
+        await sweeps_the_ray(phone, seen)
+    assert phone.faults == []
+
+
+async def test_by_https_from_the_local_network_it_is_the_same(browser: Browser, site: SitePage) -> None:
+    async with site.operator() as operator:
+        url = await operator.pair(USER)
+    assert url.startswith("https://")
+    phone = await PhonePage.open(browser, url)
+    async with onlooker(site.endpoint) as seen:
+        await phone.start()
+        await sweeps_the_ray(phone, seen)
+    assert phone.faults == []
+
+
+async def test_a_browser_that_refuses_the_socket_posts(browser: Browser, site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(site), scripts=(NO_SOCKET,))
+    async with onlooker(site.endpoint) as seen:
+        await phone.start()
+        await expect(phone.page.locator("#figures")).to_contain_text("by posts")
+        await sweeps_the_ray(phone, seen)
+        await phone.page.get_by_role("button", name="Skip").tap()
+        presses = await presses_of(phone, seen)
+    assert [press.gesture for press in presses] == ["press"]
+    assert await phone.page.evaluate("window.sockets") == 2
+    assert phone.faults == []
+
+
+async def presses_of(phone: PhonePage, seen: Onlooker) -> list[ButtonEvent]:
+    """Tap the big button once and return what the bus has of it."""
+    heard: list[ButtonEvent] = []
+    seen.bus.subscribe(BUTTON, lambda event, user: heard.append(event) if user == USER else None)
+    await phone.page.locator("#big").tap()
+    await until(lambda: heard, 10, "a press")
+    return heard
+
+
+async def test_it_is_the_persons_button_and_tells_them_what_happens(browser: Browser, site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(site), scripts=(CUES,))
+    page = phone.page
+    async with onlooker(site.endpoint) as seen:
+        await phone.start()
+        await page.get_by_role("button", name="Skip").tap()
+        await expect(page.locator("#state")).to_have_text("Pointing", timeout=15_000)
+        await expect(page.locator("#next")).to_contain_text("arm straight")
+        before = await page.evaluate("window.tones")
+        presses = await presses_of(phone, seen)
+        await expect(page.locator("#state")).to_have_text("Resting")
+        assert [(press.gesture, press.source) for press in presses] == [("press", "page")]
+        # a sign of "stopped": one long buzz, and tones that go down
+        await until_evaluated(phone, "window.vibrations.some((each) => String(each) === '250')")
+        assert await page.evaluate("window.tones") > before
+        big = await page.locator("#big").bounding_box()
+        assert big is not None
+        await page.mouse.move(big["x"] + 50, big["y"] + 50)
+        await page.mouse.down()
+        await until(lambda: presses[-1].gesture == "hold", 5, "a hold")
+        await page.mouse.up()
+    assert [press.gesture for press in presses] == ["press", "hold"]
+    assert phone.faults == []
+
+
+async def until_evaluated(phone: PhonePage, condition: str) -> None:
+    """Wait for a condition of the page, without `eval`, which its policy forbids to functions that wait."""
+    for _ in range(100):
+        if await phone.page.evaluate(condition):
+            return
+        await asyncio.sleep(0.05)
+    pytest.fail(f"never: {condition}")
+
+
+async def test_centring_makes_ahead_the_middle_of_the_room(browser: Browser, site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(site))
+    async with onlooker(site.endpoint) as seen:
+        await phone.start(yaw_deg=70)
+        await phone.page.locator("#big").tap()
+        await expect(phone.page.locator("#big-name")).to_have_text("Press")
+        await expect(phone.page.locator("#said")).to_contain_text("middle of the room")
+        for yaw in (70.0, 70.5, 70.0, 70.5):
+            await phone.turn(yaw, -10)
+        # from where user1 stands the middle of the conveyor is ahead and to the right of -x
+        await points(seen, lambda cursor: abs(azimuth(cursor)) < 60, "a ray towards the belts")
+    assert phone.faults == []
+
+
+async def test_out_of_sight_it_stops_and_says_so_and_goes_on_with_a_tap(
+    browser: Browser, site: SitePage
+) -> None:
+    phone = await PhonePage.open(browser, await address(site))
+    page = phone.page
+    await phone.start()
+    await page.evaluate(
+        "Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});"
+        "document.dispatchEvent(new Event('visibilitychange'))"
+    )
+    await expect(page.locator("#trouble")).to_contain_text("out of sight")
+    await expect(page.locator("#running")).to_be_hidden()
+    await page.evaluate("delete document.visibilityState")
+    await phone.start()
+    await expect(page.locator("#trouble")).to_be_hidden()
+    assert phone.faults == []
+
+
+async def test_without_a_sensor_it_says_what_to_do(browser: Browser, site: SitePage) -> None:
+    nothing = "delete window.RelativeOrientationSensor; delete window.DeviceOrientationEvent"
+    phone = await PhonePage.open(browser, await address(site), source="event", scripts=(nothing,))
+    await expect(phone.page.locator("#trouble")).to_contain_text("Chrome on Android")
+    await expect(phone.page.get_by_role("button", name="Start")).to_be_disabled()
+
+
+async def test_the_server_comes_back_and_so_does_the_phone(browser: Browser, site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(site))
+    await phone.start()
+    await phone.page.context.set_offline(True)
+    await expect(phone.page.locator("#link")).to_have_text("Connecting …", timeout=15_000)
+    await phone.page.context.set_offline(False)
+    await expect(phone.page.locator("#link")).to_have_text("Connected", timeout=15_000)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_nothing_bars_the_way_of_anybody(browser: Browser, site: SitePage, theme: str) -> None:
+    phone = await PhonePage.open(browser, await address(site), color_scheme=theme, bypass_csp=True)
+    for stage in ("before", "running", "button"):
+        if stage == "running":
+            await phone.start()
+        elif stage == "button":
+            await phone.page.get_by_role("button", name="Skip").tap()
+        else:
+            for details in await phone.page.locator("summary").all():
+                await details.tap()
+        found = await Axe().run(phone.page)
+        assert found.violations_count == 0, found.generate_report()
+
+
+@pytest.mark.parametrize(("width", "height"), [(320, 568), (390, 780), (780, 390), (568, 320)])
+async def test_it_fits_every_phone_without_scrolling_once_it_runs(
+    browser: Browser, site: SitePage, width: int, height: int
+) -> None:
+    phone = await PhonePage.open(
+        browser, await address(site), viewport={"width": width, "height": height}
+    )
+    page = phone.page
+    sideways = "document.documentElement.scrollWidth - innerWidth"
+    assert await page.evaluate(sideways) <= 0
+    await phone.start()
+    await page.get_by_role("button", name="Skip").tap()
+    await expect(page.locator("#state")).to_have_text("Pointing", timeout=15_000)
+    assert await page.evaluate(sideways) <= 0
+    assert await page.evaluate("document.documentElement.scrollHeight - innerHeight") <= 1
+    big = await page.locator("#big").bounding_box()
+    assert big is not None
+    assert big["width"] >= 150
+    assert big["height"] >= 120

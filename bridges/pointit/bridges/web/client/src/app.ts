@@ -169,7 +169,8 @@ function showHeader(): void {
   mark(pill, "data-state", site.connected ? (wrong ? "warning" : "live") : "lost");
   mark(pill.querySelector("use")!, "href", `#icon-${site.connected ? (wrong ? "warning" : "live") : "close"}`);
   const median = site.connected ? connection.latency.total(performance.now()).p50 : null;
-  write(at("pill-text"), !site.connected ? (site.hello ? "Lost" : "Connecting") : median === null ? "Live" : `Live · ${milliseconds(median)}`);
+  write(at("pill-text"), site.connected ? "Live" : site.hello ? "Lost" : "Connecting");
+  write(at("pill-latency"), median === null ? "" : `· ${milliseconds(median)}`);
   show(at("looks-on"), site.connected && site.hello?.role === "viewer");
 }
 

@@ -30,7 +30,7 @@ export function pairingDialog(desk: Desk): Pairing {
     el("li", { text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint." }),
     el("li", { text: "Allow the motion sensors, hold the phone like a remote control, and point." })),
     el("details", {}, el("summary", { text: "Address and fingerprint" }), el("p", {}, link), el("p", {}, print)));
-  const openLan = el("button", { className: "primary", type: "button", onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
+  const openLan = el("button", { className: "primary", type: "button", autofocus: true, onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
   const closed = el("div", { hidden: true },
     el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
   const wait = el("p", { role: "status" });

@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 
 VALID = dt.timedelta(days=397)
 """Browsers take none that is valid for longer."""

@@ -10,7 +10,9 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime import WallClock
 from pointit.schemas import NS_PER_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
+from pointit.services.user_sim.belief import Belief
 from pointit.services.user_sim.config import PageConfig, UserSimConfig
+from pointit.services.user_sim.press import Press
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
@@ -109,16 +111,31 @@ def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(
     assert life.person.goal.object_id == {"r": "s", "s": "r"}[selects]
 
 
-def test_no_anchor_is_asked_for_because_of_time_that_was_somebody_elses() -> None:
-    config = PRECISE.model_copy(update={"anchor_when_off_deg": 5.0, "lost_press_s": 4.0})
-    life = Life(config)
-    life.light()
-    life.before_step = lambda: life.objects(RED)
-    life.state("pointing")
-    life.run(3.0)
-    life.yield_for(30.0)  # nothing shines
-    life.run(3.0)
-    assert life.doubles == life.presses == []
+@pytest.mark.parametrize("gesture", ["double", "press"])
+def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["double", "press"]) -> None:
+    """Neither for a cursor that is off (2 s) nor for one that is not to be seen (4 s)."""
+    press, belief = Press(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), Belief()
+    belief.state = "pointing"
+    now_s = 0.0
+
+    def pressed(duration_s: float) -> list[str]:
+        nonlocal now_s
+        end_s, gestures = now_s + duration_s, list[str]()
+        while now_s < end_s - 1e-9:
+            now_s += 0.1
+            off_rad, sees = (0.2, True) if gesture == "double" else (0.0, False)
+            event = press.step(round(now_s * 1e9), belief, known_ns=0, off_rad=off_rad, sees=sees)
+            gestures += [] if event is None else [event.gesture]
+        return gestures
+
+    limit_s = 2.0 if gesture == "double" else 4.0
+    press.step(0, belief, known_ns=0, sees=True)
+    assert pressed(limit_s - 0.5) == []
+    for _ in range(50):
+        now_s += 0.1
+        press.wait(round(now_s * 1e9))
+    assert pressed(limit_s - 0.5) == []
+    assert pressed(1.0) == [gesture]
 
 
 def test_who_was_just_born_presses_once_they_are_let() -> None:

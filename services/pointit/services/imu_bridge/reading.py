@@ -1,6 +1,5 @@
 """What a source of orientations hands over, and what a source is."""
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -43,11 +42,3 @@ class Source(Protocol):
     async def run(self, deliver: Deliver) -> None:
         """Hand over what comes until cancelled."""
         ...
-
-
-class NoDevice:
-    """Has nothing to hand over, as where only a page moves the wrist."""
-
-    async def run(self, deliver: Deliver) -> None:  # noqa: ARG002 - the protocol's signature
-        """Wait until cancelled."""
-        await asyncio.Event().wait()

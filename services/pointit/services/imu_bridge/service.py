@@ -2,12 +2,14 @@
 
 import asyncio
 import itertools
+import logging
 import math
 from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.service import Scope
+from pointit.runtime.state import StateFile
 from pointit.schemas import (
     ButtonEvent,
     Done,
@@ -20,16 +22,17 @@ from pointit.schemas import (
 from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.kept_mounting import Wearing
-from pointit.services.imu_bridge.mounting_file import MountingFile
-from pointit.services.imu_bridge.page_health import PageHealth
+from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings, Wearing
+from pointit.services.imu_bridge.page_account import CALLED, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
-from pointit.services.imu_bridge.reading import Item, NoDevice, Press, Reading, Reconnected, Source
+from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
 from pointit.services.imu_bridge.simulated import SimulatedSource
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 from pointit.sim.recordings import read_imu_csv
+
+log = logging.getLogger(__name__)
 
 
 class ImuBridge(Service[ImuBridgeConfig]):
@@ -50,16 +53,17 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """
         super().__init__(config, context)
         _check_named(config)
-        self._file = MountingFile(self.user, self.bus)
+        self._state = StateFile(KeptMountings, self.user, PURPOSE)
         self._setting = asyncio.Lock()
-        kept = self._file.read()
+        kept = self._read_state()
         self._wearing, self._phone = Wearing(config, kept), Wearing.of_phone(kept)
         self._tell("mounting", self._wearing.warning)
         self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
         self._epoch = YawEpoch(numbers)
         self._page = PageWrist(config.page.patience_s, self._phone.sensor_from_arm, numbers)
-        self._shown = PageHealth(self.bus, self.user)
+        self._moved_by = ""
+        """A page's mouse or phone, in words; empty: the own source."""
         self._letting_go: asyncio.TimerHandle | None = None
         self._others: set[str] = set()
         """Services that write this wrist's samples, too."""
@@ -92,7 +96,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         if config.source == "replay":
             return ReplaySource(config.replay, self.clock)
         if config.source == "page":
-            return NoDevice()
+            return _NoDevice()
         return SimulatedSource(config.simulated, config.configured_mounting, self.clock)
 
     def _deliver(self, item: Item) -> None:
@@ -128,7 +132,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
         turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
-        self._shown.show(self._page, sample)
+        self._account_for(sample)
         if self._letting_go is None:
             self._letting_go = self.bus.call_later(self.config.page.patience_s, self._let_go)
         if turned is None:
@@ -160,7 +164,19 @@ class ImuBridge(Service[ImuBridgeConfig]):
         if self._has_page:
             self._letting_go = self.bus.call_later(self.config.page.patience_s, self._let_go)
         else:
-            self._shown.end()
+            self._account_for(None)
+
+    def _account_for(self, sample: WristSample | None) -> None:
+        """Show in health who moves the wrist; no sample: no page does any more."""
+        moved_by = "" if sample is None else CALLED[sample.device]
+        if moved_by != self._moved_by:
+            what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has let go of"
+            log.info("%s: a page's %s the wrist", self.user, what)
+            self._moved_by = moved_by
+        for name, value, unit in figures(self._page, sample):
+            self.bus.figure(name, value, unit)
+        for topic, sentence in warnings(self.user, self._page, sample):
+            self._tell(topic, sentence)
 
     async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
         try:
@@ -194,7 +210,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             trouble = ""
             if kept is not None:
                 self._wearing.kept = self._phone.kept = kept
-                trouble = await self._file.keep(kept)
+                trouble = await self._keep(kept)
         message = wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")
         return SetMountingReply(message=message, sensor_from_arm_xyzw=wearing.sensor_from_arm)
 
@@ -212,11 +228,39 @@ class ImuBridge(Service[ImuBridgeConfig]):
             )
         return self._phone
 
+    def _read_state(self) -> KeptMountings | None:
+        try:
+            return self._state.read()
+        except ConfigError as error:
+            self.bus.warn("state", f"the person's measured mounting is not used: {error}")
+            return None
+
+    async def _keep(self, kept: KeptMountings) -> str:
+        """Write or erase what outlives this process; return what went wrong."""
+        try:
+            if kept.by_source:
+                await asyncio.to_thread(self._state.write, kept)
+            else:
+                await asyncio.to_thread(self._state.erase)
+        except ConfigError as error:
+            self.bus.warn("state", f"the person's mounting is used, but will be lost at the end: {error}")
+            return str(error)
+        self.bus.clear("state")
+        return ""
+
     def _tell(self, topic: str, warning: str) -> None:
         if warning:
             self.bus.warn(topic, warning)
         else:
             self.bus.clear(topic)
+
+
+class _NoDevice:
+    """Has nothing to hand over, as where only a page moves the wrist."""
+
+    async def run(self, deliver: Deliver) -> None:  # noqa: ARG002 - the protocol's signature
+        """Wait until cancelled."""
+        await asyncio.Event().wait()
 
 
 def _check_named(config: ImuBridgeConfig) -> None:

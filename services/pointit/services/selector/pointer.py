@@ -61,7 +61,6 @@ class Pointer:
         self._set_method(config)
         for object_id in latched:
             self.latch(object_id)
-        self._ready = None
 
     def is_timely(self, stamp_ns: int) -> bool:
         """Return whether a cursor of `stamp_ns` is new; after a clock was set back all begins anew."""

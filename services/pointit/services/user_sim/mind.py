@@ -6,7 +6,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.belief import Belief
 from pointit.services.user_sim.correction import Correction
 from pointit.services.user_sim.eyes import SeenCursor, Span
-from pointit.services.user_sim.goal import REST, Goal
+from pointit.services.user_sim.goal import Goal
 from pointit.services.user_sim.sight import SeenObject, Sight
 from pointit.services.user_sim.things import Things
 
@@ -46,11 +46,6 @@ class Mind:
         self._next_ns = now_ns + self._period_ns
         if self.belief.state == "pointing":
             self._look(now_ns, goal)
-
-    def watch(self, now_ns: int) -> None:
-        """Take in what somebody else does with one's wrist: the cursor tells nothing of the own hand."""
-        self.cursor = None
-        self.think(now_ns, REST)
 
     def _look(self, now_ns: int, goal: Goal) -> None:
         frame_ns = self._sight.frame_ns

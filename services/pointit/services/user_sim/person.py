@@ -95,10 +95,7 @@ class Person:
         if yields != self._has_yielded:
             self._has_yielded = yields
             self._wish = self._wish_anew()  # or that time would seem to have been spent on it
-        if yields:
-            self._mind.watch(now_ns)
-        else:
-            self._mind.think(now_ns, self._goal)
+        self._mind.think(now_ns, self._goal)
         self._stance.move(self._feet.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
         correction, closed = self._correction, self._goal.closed_loop

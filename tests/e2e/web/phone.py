@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from playwright.async_api import Browser, CDPSession, Page, expect
+from playwright.async_api import Browser, Page, expect
 
 NO_SENSOR = "delete window.RelativeOrientationSensor"
 NO_SOCKET = """
@@ -27,7 +27,7 @@ class PhonePage:
 
     page: Page
     source: Source
-    _cdp: CDPSession
+    _cdp: Any
     faults: list[str] = field(default_factory=list[str])
     """What the console complained of."""
 
@@ -55,7 +55,7 @@ class PhonePage:
         page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
         for script in (*scripts, *((NO_SENSOR,) if source == "event" else ())):
             await page.add_init_script(script)
-        cdp = await page.context.new_cdp_session(page)
+        cdp: Any = await page.context.new_cdp_session(page)
         phone = cls(page, source, cdp, faults)
         if source == "sensor":
             await phone._emulate_sensor()

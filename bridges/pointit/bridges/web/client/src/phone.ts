@@ -172,7 +172,7 @@ class Wrist {
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
       if (tellsOfLoss(part.text)) this.hasArm = false;
-      if (part.text) this.screen.say(sentence(part.text));
+      if (part.text) this.screen.say(part.text === part.next_step ? "" : sentence(part.text));
       this.show();
     }
   }

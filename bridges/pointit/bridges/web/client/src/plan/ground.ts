@@ -6,10 +6,13 @@ import type { Bounds } from "../geometry/bounds";
 import { cm, draw, path, turned, xy } from "./svg";
 import type { Lanes } from "./lanes";
 
+/** The floor is drawn so far beyond what stands on it, m. */
+const ABOUT_M = 6;
+
 /** Floor lines every metre, under all of `bounds`. */
 export function drawFloor(layer: Element, bounds: Bounds): void {
-  const [left, right] = [Math.floor(bounds.low[0]) - 1, Math.ceil(bounds.high[0]) + 1];
-  const [low, high] = [Math.floor(bounds.low[1]) - 1, Math.ceil(bounds.high[1]) + 1];
+  const [left, right] = [Math.floor(bounds.low[0]) - ABOUT_M, Math.ceil(bounds.high[0]) + ABOUT_M];
+  const [low, high] = [Math.floor(bounds.low[1]) - ABOUT_M, Math.ceil(bounds.high[1]) + ABOUT_M];
   const lines: string[] = [];
   if (right - left > 200 || high - low > 200) return;
   for (let x = left; x <= right; x++) lines.push(`M${xy([x, low])}V${cm(-high)}`);

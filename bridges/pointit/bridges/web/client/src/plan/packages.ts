@@ -19,6 +19,7 @@ interface Figure {
   ring: SVGElement;
   hold: SVGElement;
   place: SVGGElement;
+  below: SVGGElement;
   letter: SVGTextElement;
   owner: SVGTextElement;
 }
@@ -71,13 +72,15 @@ export class Packages {
     const [hold, ring, box] = [shape("plan-held"), shape("plan-owned"), shape("plan-box")];
     const color = kindColor(object.kind);
     set(box, "fill", cssColor(color));
+    if (object.surface === "strip") set(box, "fill-opacity", 0.4);
     const place = draw(this.letters, "g");
     const upright = draw(place, "g", { class: "plan-upright" });
+    const below = draw(place, "g");
     const isThin = object.surface === "strip";
     const letter = draw(upright, "text", { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 }, kindLetter(object.kind));
     if (!isThin) set(letter, "fill", inkOn(color));
-    const owner = draw(upright, "text", { class: "plan-owner", "text-anchor": "middle" });
-    const figure = { turning, box, ring, hold, place, letter, owner };
+    const owner = draw(draw(below, "g", { class: "plan-upright" }), "text", { class: "plan-owner", "text-anchor": "middle", y: 15 });
+    const figure = { turning, box, ring, hold, place, below, letter, owner };
     this.figures.set(object.id, figure);
     return figure;
   }
@@ -87,6 +90,8 @@ export class Packages {
     const isThin = object.surface === "strip";
     const aside = isThin ? halfBreadth + 0.1 : 0;
     set(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
+    const tall = isThin ? 0.05 : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;
+    set(figure.below, "transform", `translate(0 ${cm(tall)})`);
     for (const [shape, by] of [[figure.box, 0], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
       if (shape.tagName === "circle") {
         set(shape, "r", cm(halfLength + by));
@@ -111,6 +116,5 @@ export class Packages {
       set(element, "stroke-dasharray", sign.dashes);
     }
     say(figure.owner, owner ? owner : holder ? `${holder} …` : "");
-    set(figure.owner, "y", 22);
   }
 }

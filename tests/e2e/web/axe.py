@@ -1,0 +1,17 @@
+"""Accessibility of a page, as axe-core finds it."""
+
+from importlib.resources import files
+from typing import Any
+
+from playwright.async_api import Page
+
+
+async def violations(page: Page) -> list[str]:
+    """Return what axe's rules object to: rule, what it wants, and where; empty: nothing."""
+    source = next(path for path in files("axe_playwright_python").iterdir() if path.name == "axe.min.js")
+    await page.evaluate(source.read_text(encoding="utf-8"))
+    found: dict[str, Any] = await page.evaluate("axe.run()")
+    return [
+        f"{rule['id']}: {rule['help']}: {[node['html'] for node in rule['nodes']]}"
+        for rule in found["violations"]
+    ]

@@ -113,7 +113,7 @@ async def test_it_opens_again_with_the_same_certificate() -> None:
         await door.open()
         first = door.fingerprint
         await door.close()
-        await door.open()
+        assert await fetched(await door.open()) == "here"
         assert door.fingerprint == first
         assert door.note == ""
     finally:

@@ -101,6 +101,15 @@ def test_it_arrives_where_the_mouse_jumped_to_within_half_a_second() -> None:
     assert steps[-1] == steps[-2]
 
 
+def test_it_goes_the_shorter_way_round() -> None:
+    arm = MouseArm()
+    arm.aim((-3.0, 0.5, 1.0))
+    arm.step(0)
+    arm.aim((-3.0, -0.5, 1.0))  # 19° further, across the azimuth where angles begin again
+    steps = [arm.step(k * STEP_NS) for k in range(1, 5)]
+    assert steps[1] == steps[3]
+
+
 def test_a_pose_found_anew_turns_the_arm_in_the_persons_frame_only() -> None:
     arm = MouseArm()
     arm.aim((3.0, 0.0, 1.0))

@@ -12,6 +12,7 @@ import pytest_asyncio
 import websockets
 from websockets.asyncio.client import ClientConnection
 
+from pointit.bridges.web import phone_line
 from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
@@ -286,6 +287,17 @@ async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone:
         bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text=f"{k}"))
     cues = await posted(phone, TURN)
     assert [cue["text"] for cue in cues] == [str(k) for k in range(936, 1000)]
+
+
+async def test_yesterdays_chimes_are_not_told(
+    bench: PhoneBench, phone: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await posted(phone)
+    bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text="late"))
+    monkeypatch.setattr(phone_line, "FRESH_S", -1.0)
+    assert await posted(phone, TURN) == []
+    monkeypatch.undo()
+    assert await posted(phone, TURN) == []
 
 
 async def test_two_people_have_two_phones(bench: PhoneBench, phone: httpx.AsyncClient) -> None:

@@ -109,7 +109,9 @@ class Access:
     def _judged(self, secret: str, address: str, now_s: float) -> Role | None:
         """Return the role of `secret`, as fast whichever is wrong and wherever; count what is wrong."""
         given = secret.encode(errors="replace")
-        roles = [role for known, role in self._secrets if hmac.compare_digest(given, known.encode())]
+        roles: list[Role] = [
+            role for known, role in self._secrets if hmac.compare_digest(given, known.encode())
+        ]
         if roles:
             return roles[0]
         guesses = self._guesses.setdefault(address, {})

@@ -86,6 +86,7 @@ class Web(Service[WebConfig]):
         self._loop = asyncio.get_running_loop()
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
+        doors.know_hosts([config.host])
         self._hub = Hub()
         self._last_minute = LastMinute(config.record_s)
         self._writing = asyncio.Lock()

@@ -1,0 +1,164 @@
+"""A web service on a bench, and pages that open it."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import msgpack
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from pointit.bridges.web import service
+from pointit.bridges.web.bundle import Bundle
+from pointit.bridges.web.config import WebConfig
+from pointit.runtime import Launch, run_service
+from tests.support.bench import Bench, until
+from tests.support.buses import free_port
+
+OPERATOR, VIEWER = "operator-token", "viewer-token"
+
+INDEX = "<!doctype html><title>page</title>" + "<!-- long -->" * 200
+
+
+class Server:
+    """Where the page is."""
+
+    def __init__(self, port: int) -> None:
+        self.host = f"127.0.0.1:{port}"
+        self.url = f"http://{self.host}"
+
+    def client(self, **headers: str) -> httpx.AsyncClient:
+        return httpx.AsyncClient(base_url=self.url, headers=headers, timeout=10.0)
+
+    async def cookie(self, token: str = OPERATOR) -> str:
+        async with self.client() as client:
+            answer = await client.get("/", params={"token": token})
+        assert answer.status_code == 303, answer.text
+        return answer.headers["set-cookie"].partition(";")[0]
+
+    @asynccontextmanager
+    async def page(self, token: str = OPERATOR, *, acknowledges: bool = True) -> AsyncGenerator["Page"]:
+        """Open a page; what it is sent is read all the while."""
+        async with connect(
+            f"ws://{self.host}/ws",
+            origin=Origin(self.url),
+            additional_headers={"Cookie": await self.cookie(token)},
+        ) as socket:
+            page = Page(socket, acknowledges=acknowledges)
+            reading = asyncio.create_task(page.read())
+            try:
+                await until(lambda: page.hello is not None, what="the hello")
+                yield page
+            finally:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+
+
+class Page:
+    """What a page has been told."""
+
+    def __init__(self, socket: ClientConnection, *, acknowledges: bool) -> None:
+        self.socket = socket
+        self.acknowledges = acknowledges
+        self.hello: dict[str, Any] | None = None
+        self.status: dict[str, Any] = {}
+        self.statuses = 0
+        self.answers: dict[int, dict[str, Any]] = {}
+        self.states: dict[tuple[str, str], dict[str, Any]] = {}
+        self.events: list[tuple[str, str, dict[str, Any]]] = []
+        self.batches: list[int] = []
+        self.dropped = 0
+        self._asks = 0
+
+    async def read(self) -> None:
+        async for message in self.socket:
+            if isinstance(message, bytes):
+                await self._take(message)
+            else:
+                self._hear(json.loads(message))
+
+    async def say(self, **said: Any) -> None:
+        await self.socket.send(json.dumps(said))
+
+    async def ask(self, **ask: Any) -> dict[str, Any]:
+        self._asks += 1
+        number = self._asks
+        await self.say(kind="ask", id=number, **ask)
+        await until(lambda: number in self.answers, what=f"the answer to {ask}")
+        return self.answers[number]
+
+    def person(self, user: str) -> dict[str, Any]:
+        lines = [line for line in self.status.get("people", ()) if line["user"] == user]
+        return lines[0] if lines else {}
+
+    def _hear(self, said: dict[str, Any]) -> None:
+        if said["kind"] == "hello":
+            self.hello = said
+        elif said["kind"] == "status":
+            self.status = said
+            self.statuses += 1
+        else:
+            self.answers[said["id"]] = said
+
+    async def _take(self, batch: bytes) -> None:
+        assert self.hello is not None, "a batch before the hello"
+        n, _sent_ns, _speed, states, events, dropped = msgpack.unpackb(batch)
+        self.batches.append(n)
+        self.dropped += dropped
+        for topic, name, payload in states:
+            if payload is None:
+                self.states.pop((topic, name), None)
+            else:
+                self.states[topic, name] = msgpack.unpackb(payload)
+        self.events += [(topic, name, msgpack.unpackb(payload)) for topic, name, payload in events]
+        if self.acknowledges:
+            await self.say(kind="ack", n=n, latency_ms=12.5)
+
+
+@asynccontextmanager
+async def serving(bench: Bench, **parameters: Any) -> AsyncGenerator[Server]:
+    """Run the service on `bench`; it has ended, and its port is free again, afterwards."""
+    port = parameters.pop("port", None) or free_port()
+    config = WebConfig.model_validate(
+        {"port": port, "operator_token": OPERATOR, "viewer_token": VIEWER, **parameters}
+    )
+    life = asyncio.create_task(
+        run_service(Launch(service=service.SERVICE, config=config), bench.bus, bench.clock)
+    )
+    server = Server(port)
+    try:
+        await asyncio.wait_for(_listening(port, life), 5.0)
+        yield server
+    finally:
+        life.cancel()
+        await asyncio.gather(life, return_exceptions=True)
+
+
+async def _listening(port: int, life: asyncio.Task[None]) -> None:
+    """Return when somebody listens, or when who should has ended; raise what ended them."""
+    while not life.done():
+        with contextlib.suppress(OSError):
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.close()
+            await writer.wait_closed()
+            return
+        await asyncio.sleep(0.002)
+    life.result()
+
+
+@pytest.fixture
+def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have a page to serve."""
+    folder = tmp_path / "static"
+    folder.mkdir()
+    (folder / "index.html").write_text(INDEX)
+    (folder / "app.js").write_text("export {};")
+    (tmp_path / "secret.txt").write_text("secret")
+    (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
+    monkeypatch.setattr(service, "Bundle", lambda: Bundle(folder))

@@ -1,0 +1,229 @@
+"""Who is let in, with what headers, and what is served: real requests to a real port."""
+
+import asyncio
+
+import httpx
+import pytest
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
+
+from pointit.bridges.web import access
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.service import Web
+from pointit.bridges.web.wire import Role
+from pointit.runtime import ConfigError, ListenError
+from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, built, serving
+from tests.support.bench import memory_bench
+
+__all__ = ["built"]
+
+CLIENTS = ("httpx", "httpcore", "websockets.client")
+"""Who logs for the tests' own side."""
+
+pytestmark = pytest.mark.usefixtures("built")
+
+
+async def refused(server: Server, path: str = "/ws", **headers: str) -> int:
+    """Return the status with which a websocket is refused."""
+    with pytest.raises(InvalidStatus) as refusal:
+        async with connect(f"ws://{server.host}{path}", additional_headers=headers):
+            pass
+    response = refusal.value.response
+    assert "default-src 'none'" in response.headers["content-security-policy"]
+    return response.status_code
+
+
+async def test_a_link_lets_one_in_and_its_token_vanishes() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
+        link = await client.get("/", params={"token": OPERATOR})
+        assert link.status_code == 303
+        assert link.headers["location"] == "/"
+        assert link.headers["cache-control"] == "no-store"
+        cookie = link.headers["set-cookie"]
+        assert "HttpOnly" in cookie
+        assert "SameSite=Strict" in cookie
+        assert OPERATOR not in cookie
+        page = await client.get("/")
+        assert page.text == INDEX
+
+
+@pytest.mark.parametrize("query", [{}, {"token": ""}, {"token": "wrong"}])
+async def test_without_the_token_there_is_a_sentence_that_helps(query: dict[str, str]) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
+        answer = await client.get("/", params=query)
+        assert answer.status_code == 403
+        assert "Open the link that PointIt has printed" in answer.text
+        assert "set-cookie" not in answer.headers
+
+
+async def test_who_comes_from_another_site_is_led_on_without_a_redirection() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"}
+        async with server.client(**headers) as client:
+            link = await client.get("/", params={"token": OPERATOR})
+            assert link.status_code == 200
+            assert 'content="0;url=/"' in link.text
+            assert "set-cookie" in link.headers
+
+
+async def test_who_guesses_waits() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
+        codes = [
+            (await client.get("/", params={"token": f"guess {guess}"})).status_code
+            for guess in range(access.MOST_GUESSES + 1)
+        ]
+        assert codes[0] == 403
+        assert codes[-1] == 429
+        assert (await client.get("/", params={"token": OPERATOR})).status_code == 429
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/?token=operator-token", "/static/app.js", "/phone", "/no", "/recording.mcap"]
+)
+async def test_everything_has_the_headers(path: str) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
+        headers = (await client.get(path)).headers
+        for name, value in access.headers(access.Asked(scheme="http", host=server.host, address="")).items():
+            assert headers[name] == value, name
+        assert "server" not in headers
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "192.168.1.7"])
+async def test_a_foreign_name_bound_to_this_address_sees_nothing(host: str) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client(Host=host) as client:
+        for path in ("/", "/static/app.js", f"/?token={OPERATOR}"):
+            answer = await client.get(path)
+            assert answer.status_code == 403
+            assert "set-cookie" not in answer.headers
+
+
+async def test_a_websocket_wants_cookie_and_own_origin() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        cookie = await server.cookie()
+        assert await refused(server, Cookie=cookie, Origin="https://evil.example") == 403
+        assert await refused(server, Cookie=cookie, Origin="http://127.0.0.1:1") == 403
+        assert await refused(server, Cookie=cookie) == 403
+        assert await refused(server, Origin=server.url) == 403
+        assert await refused(server, Cookie=cookie[:-4] + "0000", Origin=server.url) == 403
+        assert await refused(server, f"/ws?token={OPERATOR}", Origin=server.url) == 403
+        async with server.page():
+            pass
+
+
+@pytest.mark.parametrize("origin", ["", "https://evil.example", "null"])
+async def test_nothing_is_posted_from_elsewhere(origin: str) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
+        headers = {"Origin": origin} if origin else {}
+        answer = await client.post("/wrist", content="[]", headers=headers)
+        assert answer.status_code == 403
+        assert "own" in answer.text or "server" in answer.text
+
+
+async def test_nothing_long_is_posted() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client(Origin=server.url) as client:
+        answer = await client.post("/wrist", content=b"x" * 1_000_000)
+        assert answer.status_code == 413
+
+
+@pytest.mark.parametrize(("token", "role"), [(OPERATOR, "operator"), (VIEWER, "viewer")])
+async def test_the_hello_says_what_one_may(token: str, role: Role) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page(token) as page:
+        assert page.hello is not None
+        assert page.hello["role"] == role
+        assert bool(page.hello["requests"]) == bool(page.hello["deeds"]) == (role == "operator")
+        assert page.hello["site"] == "memory"
+
+
+async def test_files_are_sent_once_and_compressed() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
+        script = await client.get("/static/app.js")
+        assert script.text == "export {};"
+        assert script.headers["content-type"] == "text/javascript; charset=utf-8"
+        assert script.headers["cache-control"] == "no-cache"
+        again = await client.get("/static/app.js", headers={"If-None-Match": script.headers["etag"]})
+        assert again.status_code == 304
+        assert again.content == b""
+        index = await client.get("/static/index.html", headers={"Accept-Encoding": "gzip"})
+        assert index.headers["content-encoding"] == "gzip"
+        assert index.text == INDEX
+        plain = await client.get("/static/index.html", headers={"Accept-Encoding": "identity"})
+        assert "content-encoding" not in plain.headers
+        assert plain.text == INDEX
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../secret.txt",
+        "/static/..%2fsecret.txt",
+        "/static/%2e%2e/secret.txt",
+        "/static/link.txt",
+        "/static/",
+        "/static//etc/passwd",
+        "/static/.hidden",
+        "/static/%00",
+    ],
+)
+async def test_nothing_beside_the_bundle_is_served(path: str) -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        reader, writer = await asyncio.open_connection(*server.host.split(":"))
+        writer.write(f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode())
+        answer = await asyncio.wait_for(reader.read(), 5.0)
+        writer.close()
+        await writer.wait_closed()
+        assert answer.startswith(b"HTTP/1.1 404")
+        assert b"secret" not in answer.replace(path.encode(), b"")
+
+
+async def test_a_taken_port_is_said_in_a_sentence() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        port = int(server.host.rpartition(":")[2])
+        with pytest.raises(ListenError, match=rf"port {port} of 127\.0\.0\.1 .*--port"):
+            async with serving(bench, port=port):
+                pass
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"host": "0.0.0.0"}, "lan"),  # noqa: S104 - refused
+        ({"host": "192.168.1.7"}, "lan"),
+        ({"host": "example.org"}, "lan"),
+        ({"operator_token": "short"}, "at least 8"),
+        ({"operator_token": "the same token", "viewer_token": "the same token"}, "viewer_token"),
+    ],
+)
+def test_what_is_not_safe_is_refused(parameters: dict[str, str], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        Web.check(WebConfig.model_validate(parameters))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])
+def test_this_machine_is_safe(host: str) -> None:
+    Web.check(WebConfig(host=host))
+
+
+async def test_the_token_is_logged_only_where_nobody_knows_it(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("DEBUG")
+    async with memory_bench() as bench:
+        async with serving(bench) as server, server.page(), server.client() as client:
+            await client.get("/", params={"token": "wrong and secret"})
+        ours = [record for record in caplog.records if not record.name.startswith(CLIENTS)]
+        logged = " ".join(record.getMessage() for record in ours)
+        assert "the page is at" in logged
+        for secret in (OPERATOR, VIEWER, "wrong", "secret"):
+            assert secret not in logged
+        caplog.clear()
+        async with serving(bench, operator_token="") as server:
+            link = caplog.text.partition("the page is at ")[2].split()[0]
+            async with httpx.AsyncClient() as client:
+                assert (await client.get(link)).status_code == 303
+
+
+async def test_no_more_pages_than_may_be() -> None:
+    async with memory_bench() as bench, serving(bench, most_viewers=1) as server:
+        cookie = await server.cookie()
+        async with server.page():
+            assert await refused(server, Cookie=cookie, Origin=server.url) == 503
+        async with server.page():
+            pass

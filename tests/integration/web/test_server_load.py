@@ -1,0 +1,272 @@
+"""Slow, many, hostile and vanished pages; an end while they are open; a server that comes back."""
+
+import asyncio
+import base64
+import contextlib
+import json
+import os
+import socket
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed
+from websockets.typing import Origin
+
+from pointit.bridges.web import service
+from pointit.bridges.web import serving as listener
+from pointit.bridges.web.session import ASKS_BURST, MOST_MALFORMED
+from pointit.bridges.web.wire import IN_FLIGHT
+from pointit.schemas import Cursor, StripsFrame
+from pointit.schemas.environment import StripFrame
+from pointit.schemas.topics import CURSOR, HEALTH, STRIPS_FRAME, UNDO_SELECTION
+from tests.integration.web.pages import Page, Server, built, serving
+from tests.support.bench import START_NS, Bench, memory_bench, until
+from tests.support.buses import free_port
+
+__all__ = ["built"]
+
+pytestmark = pytest.mark.usefixtures("built")
+
+
+def light(bench: Bench, count: int) -> None:
+    """Put a large frame that does not compress."""
+    strips = tuple(StripFrame(id=f"s{k}", rgb=os.urandom(12_000)) for k in range(20))
+    bench.put(STRIPS_FRAME, StripsFrame(stamp_ns=START_NS, seq=count, strips=strips))
+
+
+async def raw_page(server: Server) -> socket.socket:
+    """Open a websocket by hand whose client never reads."""
+    loop = asyncio.get_running_loop()
+    client = socket.socket()
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    client.setblocking(False)
+    host, _, port = server.host.partition(":")
+    await loop.sock_connect(client, (host, int(port)))
+    lines = [
+        "GET /ws HTTP/1.1",
+        f"Host: {server.host}",
+        f"Origin: {server.url}",
+        f"Cookie: {await server.cookie()}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Version: 13",
+        f"Sec-WebSocket-Key: {base64.b64encode(os.urandom(16)).decode()}",
+    ]
+    await loop.sock_sendall(client, ("\r\n".join(lines) + "\r\n\r\n").encode())
+    return client
+
+
+async def test_a_page_that_does_not_acknowledge_gets_three_batches_and_then_the_newest() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page(acknowledges=False) as page:
+        for count in range(40):
+            light(bench, count)
+            await asyncio.sleep(0.02)
+        await until(lambda: len(page.batches) == IN_FLIGHT)
+        statuses = page.statuses
+        await until(lambda: page.statuses > statuses, what="it is still told the status")
+        assert len(page.batches) == IN_FLIGHT
+        light(bench, 99)
+        await page.say(kind="ack", n=IN_FLIGHT)
+        await until(lambda: page.states[STRIPS_FRAME.key, ""]["seq"] == 99)
+        assert len(page.batches) == IN_FLIGHT + 1
+
+
+async def shows(page: Page, count: int) -> None:
+    await until(lambda: page.states.get((STRIPS_FRAME.key, ""), {}).get("seq") == count)
+
+
+async def test_a_page_that_reads_nothing_is_cut_and_costs_nobody_anything(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def tight(host: str, port: int, option: str) -> socket.socket:
+        bound = listener.bind(host, port, option)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)  # what is sent to it stays in the server
+        return bound
+
+    monkeypatch.setattr(listener, "PING_S", 0.5)
+    monkeypatch.setattr(service, "bind", tight)
+    async with memory_bench() as bench, serving(bench) as server:
+        reports = bench.collect(HEALTH, "web")
+        stalled = await raw_page(server)
+        try:
+            async with server.page() as page:
+                await until(lambda: page.status.get("viewers") == 2)
+                for count in range(5):
+                    light(bench, count)
+                    await shows(page, count)
+                await until(lambda: page.status["viewers"] == 1, what="the stalled page to be cut")
+        finally:
+            stalled.close()
+        assert reports[-1].errors == 0
+
+
+async def test_fifty_pages_are_served() -> None:
+    leave = asyncio.Event()
+    arrived: list[Page] = []
+
+    async def look_on(server: Server) -> None:
+        async with server.page() as page:
+            await until(lambda: (CURSOR.key, "anna") in page.states, patience_s=20)
+            arrived.append(page)
+            await leave.wait()
+            await until(lambda: page.states[CURSOR.key, "anna"]["seq"] == 7, patience_s=20)
+
+    async with memory_bench() as bench, serving(bench) as server, asyncio.TaskGroup() as group:
+        bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+        for _ in range(50):
+            group.create_task(look_on(server))
+        await until(lambda: len(arrived) == 50, patience_s=25)
+        bench.put(CURSOR, Cursor(stamp_ns=START_NS, seq=7), "anna")
+        leave.set()
+
+
+async def test_a_page_that_asks_too_much_is_refused_and_is_told_on() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        count = int(ASKS_BURST) + 20
+        for number in range(count):
+            await page.say(kind="ask", id=number, key="no/such")
+        await until(lambda: len(page.answers) == count)
+        errors = [answer["error"] for answer in page.answers.values()]
+        assert sum("too many wishes" in error for error in errors) >= 10
+        assert sum("pages cannot ask" in error for error in errors) >= ASKS_BURST
+        bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+        await until(lambda: (CURSOR.key, "anna") in page.states)
+
+
+async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
+    async with memory_bench() as bench:
+        loop = asyncio.get_running_loop()
+        async with serving(bench) as server:
+            cookie = await server.cookie()
+            sockets = [
+                await connect(
+                    f"ws://{server.host}/ws",
+                    origin=Origin(server.url),
+                    additional_headers={"Cookie": cookie},
+                )
+                for _ in range(3)
+            ]
+            stalled = await raw_page(server)
+            for count in range(10):
+                light(bench, count)
+                await asyncio.sleep(0.01)
+            began_s = loop.time()
+        assert loop.time() - began_s < 1.0
+        for page in sockets:
+            with contextlib.suppress(ConnectionClosed):
+                async for _ in page:
+                    pass
+            assert page.close_code == 1012
+        stalled.close()
+
+
+async def test_a_page_finds_the_server_that_has_come_back() -> None:
+    port = free_port()
+    async with memory_bench() as bench:
+        async with serving(bench, port=port) as server, server.page() as page:
+            cookie = await server.cookie()
+            assert page.hello is not None
+        async with serving(bench, port=port) as server:
+            bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+            async with connect(
+                f"ws://{server.host}/ws",
+                origin=Origin(server.url),
+                additional_headers={"Cookie": cookie},
+            ) as socket_again:
+                assert json.loads(await socket_again.recv())["kind"] == "hello"
+
+
+async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_closed(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        reports = bench.collect(HEALTH, "web")
+        async with server.page() as page:
+            await page.say(kind="nonsense")
+            await until(lambda: any("no message" in w for w in (reports[-1].warnings if reports else ())))
+            for _ in range(MOST_MALFORMED - 1):
+                await page.socket.send("{")
+            await until(lambda: page.socket.close_code == 1008)
+        async with server.page():
+            pass
+        assert not [record for record in caplog.records if record.exc_info]
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+
+SAID = st.fixed_dictionaries(
+    {"kind": st.sampled_from(["ack", "ask", "aim", "turn", "hello", ""])},
+    optional={
+        "n": JSON,
+        "id": st.integers() | JSON,
+        "latency_ms": JSON,
+        "key": st.sampled_from([UNDO_SELECTION.key, "run/scenario"]) | JSON,
+        "deed": st.sampled_from(["press", "take", "centre"]) | JSON,
+        "name": st.just("anna") | JSON,
+        "query": JSON,
+        "user": st.just("anna") | JSON,
+        "at_m": st.just([1, 2, 3]) | JSON,
+        "q": JSON,
+    },
+).map(json.dumps)
+
+ANYTHING = SAID | JSON.map(json.dumps) | st.text(max_size=100) | st.binary(max_size=100)
+
+
+async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixture) -> None:
+    loop = asyncio.get_running_loop()
+    async with memory_bench() as bench, serving(bench) as server:
+        reports = bench.collect(HEALTH, "web")
+        cookie = await server.cookie()
+
+        async def say(said: list[str | bytes]) -> None:
+            async with connect(
+                f"ws://{server.host}/ws",
+                origin=Origin(server.url),
+                additional_headers={"Cookie": cookie},
+            ) as page:
+                with contextlib.suppress(ConnectionClosed):
+                    for each in said:
+                        await page.send(each)
+
+        @settings(
+            max_examples=40,
+            deadline=None,
+            suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+        )
+        @given(st.lists(ANYTHING, max_size=30))
+        def fuzz(said: list[str | bytes]) -> None:
+            asyncio.run_coroutine_threadsafe(say(said), loop).result(10)
+
+        await asyncio.to_thread(fuzz)
+        async with server.page() as page:
+            assert page.hello is not None
+        await until(lambda: bool(reports))
+        assert reports[-1].errors == 0
+        assert not [record for record in caplog.records if record.exc_info]
+
+
+@given(st.lists(st.binary(max_size=200), max_size=10))
+@settings(max_examples=10, deadline=None)
+def test_whatever_bytes_come_the_server_lives(bytes_sent: list[bytes]) -> None:
+    async def send() -> None:
+        async with memory_bench() as bench, serving(bench) as server:
+            host, _, port = server.host.partition(":")
+            for payload in bytes_sent:
+                _, writer = await asyncio.open_connection(host, int(port))
+                writer.write(payload)
+                writer.write_eof()
+                writer.close()
+            raw = await raw_page(server)
+            await asyncio.get_running_loop().sock_sendall(raw, b"".join(bytes_sent))
+            raw.close()
+            async with server.client() as client:
+                assert (await client.get("/static/app.js")).status_code == 200
+
+    asyncio.run(send())

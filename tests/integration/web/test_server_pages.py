@@ -1,0 +1,308 @@
+"""What pages are told and what they can do: the service on a bench, pages by real websockets."""
+
+import asyncio
+import io
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from pointit.runtime import RefusedError
+from pointit.schemas import (
+    Cursor,
+    Deployment,
+    Done,
+    Environment,
+    Feedback,
+    Interaction,
+    Query,
+    SetSpeed,
+    SetYawOrigin,
+    StripsFrame,
+    TrackedObjects,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    DEPLOYMENT,
+    FEEDBACK,
+    HEALTH,
+    INTERACTION,
+    MAP,
+    OBJECTS,
+    SERVICE_ALIVE,
+    SET_SPEED,
+    SET_YAW_ORIGIN,
+    STRIPS_FRAME,
+    UNDO_SELECTION,
+    USER_ALIVE,
+    WRIST,
+)
+from tests.integration.web.pages import VIEWER, Page, built, serving
+from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
+
+__all__ = ["built"]
+
+pytestmark = pytest.mark.usefixtures("built")
+
+NOW: dict[str, Any] = {"stamp_ns": START_NS}
+
+
+async def known(page: Page, key: str, name: str = "") -> None:
+    await until(lambda: (key, name) in page.states, what=f"{key} of {name}")
+
+
+async def unknown(page: Page, key: str, name: str = "") -> None:
+    await until(lambda: (key, name) not in page.states, what=f"that {key} of {name} is gone")
+
+
+async def test_a_page_is_told_what_is_true_and_what_happens() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        bench.put(MAP, Environment(**NOW, name="lab"))
+        bench.put(CURSOR, Cursor(**NOW, miss_m=1.0), "anna")
+        async with server.page(VIEWER) as page:
+            await known(page, MAP.key)
+            await known(page, CURSOR.key, "anna")
+            bench.put(CURSOR, Cursor(**NOW, miss_m=2.0), "anna")
+            bench.put(FEEDBACK, Feedback(**NOW, cue="selected"), "anna")
+            bench.put(STRIPS_FRAME, StripsFrame(**NOW, strips=()))
+            await until(lambda: page.states[CURSOR.key, "anna"]["miss_m"] == 2.0)
+            await until(lambda: [event[:2] for event in page.events] == [(FEEDBACK.key, "anna")])
+            await known(page, STRIPS_FRAME.key)
+            await known(page, HEALTH.key, "web")
+            assert page.batches == list(range(1, len(page.batches) + 1))
+
+
+async def test_a_frame_of_light_is_sent_at_once() -> None:
+    async with memory_bench() as bench, serving(bench, rate_hz=1.0) as server, server.page() as page:
+        await known(page, HEALTH.key, "web")
+        loop = asyncio.get_running_loop()
+        bench.put(STRIPS_FRAME, StripsFrame(**NOW, strips=()))
+        began_s = loop.time()
+        await known(page, STRIPS_FRAME.key)
+        assert loop.time() - began_s < 1.5, "it waits for more than its rate"
+
+
+async def test_who_leaves_is_no_ghost() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        token = bench.bus.announce(USER_ALIVE, "anna")
+        bench.put(CURSOR, Cursor(**NOW), "anna")
+        await known(page, CURSOR.key, "anna")
+        await until(lambda: bool(page.person("anna")))
+        token.close()
+        await unknown(page, CURSOR.key, "anna")
+        await until(lambda: not page.person("anna"))
+        async with server.page() as late:
+            await until(lambda: bool(late.batches))
+            assert (CURSOR.key, "anna") not in late.states
+
+
+async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        tokens = [bench.bus.announce(SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
+        first = Deployment(**NOW, name="scenario_4", scenario="scenario_4")
+        bench.put(DEPLOYMENT, first, "scenario_4")
+        bench.put(MAP, Environment(**NOW, name="old"))
+        bench.put(CURSOR, Cursor(**NOW), "anna")
+        bench.put(OBJECTS, TrackedObjects(**NOW), "conveyor")
+        for key, name in ((CURSOR.key, "anna"), (OBJECTS.key, "conveyor"), (DEPLOYMENT.key, "scenario_4")):
+            await known(page, key, name)
+        for token in tokens:
+            token.close()
+        await unknown(page, CURSOR.key, "anna")
+        bench.put(
+            DEPLOYMENT,
+            first.model_copy(update={"name": "scenario_3", "scenario": "scenario_3"}),
+            "scenario_3",
+        )
+        await unknown(page, DEPLOYMENT.key, "scenario_4")
+        await known(page, DEPLOYMENT.key, "scenario_3")
+        await unknown(page, OBJECTS.key, "conveyor")  # its tracker is silent
+        assert (MAP.key, "") in page.states
+
+
+async def test_a_request_is_answered_by_its_server() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        asked: list[Query] = []
+
+        async def set_speed(query: SetSpeed, _name: str) -> Done:
+            asked.append(query)
+            if query.speed_mps > 1.0:
+                raise RefusedError("that is too fast")
+            return Done(message="it runs")
+
+        bench.bus.serve(SET_SPEED, set_speed)
+        done = await page.ask(key=SET_SPEED.key, query={"speed_mps": 1, "belts": ["a"]})
+        assert done["reply"] == {"message": "it runs"}
+        assert done["error"] == ""
+        assert asked == [SetSpeed(speed_mps=1.0, belts=("a",))]
+        refused = await page.ask(key=SET_SPEED.key, query={"speed_mps": 2})
+        assert refused["reply"] is None
+        assert refused["error"] == "that is too fast"
+        wrong = await page.ask(key=SET_SPEED.key, query={"speed_mps": 99})
+        assert "speed_mps" in wrong["error"]
+        assert len(asked) == 2
+        nobody = await page.ask(key=UNDO_SELECTION.key, name="anna")
+        assert "selector does not answer" in nobody["error"]
+
+
+async def test_a_viewer_is_answered_and_nothing_is_done() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        bench.bus.announce(USER_ALIVE, "anna")
+        bench.bus.announce(SERVICE_ALIVE, "imu-bridge.anna")
+        presses, samples = bench.collect(BUTTON), bench.collect(WRIST)
+        async with server.page(VIEWER) as page:
+            for wish in ({"deed": "press"}, {"deed": "take"}, {"key": UNDO_SELECTION.key}):
+                answer = await page.ask(**wish, name="anna")
+                assert "only looks on" in answer["error"]
+            await page.say(kind="aim", user="anna", at_m=[1, 2, 3])
+            await page.ask(key="no/such")
+        assert presses == []
+        assert samples == []
+
+
+async def test_the_button_is_pressed() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        presses = bench.collect(BUTTON, "anna")
+        assert "anna is not there" in (await page.ask(deed="press", name="anna"))["error"]
+        bench.bus.announce(USER_ALIVE, "anna")
+        await until(lambda: bool(page.person("anna")))
+        for gesture in ("press", "hold"):
+            assert not (await page.ask(deed="press", name="anna", query={"gesture": gesture}))["error"]
+        await until(lambda: len(presses) == 2)
+        assert [(press.gesture, press.source) for press in presses] == [("press", "page"), ("hold", "page")]
+        assert presses[0].seq != presses[1].seq
+
+
+def person(bench: Bench, state: str = "pointing") -> None:
+    """Have anna there, with what a page needs to move her arm."""
+    bench.bus.announce(USER_ALIVE, "anna")
+    bench.bus.announce(SERVICE_ALIVE, "imu-bridge.anna")
+    bench.put(INTERACTION, Interaction.model_validate({**NOW, "state": state}), "anna")
+
+
+async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench, serving(bench) as server, server.page() as page:
+        person(bench)
+        samples = bench.collect(WRIST, "anna")
+        await until(lambda: bool(page.person("anna")))
+        assert not (await page.ask(deed="take", name="anna"))["error"]
+        await until(lambda: page.person("anna")["is_mine"])
+        assert page.person("anna")["moved_by"] == "mouse"
+        await until(lambda: len(samples) > 3)
+        before = samples[-1].orientation_xyzw
+        await page.say(kind="aim", user="anna", at_m=[0.0, 5.0, 1.0])
+        clock.advance(5.0)
+        await until(lambda: samples[-1].orientation_xyzw != before)
+        assert not (await page.ask(deed="give", name="anna"))["error"]
+        await until(lambda: page.person("anna")["moved_by"] == "own")
+        count = len(samples)
+        await page.ask(deed="press", name="anna")
+        await asyncio.sleep(0.1)
+        assert len(samples) <= count + 1
+
+
+@pytest.mark.parametrize(("state", "presses"), [("idle", 1), ("pointing", 0), ("localizing", 0)])
+async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        pressed = bench.collect(BUTTON, "anna")
+        person(bench, state)
+        await until(lambda: bool(page.person("anna")))
+        await page.ask(deed="take", name="anna")
+        await page.ask(deed="give", name="anna")
+        assert len(pressed) == presses
+
+
+async def test_without_an_imu_bridge_nothing_is_taken() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        bench.bus.announce(USER_ALIVE, "anna")
+        await until(lambda: bool(page.person("anna")))
+        assert "imu-bridge --user anna" in (await page.ask(deed="take", name="anna"))["error"]
+
+
+async def test_the_last_who_takes_has_it_and_the_other_is_told() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as one, server.page() as two:
+        person(bench)
+        await until(lambda: bool(one.person("anna") and two.person("anna")))
+        await one.ask(deed="take", name="anna")
+        await until(lambda: one.person("anna")["is_mine"] and two.person("anna")["moved_by"] == "mouse")
+        assert not two.person("anna")["is_mine"]
+        await two.ask(deed="take", name="anna")
+        await until(lambda: two.person("anna")["is_mine"] and not one.person("anna")["is_mine"])
+        assert "take it first" in (await one.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
+        assert not (await two.ask(deed="tremor", name="anna", query={"rms_deg": 1}))["error"]
+
+
+async def test_who_closes_the_page_lets_go() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as other:
+        person(bench)
+        async with server.page() as page:
+            await until(lambda: bool(page.person("anna")))
+            await page.ask(deed="take", name="anna")
+            await until(lambda: other.person("anna")["moved_by"] == "mouse")
+        await until(lambda: other.person("anna")["moved_by"] == "own")
+
+
+async def test_the_middle_of_the_room_is_ahead() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        yaws: list[float] = []
+
+        async def set_origin(query: SetYawOrigin, user: str) -> Done:
+            yaws.append(query.yaw_rad)
+            return Done(message=f"{user} is set")
+
+        bench.bus.serve(SET_YAW_ORIGIN, set_origin)
+        person(bench)
+        await until(lambda: bool(page.person("anna")))
+        assert (await page.ask(deed="centre", name="anna"))["reply"]["message"] == "anna is set"
+        assert len(yaws) == 1
+
+
+async def test_a_phone_is_paired_over_the_local_network_only() -> None:
+    async with (
+        memory_bench() as bench,
+        serving(bench, lan_address="127.0.0.1", lan_port=0) as server,
+        server.page() as page,
+    ):
+        person(bench)
+        await until(lambda: bool(page.person("anna")))
+        assert page.status["lan_url"] == ""
+        assert "local network first" in (await page.ask(deed="pair", name="anna"))["error"]
+        opened = await page.ask(deed="open_lan")
+        assert opened["reply"]["url"].startswith("https://127.0.0.1:")
+        await until(lambda: page.status["lan_url"] == opened["reply"]["url"])
+        offer = (await page.ask(deed="pair", name="anna"))["reply"]
+        assert offer["url"].startswith(opened["reply"]["url"] + "/phone?token=")
+        assert offer["qr_svg"].startswith("<svg")
+        await until(lambda: "paired" in page.person("anna")["phone"])
+
+
+async def test_the_figures_are_told_in_health() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        reports = bench.collect(HEALTH, "web")
+
+        def figure(name: str) -> float | None:
+            figures = reports[-1].figures if reports else ()
+            return next((figure.value for figure in figures if figure.name == name), None)
+
+        async with server.page(), server.page():
+            await until(lambda: figure("viewers") == 2.0)
+            await until(lambda: figure("capture to page p95") == 12.5)
+            await until(lambda: (figure("batches") or 0.0) > 0.0)
+            assert figure("events dropped") == 0.0
+        await until(lambda: figure("viewers") == 0.0)
+
+
+async def test_the_last_minute_is_a_file_for_operators() -> None:
+    async with memory_bench() as bench, serving(bench) as server:
+        bench.put(CURSOR, Cursor(**NOW), "anna")
+        await bench.settle()
+        async with server.client(Cookie=await server.cookie()) as client:
+            answer = await client.get("/recording.mcap")
+        assert answer.status_code == 200
+        assert "attachment" in answer.headers["content-disposition"]
+        topics = {channel.topic for _, channel, _ in make_reader(io.BytesIO(answer.content)).iter_messages()}
+        assert CURSOR.at("anna") in topics
+        async with server.client(Cookie=await server.cookie(VIEWER)) as client:
+            assert (await client.get("/recording.mcap")).status_code == 403

@@ -58,6 +58,11 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     happen(site, { feedback: message, user: name });
   },
   map: ({ site }, message) => {
+    if (site.map && site.map.name !== message.name) {
+      // another room: what was on the old one's belts is not in it; what is in it is told many times a second
+      site.objects.clear();
+      site.strips = null;
+    }
     site.map = message;
     site.mapVersion += 1;
   },

@@ -70,5 +70,5 @@ export function section(title: string, ...children: Child[]): HTMLElement {
 
 /** A part that can be folded. */
 export function folded(title: string, isOpen: boolean, ...children: Child[]): HTMLDetailsElement {
-  return el("details", { className: "part", open: isOpen }, el("summary", {}, el("h2", { text: title }), icon("chevron")), ...children);
+  return el("details", { className: "part", open: isOpen }, el("summary", {}, el("h2", { text: title }), icon("chevron")), el("div", { className: "inner" }, ...children));
 }

@@ -44,3 +44,11 @@ export function capital(text: string): string {
 export function byName(a: string, b: string): number {
   return a.localeCompare(b, "en", { numeric: true });
 }
+
+/** What draws, out of what WebGL says of it: `SwiftShader`, `NVIDIA GeForce RTX 3060`. */
+export function rendererName(text: string): string {
+  const inner = /^ANGLE \((.*)\)$/.exec(text)?.[1] ?? text;
+  if (/SwiftShader/i.test(inner)) return "SwiftShader";
+  const parts = inner.split(", ");
+  return (parts[1] ?? inner).replace(/^ANGLE Metal Renderer: /, "").replace(/ \(0x[0-9A-F]+\)/i, "").replace(/ (Direct3D|OpenGL|Vulkan).*$/, "");
+}

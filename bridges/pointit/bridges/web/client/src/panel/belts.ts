@@ -36,9 +36,11 @@ export function beltsPart(desk: Desk): Belts {
   const haltIcon = icon("stop");
   const halt = el("button", { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() }, haltIcon, haltName, key("S"));
   const kinds = choice("Kind to add", (value) => void (kind = value));
-  const add = el("button", { type: "button", "aria-keyshortcuts": "P", onclick: () => self.add() }, icon("plus"), el("span", { text: "Add a package" }), key("P"));
+  const addName = el("span", {});
+  const add = el("button", { type: "button", "aria-keyshortcuts": "P", onclick: () => self.add() }, icon("plus"), addName, key("P"));
   const bays = el("table", { className: "bays" });
   const element = section("Belts", speed.element, halt, kinds.element, add, bays);
+  const title = element.querySelector("h2")!;
 
   const self: Belts = {
     element,
@@ -66,7 +68,10 @@ export function beltsPart(desk: Desk): Belts {
       show(kinds.element, mayAdd);
       speed.set(state.speed_mps);
       const isStill = state.speed_mps === 0;
-      write(haltName, isStill ? "Start the belts" : "Stop the belts");
+      const hasBelts = (site.map?.belts.length ?? 0) > 0;
+      write(title, hasBelts ? "Belts" : "Segments");
+      write(addName, hasBelts ? "Add a package" : "Add a segment");
+      write(haltName, `${isStill ? "Start" : "Stop"} the ${hasBelts ? "belts" : "segments"}`);
       mark(haltIcon.firstElementChild!, "href", isStill ? "#icon-play" : "#icon-stop");
       const seen = new Set(USUAL_KINDS);
       for (const { objects } of site.objects.values()) {

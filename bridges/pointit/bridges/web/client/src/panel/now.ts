@@ -31,7 +31,8 @@ export function nowPart(desk: Desk): Part {
   const actions = el("div", { className: "pairs" }, localize, cancel, undo, clear);
   const nobody = el("p", { className: "muted", text: "Nobody is here yet." });
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
-  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, press, actions);
+  const viewer = el("p", { className: "muted", text: "This page only looks on. The operator's link lets you control." });
+  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, viewer, press, actions);
 
   function showGauge(): void {
     const hover = desk.person?.hover;
@@ -53,6 +54,7 @@ export function nowPart(desk: Desk): Part {
       }));
       who.set(desk.user);
       show(who.element, users.length > 1);
+      show(viewer, site.hello?.role === "viewer");
       show(nobody, users.length === 0 && site.status !== null);
       const interaction = desk.person?.interaction ?? null;
       show(body, interaction !== null);

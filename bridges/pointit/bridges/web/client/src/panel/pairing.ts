@@ -3,6 +3,7 @@
 import type { Reply } from "../asks";
 import type { Desk } from "../desk";
 import { el, icon, show, write } from "../dom";
+import { capital } from "../format";
 
 export interface Pairing {
   open(): void;
@@ -18,7 +19,11 @@ export function fingerprintLines(fingerprint: string): string {
 /** The drawing in `markup`, nothing where it is none; scripts in it would not run. */
 function drawing(markup: string): Element | null {
   const root = new DOMParser().parseFromString(markup, "image/svg+xml").documentElement;
-  return root.localName === "svg" ? root : null;
+  if (root.localName !== "svg") return null;
+  const [width, height] = ["width", "height"].map((name) => root.getAttribute(name) ?? "");
+  if (width && height && !root.hasAttribute("viewBox")) root.setAttribute("viewBox", `0 0 ${parseFloat(width)} ${parseFloat(height)}`);
+  for (const name of ["width", "height"]) root.removeAttribute(name);
+  return root;
 }
 
 export function pairingDialog(desk: Desk): Pairing {
@@ -29,7 +34,7 @@ export function pairingDialog(desk: Desk): Pairing {
     el("li", { text: "Join the same Wi-Fi with your phone and scan the code." }),
     el("li", { text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint." }),
     el("li", { text: "Allow the motion sensors, hold the phone like a remote control, and point." })),
-    el("details", {}, el("summary", { text: "Address and fingerprint" }), el("p", {}, link), el("p", {}, print)));
+    el("details", {}, el("summary", {}, "Address and fingerprint", icon("chevron")), el("p", {}, link), el("p", {}, print)));
   const openLan = el("button", { className: "primary", type: "button", autofocus: true, onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
   const closed = el("div", { hidden: true },
     el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
@@ -92,7 +97,7 @@ export function pairingDialog(desk: Desk): Pairing {
       if (line?.phone && line.moved_by === "phone") {
         dialog.close();
         desk.toasts.show("done", `The phone points as ${offeredTo} now.`);
-      } else if (line?.phone) write(wait, `Paired with ${line.phone}. Go on on the phone.`);
+      } else if (line?.phone) write(wait, `${capital(line.phone)}.`);
     },
   };
 }

@@ -11,7 +11,7 @@ import pytest_asyncio
 from pointit.bridges.foxglove import service as bridge
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import FAST, SERVICE
-from pointit.runtime import Exchange, Launch, ListenError, MemoryBus, WallClock, run_service
+from pointit.runtime import Exchange, Launch, ListenError, MemoryBus, WallClock, run_service, service
 from pointit.runtime.process import service_command
 from pointit.schemas import (
     Belt,
@@ -183,7 +183,8 @@ async def test_nothing_is_read_that_takes_time_while_nobody_looks_on(
     presence.close()
 
 
-async def test_rays_vanish_when_nobody_says_more(site: Site) -> None:
+async def test_rays_vanish_when_nobody_says_more(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "HEALTH_PERIOD_S", 60.0)  # not even a service about itself
     await site.start(forget_s=0.2)
     async with viewer(site.address, "/scene/people") as one:
         site.bench.put(CURSOR, cursor(1), "anna")

@@ -66,12 +66,19 @@ def test_the_ellipse_is_two_sigmas_wide() -> None:
     assert rim is not None
     assert rim[:, 0].max() - 1.0 == pytest.approx(0.4)
     assert rim[:, 1].max() - 2.0 == pytest.approx(0.2)
-    leaning = people.ellipse(pose((0.025, 0.015, 0, 0.015, 0.025, 0, 0, 0, 1)))
-    assert leaning is not None
-    reach_m = np.linalg.norm(leaning[:, :2] - (1.0, 2.0), axis=1)
-    assert (reach_m.max(), reach_m.min()) == pytest.approx((0.4, 0.2))
-    away = leaning[np.argmax(reach_m), :2] - (1.0, 2.0)
-    assert abs(away[0] - away[1]) < 1e-6
+
+
+@pytest.mark.parametrize("degrees", [10, 80, 100, 170])
+def test_the_ellipse_lies_as_the_covariance_says(degrees: int) -> None:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    along, across = np.array([c, s]), np.array([-s, c])
+    (xx, xy), (yx, yy) = (0.04 * np.outer(along, along) + 0.01 * np.outer(across, across)).tolist()
+    rim = people.ellipse(pose((xx, xy, 0, yx, yy, 0, 0, 0, 1)))
+    assert rim is not None
+    reach_m = np.linalg.norm(rim[:, :2] - (1.0, 2.0), axis=1)
+    assert (reach_m.max(), reach_m.min()) == pytest.approx((0.4, 0.2), rel=0.01)
+    away = rim[np.argmax(reach_m), :2] - (1.0, 2.0)
+    assert abs(away @ across) < 0.03
 
 
 def test_a_place_that_is_known_has_no_ellipse() -> None:

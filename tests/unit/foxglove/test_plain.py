@@ -50,7 +50,7 @@ def test_viewers_read_every_schema_and_find_its_fields(topic: Topic[Message]) ->
 
 def assert_described(told: Any, fields: Any) -> None:
     for name, kind in fields.items():
-        inner = kind[0] if isinstance(kind, list) else kind
+        inner: Any = kind[0] if isinstance(kind, list) else kind  # pyright: ignore[reportUnknownVariableType] - JSON
         if not isinstance(inner, dict) or told[name] is None:
             assert name in told
             continue

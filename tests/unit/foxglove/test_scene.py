@@ -18,12 +18,13 @@ from pointit.schemas import (
     Message,
     Selection,
     Strip,
+    StripsFrame,
     TrackedObject,
     TrackedObjects,
     UserPose,
     UserProfile,
 )
-from pointit.schemas.environment import Bay, BayCount
+from pointit.schemas.environment import Bay, BayCount, StripFrame
 from pointit.schemas.selection import ReservedObject, SelectedObject
 from tests.integration.foxglove.protobuf import read
 
@@ -194,6 +195,15 @@ def test_lamps_show_their_colour_and_their_name() -> None:
     made.take(LampColor(stamp_ns=1, color=(255, 200, 0)), "1", 0.0)
     assert made.changed >= {"lamps"}
     assert shown(made, "lamps")["lamp 1"]["spheres"][0]["color"]["r"] == 1.0
+
+
+def test_pixels_show_the_newest_frame() -> None:
+    made = scene()
+    for value in (200, 100):
+        frame = StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=bytes((value,) * 9)),))
+        made.take(frame, "", 0.0)
+        assert made.changed >= {"pixels"}
+        assert bytes((value, value, value, 255)) in read(made.draw("pixels", 6))["data"]
 
 
 def test_bays_tell_what_came_out() -> None:

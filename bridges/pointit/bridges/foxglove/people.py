@@ -98,8 +98,7 @@ def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> Drawn:
     ]
     cursor = person.cursor
     if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
-        reach_m = max(cursor.range_m, 2.0 * stance.arm_m)
-        met = vector.add(cursor.origin_m, vector.scale(cursor.direction, reach_m))
+        met = vector.add(cursor.origin_m, vector.scale(cursor.direction, cursor.range_m or FREE_RAY_M))
         arm = vector.scale(vector.direction(*stance.aim_at(met)), stance.arm_m)
         limbs.append(shapes.limb(stance.shoulder_m, vector.add(stance.shoulder_m, arm), ARM_M, rgb))
     rim_m = person.rim_m

@@ -2,6 +2,13 @@
 
 import type { Bounds } from "../geometry/bounds";
 
+/** `bounds` with `points` in them, seen from above. */
+export function grown({ low, high }: Bounds, points: readonly (readonly [number, number, number])[]): Bounds {
+  const side = (of: (...values: number[]) => number, from: readonly number[]) =>
+    [0, 1, 2].map((axis) => of(from[axis]!, ...points.map((point) => point[axis]!))) as [number, number, number];
+  return { low: side(Math.min, low), high: side(Math.max, high) };
+}
+
 /** A window onto {W}: `scale` px a metre, the place (x, y) in the middle. */
 export class Frame {
   static readonly LEAST = 5;

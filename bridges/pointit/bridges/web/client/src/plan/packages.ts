@@ -16,6 +16,7 @@ export interface Drawn extends Thing {
 interface Figure {
   turning: SVGGElement;
   box: SVGElement;
+  edge: SVGElement;
   ring: SVGElement;
   hold: SVGElement;
   place: SVGGElement;
@@ -69,7 +70,7 @@ export class Packages {
     const turning = draw(this.boxes, "g");
     const isRound = object.surface === "none" || object.surface === "points";
     const shape = (name: string) => draw(turning, isRound ? "circle" : "rect", { class: name });
-    const [hold, ring, box] = [shape("plan-held"), shape("plan-owned"), shape("plan-box")];
+    const [hold, edge, ring, box] = [shape("plan-held"), shape("plan-owned-edge"), shape("plan-owned"), shape("plan-box")];
     const color = kindColor(object.kind);
     set(box, "fill", cssColor(color));
     if (object.surface === "strip") set(box, "fill-opacity", 0.4);
@@ -80,7 +81,7 @@ export class Packages {
     const letter = draw(upright, "text", { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 }, kindLetter(object.kind));
     if (!isThin) set(letter, "fill", inkOn(color));
     const owner = draw(draw(below, "g", { class: "plan-upright" }), "text", { class: "plan-owner", "text-anchor": "middle", y: 15 });
-    const figure = { turning, box, ring, hold, place, below, letter, owner };
+    const figure = { turning, box, edge, ring, hold, place, below, letter, owner };
     this.figures.set(object.id, figure);
     return figure;
   }
@@ -91,8 +92,11 @@ export class Packages {
     const aside = isThin ? halfBreadth + 0.1 : 0;
     set(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
     const tall = isThin ? 0.05 : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;
+    const isBeside = isThin && Math.abs(Math.sin(heading)) > 0.5;
+    set(figure.owner, "text-anchor", isBeside ? "end" : "middle");
+    set(figure.owner, "x", isBeside ? 8 : 0);
     set(figure.below, "transform", `translate(0 ${cm(tall)})`);
-    for (const [shape, by] of [[figure.box, 0], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
+    for (const [shape, by] of [[figure.box, 0], [figure.edge, RING_M], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
       if (shape.tagName === "circle") {
         set(shape, "r", cm(halfLength + by));
         continue;
@@ -107,7 +111,7 @@ export class Packages {
   }
 
   private mark(figure: Figure, site: Site, owner: string, holder: string): void {
-    show(figure.ring, owner !== "");
+    for (const element of [figure.edge, figure.ring]) show(element, owner !== "");
     show(figure.hold, holder !== "" && holder !== owner);
     for (const [element, user] of [[figure.ring, owner], [figure.hold, holder]] as const) {
       if (!user) continue;

@@ -3,7 +3,7 @@ import { test } from "node:test";
 import type { Environment, Hover, Strip, TrackedObject } from "../messages";
 import { Polyline } from "../geometry/polyline";
 import { emptyPerson, emptySite } from "../site";
-import { Frame, scaleBar } from "./frame";
+import { Frame, grown, scaleBar } from "./frame";
 import { Lanes } from "./lanes";
 import { facing, rayEnd } from "./people";
 import { edges, paths } from "./runs";
@@ -52,6 +52,10 @@ test("what is under the pointer of a zooming hand stays there", () => {
   assert.ok(Math.abs(px - 100) < 1e-6 && Math.abs(py - 50) < 1e-6);
   frame.zoom(1e9, 0, 0);
   assert.equal(frame.scale, Frame.MOST);
+});
+
+test("people who stand outside the map are shown too", () => {
+  assert.deepEqual(grown({ low: [0, 0, 0], high: [2, 2, 2] }, [[-1, 1, 0], [1, 3, 0]]), { low: [-1, 0, 0], high: [2, 3, 2] });
 });
 
 test("the scale's bar is a round length", () => {

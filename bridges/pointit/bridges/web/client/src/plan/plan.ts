@@ -4,7 +4,7 @@ import "./plan.css";
 import type { Site } from "../site";
 import type { Camera, MakeView, Vec3, View, ViewOptions, ViewStats } from "../view";
 import { boundsOf } from "../geometry/bounds";
-import { Frame, scaleBar } from "./frame";
+import { Frame, grown, scaleBar } from "./frame";
 import { Gestures } from "./gestures";
 import { drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
 import { Lanes } from "./lanes";
@@ -177,7 +177,7 @@ class Plan implements View {
 
   private fit(): void {
     const people = [...(this.site?.people.values() ?? [])].flatMap(({ pose }) => (pose ? [pose.position_m] : []));
-    if (this.site?.map) this.frame.fit(boundsOf(this.site.map, people), Math.min(70, this.frame.width * 0.08));
+    if (this.site?.map) this.frame.fit(grown(boundsOf(this.site.map), people), Math.min(70, this.frame.width * 0.16));
     this.isFitted = true;
     this.apply();
   }

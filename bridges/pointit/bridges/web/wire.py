@@ -143,7 +143,7 @@ class Ask(Part):
 
     kind: Literal["ask"] = "ask"
     id: Id
-    key: Annotated[str, Field(max_length=64, description="`conveyor/set_speed`; or empty")] = ""
+    key: Annotated[str, Field(max_length=64, description="of the table of requests; empty: a deed is asked")] = ""
     deed: Deed | None = None
     name: Annotated[str, Field(max_length=64, description="user or other placeholder of the key")] = ""
     query: Annotated[dict[str, Any], Field(description="fields of the query")] = {}

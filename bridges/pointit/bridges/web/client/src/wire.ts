@@ -60,7 +60,7 @@ export interface Ask {
   deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre") | null;
   id: number;
   /**
-   * `conveyor/set_speed`; or empty
+   * of the table of requests; empty: a deed is asked
    */
   key: string;
   kind: "ask";

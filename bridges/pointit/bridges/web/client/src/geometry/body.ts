@@ -13,9 +13,9 @@ export type Hand = "left" | "right";
 /** Of the length from shoulder to wrist (Drillis and Contini 1966). */
 const UPPER_ARM_SHARE = 0.56;
 /** The pointing model may have the shoulder in the midst of the neck; nobody looks so. */
-const LEAST_SHOULDER_M = 0.19;
+const LEAST_SHOULDER_M = 0.18;
 /** Shoulders lie lower than the neck's root. */
-const SHOULDER_DROP_M = 0.05;
+const SHOULDER_DROP_M = 0.07;
 /** A pointing arm is not quite straight. */
 const STRETCHED = 0.97;
 

@@ -11,35 +11,45 @@ export interface Bounds {
 /** Planes are shown as far as this, m, where they have no end. */
 export const ENDLESS_M = 40;
 
-/** What the map's things take up in {W}, with the floor (z 0); 4 m about the origin where there is nothing. */
-export function boundsOf(map: Environment, more: readonly (readonly [number, number, number])[] = []): Bounds {
-  const low: Vec3 = [Infinity, Infinity, 0], high: Vec3 = [-Infinity, -Infinity, 0.5];
-  const take = (point: readonly number[], aside = 0, above = 0) => {
-    for (let axis = 0; axis < 3; axis++) {
-      const by = axis < 2 ? aside : above;
-      low[axis] = Math.min(low[axis]!, point[axis]! - by);
-      high[axis] = Math.max(high[axis]!, point[axis]! + by);
+/** What is on a belt, and its labels, takes up so much above it, m. */
+const ABOVE_M = 0.4;
+
+/** Corners of everything in the map that has an end, in {W}; with each thing the floor below it. */
+export function pointsOf(map: Environment): Vec3[] {
+  const points: Vec3[] = [];
+  const take = ([x, y, z]: readonly [number, number, number], aside = 0, up = 0, down = z) => {
+    for (const [sx, sy] of aside ? [[-aside, -aside], [aside, -aside], [-aside, aside], [aside, aside]] : [[0, 0]]) {
+      points.push([x + sx!, y + sy!, z + up], [x + sx!, y + sy!, z - down]);
     }
   };
   for (const lamp of map.lamps) take(lamp.position_m);
   for (const strip of map.strips) strip.line_m.forEach((vertex) => take(vertex));
-  for (const belt of map.belts) belt.line_m.forEach((vertex) => take(vertex, belt.width_m / 2));
+  for (const belt of map.belts) belt.line_m.forEach((vertex) => take(vertex, belt.width_m / 2, ABOVE_M));
   for (const box of map.boxes) take(box.center_m, Math.hypot(box.size_m[0], box.size_m[1]) / 2, box.size_m[2] / 2);
   for (const ball of map.spheres) take(ball.center_m, ball.radius_m, ball.radius_m);
-  for (const tank of map.cylinders) {
-    take(tank.center_m, tank.radius_m);
-    take([tank.center_m[0], tank.center_m[1], tank.center_m[2] + tank.height_m]);
+  for (const tank of map.cylinders) take(tank.center_m, tank.radius_m, tank.height_m);
+  for (const { center_m, normal, size_m } of map.planes) {
+    const half = size_m ? Math.max(...size_m) / 2 : null, rise = Math.hypot(normal[0], normal[1]);
+    if (half !== null) take(center_m, half, half * rise, half * rise);
   }
-  for (const plane of map.planes) {
-    const [x, y] = plane.normal;
-    const half = plane.size_m ? Math.max(...plane.size_m) / 2 : null;
-    if (half !== null) take(plane.center_m, half, half * Math.hypot(x, y));
+  for (const cloud of map.clouds) points.push(cloud.low_m, cloud.high_m);
+  return points;
+}
+
+/** What the map's things take up in {W}, with the floor (z 0); 4 m about the origin where there is nothing. */
+export function boundsOf(map: Environment): Bounds {
+  const points = pointsOf(map), low: Vec3 = [Infinity, Infinity, 0], high: Vec3 = [-Infinity, -Infinity, 0.5];
+  if (!points.length) return { low: [-4, -4, 0], high: [4, 4, 2] };
+  for (const point of points) {
+    for (let axis = 0; axis < 3; axis++) {
+      low[axis] = Math.min(low[axis]!, point[axis]!);
+      high[axis] = Math.max(high[axis]!, point[axis]!);
+    }
   }
-  for (const cloud of map.clouds) {
-    take(cloud.low_m);
-    take(cloud.high_m);
-  }
-  for (const point of more) take(point);
-  if (low[0] > high[0]) return { low: [-4, -4, 0], high: [4, 4, 2] };
   return { low, high };
+}
+
+/** The eight corners of `bounds`. */
+export function cornersOf({ low, high }: Bounds): Vec3[] {
+  return Array.from({ length: 8 }, (_, i): Vec3 => [(i & 1 ? high : low)[0], (i & 2 ? high : low)[1], (i & 4 ? high : low)[2]]);
 }

@@ -1,7 +1,6 @@
 /** How far away a camera must be to show everything. */
 
-import type { Bounds } from "./bounds";
-import { cross, dot, scale, subtract, unit, type Read3, type Vec3 } from "./vec";
+import { cross, dot, unit, type Read3, type Vec3 } from "./vec";
 
 /** From where to look at what. */
 export interface Viewpoint {
@@ -10,31 +9,33 @@ export interface Viewpoint {
 }
 
 /**
- * The nearest place from which `bounds` is all in sight, looking along `along` (unit).
+ * The nearest place from which all `points` are in sight, looking along `along` (unit).
  *
  * @param fov vertical, rad
  * @param aspect width by height of the picture
  * @param margin share of the picture left free about it
  */
-export function framed(bounds: Bounds, along: Read3, fov: number, aspect: number, margin = 0.08): Viewpoint {
-  const { low, high } = bounds;
-  const middle: Vec3 = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2];
+export function framed(points: readonly Read3[], along: Read3, fov: number, aspect: number, margin = 0.08): Viewpoint {
   const right = unit(cross(along, [0, 0, 1]), [1, 0, 0]), up = cross(right, along);
   const tall = Math.tan(fov / 2) * (1 - margin), wide = tall * aspect;
-  const corners = Array.from({ length: 8 }, (_, i): Vec3 => [
-    (i & 1 ? high : low)[0], (i & 2 ? high : low)[1], (i & 4 ? high : low)[2],
-  ]).map((corner) => {
-    const from = subtract(corner, middle);
-    return [dot(from, right), dot(from, up), dot(from, along)] as const;
-  });
-  // of a corner (x, y, z), |x - cx| <= wide * (z + far): both sides bound the centre, which is put in their midst
-  const span = (axis: 0 | 1, reach: number) => {
-    const most = Math.max(...corners.map((corner) => corner[axis] - reach * corner[2]));
-    const least = Math.min(...corners.map((corner) => corner[axis] + reach * corner[2]));
-    return { center: (most + least) / 2, far: (most - least) / (2 * reach) };
+  const seen = points.map((point) => [dot(point, right), dot(point, up), dot(point, along)] as const);
+  // |x - center| <= wide * (z - from) for all: of each side the outermost bounds the place on its wedge's edge
+  const wedge = (axis: 0 | 1, reach: number) => {
+    let right = -Infinity, left = Infinity;
+    for (const point of seen) {
+      right = Math.max(right, point[axis] - reach * point[2]);
+      left = Math.min(left, point[axis] + reach * point[2]);
+    }
+    return { center: (right + left) / 2, from: (left - right) / (2 * reach) };
   };
-  const x = span(0, wide), y = span(1, tall);
-  const far = Math.max(x.far, y.far, 1 - Math.min(...corners.map((corner) => corner[2])));
-  const target: Vec3 = [0, 1, 2].map((i) => middle[i]! + x.center * right[i]! + y.center * up[i]!) as Vec3;
-  return { target, position: subtract(target, scale(along, far)) };
+  const x = wedge(0, wide), y = wedge(1, tall);
+  let nearest = Infinity, farthest = -Infinity;
+  for (const point of seen) {
+    nearest = Math.min(nearest, point[2]);
+    farthest = Math.max(farthest, point[2]);
+  }
+  const from = Math.min(x.from, y.from, nearest - 0.5), to = Math.max((nearest + farthest) / 2, from + 0.5);
+  const at = (depth: number): Vec3 =>
+    [0, 1, 2].map((i) => right[i]! * x.center + up[i]! * y.center + along[i]! * depth) as Vec3;
+  return { position: at(from), target: at(to) };
 }

@@ -5,12 +5,13 @@ import type { Environment, TrackedObject } from "../messages";
 import { DEFAULT_BODY, eyesOf, hangingArm, onRay, pointingArm } from "./body";
 import { boundsOf } from "./bounds";
 import { ellipseOf } from "./ellipse";
+import { framed } from "./framing";
 import { cssColor, kindColor, kindLetter, PATTERN_DASHES } from "./looks";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "./motion";
 import { layOut } from "./pixels";
 import { Polyline } from "./polyline";
 import { outline, ribbon } from "./ribbon";
-import { dot, norm, subtract, unit, wrapped, type Read3, type Vec3 } from "./vec";
+import { cross, dot, norm, subtract, unit, wrapped, type Read3, type Vec3 } from "./vec";
 
 function close(found: ArrayLike<number>, expected: readonly number[], within = 1e-9): void {
   assert.equal(found.length, expected.length);
@@ -148,6 +149,23 @@ test("bounds take in everything with an end, and the floor", () => {
   });
   close([...found.low, ...found.high], [-3, -1.425, 0, 4.85, 8, 3]);
   assert.deepEqual(boundsOf(EMPTY).low, [-4, -4, 0]);
+});
+
+test("a camera shows everything, and touches the picture's edges on two sides", () => {
+  const along = unit([0.3, 0.8, -0.5]), fov = 0.7;
+  for (const aspect of [0.5, 1.8]) {
+    const points: Vec3[] = [[-4, -3, 0], [4.6, 2, 1], [0, 0, 2.5], [1, 1, 0], [-2, 3, 1]];
+    const { position, target } = framed(points, along, fov, aspect, 0.1);
+    close(unit(subtract(target, position)), along, 1e-9);
+    const right = unit(cross(along, [0, 0, 1])), up = cross(right, along), tall = Math.tan(fov / 2) * 0.9;
+    const seen = points.map((point) => {
+      const from = subtract(point, position), depth = dot(from, along);
+      return { x: dot(from, right) / (depth * tall * aspect), y: dot(from, up) / (depth * tall) };
+    });
+    for (const { x, y } of seen) assert.ok(Math.abs(x) <= 1 + 1e-9 && Math.abs(y) <= 1 + 1e-9, `${x} ${y}`);
+    const spans = [seen.map(({ x }) => x), seen.map(({ y }) => y)].map((all) => Math.max(...all) - Math.min(...all));
+    close([Math.max(...spans)], [2], 1e-9);
+  }
 });
 
 test("kinds have a colour and a letter, patterns go round evenly", () => {

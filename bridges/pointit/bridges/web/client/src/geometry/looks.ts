@@ -21,6 +21,12 @@ export function kindLetter(kind: string): string {
   return [...kind.trim()][0]?.toUpperCase() ?? "";
 }
 
+/** `color` as it can be seen before the page's background: darker on a light page where it is too bright. */
+export function visibleColor(color: Rgb, dark: boolean): Rgb {
+  if (dark || 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] < 170) return color;
+  return [color[0] * 0.62, color[1] * 0.62, color[2] * 0.62];
+}
+
 /** `#rrggbb`. */
 export function cssColor(color: Rgb): string {
   return `#${color.map((part) => Math.round(part).toString(16).padStart(2, "0")).join("")}`;

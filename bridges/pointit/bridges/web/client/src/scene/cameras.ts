@@ -2,7 +2,6 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import type { Bounds } from "../geometry/bounds";
 import { framed } from "../geometry/framing";
 import { unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Camera } from "../view";
@@ -10,7 +9,8 @@ import type { Stage } from "./stage";
 
 const ROOM_ALONG = unit([0.34, 0.8, -0.62]);
 const ABOVE_ALONG = unit([0, 0.0002, -1]);
-const FOV = { room: 42, top: 42, eyes: 68 } as const;
+/** From above almost without perspective. */
+const FOV = { room: 42, top: 12, eyes: 68 } as const;
 const WAY_MS = 850;
 /** Radians for a pixel of dragging in the first person's view. */
 const DRAG_RAD = 0.0042;
@@ -18,6 +18,8 @@ const DRAG_RAD = 0.0042;
 const STILL_SHARE = 0.45;
 const TURN_RADPS = 1.3;
 const FOLLOW_PER_S = 3;
+/** Who lets the arm hang does not look at their feet. */
+const LOWEST_RAD = -0.55;
 
 interface Pose {
   position: THREE.Vector3;
@@ -35,7 +37,7 @@ export class Cameras {
   private readonly from = posed();
   private readonly to = posed();
   private readonly kept = new Map<Camera, Pose>();
-  private bounds: Bounds = { low: [-4, -4, 0], high: [4, 4, 2] };
+  private points: readonly Read3[] = [[0, 0, 0]];
   private began = -Infinity;
   private onWay = false;
   /** Nobody has moved the camera since it was framed. */
@@ -64,11 +66,17 @@ export class Cameras {
     this.controls.touches.TWO = this.mode === "top" || !on ? THREE.TOUCH.DOLLY_PAN : THREE.TOUCH.DOLLY_ROTATE;
   }
 
-  /** Show all of `bounds`, at once. */
-  frame(bounds: Bounds): void {
-    this.bounds = bounds;
+  /** There is more to show, or less: go there unless somebody has moved the camera. */
+  reframe(points: readonly Read3[]): void {
+    this.points = points;
+    if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill);
+  }
+
+  /** Show all `points`, {W}, at once; `size`: how far they are apart at most, m. */
+  frame(points: readonly Read3[], size: number): void {
+    this.points = points;
     this.kept.clear();
-    this.controls.maxDistance = 3 * Math.hypot(...bounds.high.map((high, axis) => high - bounds.low[axis]!)) + 12;
+    this.controls.maxDistance = 8 * size + 20;
     this.isFramed = true;
     this.go(performance.now(), true);
   }
@@ -99,6 +107,11 @@ export class Cameras {
     this.wake();
   }
 
+  /** How far away what is looked at is, m. */
+  get distance(): number {
+    return this.stage.camera.position.distanceTo(this.controls.target);
+  }
+
   private go(now: number, atOnce: boolean): void {
     const { camera } = this.stage;
     this.from.position.copy(camera.position);
@@ -127,7 +140,7 @@ export class Cameras {
       return;
     }
     const { width, height } = this.stage;
-    const view = framed(this.bounds, this.mode === "top" ? ABOVE_ALONG : ROOM_ALONG, (this.to.fov * Math.PI) / 180, width / height);
+    const view = framed(this.points, this.mode === "top" ? ABOVE_ALONG : ROOM_ALONG, (this.to.fov * Math.PI) / 180, width / height);
     this.to.position.set(...view.position);
     this.to.target.set(...view.target);
   }
@@ -180,7 +193,7 @@ export class Cameras {
     } else if (along) {
       const gain = this.isStill ? 1 : 1 - Math.exp(-seconds * FOLLOW_PER_S);
       const left = wrapped(Math.atan2(along[1], along[0]) - this.yaw) * gain;
-      const up = (Math.asin(Math.max(-1, Math.min(1, along[2]))) * 0.8 - this.pitch) * gain;
+      const up = (Math.max(Math.asin(Math.max(-1, Math.min(1, along[2]))) * 0.8, LOWEST_RAD) - this.pitch) * gain;
       this.yaw += left;
       this.pitch += up;
       turn = Math.abs(left) + Math.abs(up);

@@ -44,22 +44,23 @@ export class Figure {
     this.root.rotation.z = facing;
   }
 
-  /** Set the `side`-th arm (0, 1). */
-  setArm(side: number, { shoulder, elbow, wrist, finger }: Arm): void {
+  /** Set the `side`-th arm (0, 1); seen from one's own eyes there is less of it, or nothing. */
+  setArm(side: number, { shoulder, elbow, wrist, finger }: Arm, seen: "all" | "own" | "none" = "all"): void {
+    const thick = seen === "none" ? 0 : 1, near = seen === "all" ? 1 : 0;
     const palm: Read3 = [0, 1, 2].map((i) => wrist[i]! + (finger[i]! - wrist[i]!) * 0.5) as unknown as Read3;
     const limbs = this.limbs.instanceMatrix.array, joints = this.joints.instanceMatrix.array, first = 4 * side;
-    segment(limbs, first, shoulder, elbow, RADII[0]);
-    segment(limbs, first + 1, elbow, wrist, RADII[1]);
-    segment(limbs, first + 2, wrist, palm, RADII[2]);
-    segment(limbs, first + 3, palm, finger, RADII[3]);
-    ball(joints, first, shoulder, RADII[0] * 1.25);
-    ball(joints, first + 1, elbow, RADII[0] * 0.9);
-    ball(joints, first + 2, palm, RADII[2] * 1.12);
-    ball(joints, first + 3, finger, RADII[3]);
+    segment(limbs, first, shoulder, elbow, RADII[0] * thick);
+    segment(limbs, first + 1, elbow, wrist, RADII[1] * thick);
+    segment(limbs, first + 2, wrist, palm, RADII[2] * thick);
+    segment(limbs, first + 3, palm, finger, RADII[3] * thick);
+    ball(joints, first, shoulder, RADII[0] * 1.18 * near);
+    ball(joints, first + 1, elbow, RADII[0] * 0.9 * thick);
+    ball(joints, first + 2, palm, RADII[2] * 1.12 * thick);
+    ball(joints, first + 3, finger, RADII[3] * thick);
     this.limbs.instanceMatrix.needsUpdate = this.joints.instanceMatrix.needsUpdate = true;
   }
 
-  /** See it thus far; the arms stay when only the body is hidden (`headless`). */
+  /** See it thus far; of one's own there are only arms. */
   see(opacity: number, isOwn: boolean): void {
     this.root.visible = !isOwn;
     if (opacity === this.opacity) return;
@@ -87,10 +88,11 @@ function trunk(body: BodyMeasures, shirt: THREE.Color, isLight: boolean): THREE.
     part(tube(0.088, 0.055, 0.06, 0.84).translate(0, y, 0), TROUSERS);
     part(new THREE.SphereGeometry(0.07, around, 8).scale(1.75, 0.8, 0.7).translate(0.045, y, 0.045), SHOES);
   }
-  part(new THREE.SphereGeometry(0.17, around, 10).scale(0.8, 1.02, 0.75).translate(0, 0, 0.86), TROUSERS);
-  part(tube(0.2, 0.155, 0.86, 1.3).scale(0.7, 1, 1), shirt);
-  part(new THREE.SphereGeometry(0.2, around, 10).scale(0.7, 1, 0.55).translate(0, 0, 1.3), shirt);
-  part(tube(0.05, 0.055, 1.36, 1.5), SKIN);
+  const turned = (profile: readonly (readonly [number, number])[]) =>
+    new THREE.LatheGeometry(profile.map(([radius, z]) => new THREE.Vector2(radius, z)), around).rotateX(Math.PI / 2).scale(0.66, 1, 1);
+  part(turned([[0.001, 0.78], [0.12, 0.8], [0.165, 0.87], [0.155, 0.94]]), TROUSERS);
+  part(turned([[0.157, 0.93], [0.147, 1.05], [0.168, 1.2], [0.188, 1.3], [0.185, 1.36], [0.15, 1.41], [0.085, 1.445], [0.05, 1.455]]), shirt);
+  part(tube(0.048, 0.058, 1.4, 1.53), SKIN);
   for (const each of parts) each.scale(1, 1, body.footprint_to_neck_m / NECK_M);
   const eyes = body.footprint_to_neck_m + body.neck_to_eyes_m;
   part(new THREE.SphereGeometry(0.112, around, around).scale(1, 0.88, 1.14).translate(0, 0, eyes), SKIN);

@@ -20,8 +20,8 @@ export interface Theme {
 }
 
 export const DARK: Theme = {
-  dark: true, background: 0x0e1218, floor: "#1b222c", line: "#2d3845", frame: 0x8c99a8, leg: 0x39434f,
-  rubber: "#262b33", chevron: "#3f4856", solid: 0x54606e, off: 0.27, ink: "#eef2f7", paper: "rgba(13,17,23,.78)",
+  dark: true, background: 0x11161d, floor: "#171d26", line: "#29323e", frame: 0xa9b6c4, leg: 0x4b5665,
+  rubber: "#343b46", chevron: "#56616f", solid: 0x54606e, off: 0.27, ink: "#eef2f7", paper: "rgba(13,17,23,.78)",
 };
 export const LIGHT: Theme = {
   dark: false, background: 0xe4eaf1, floor: "#f3f5f8", line: "#cfd7e1", frame: 0xb9c3ce, leg: 0x78848f,

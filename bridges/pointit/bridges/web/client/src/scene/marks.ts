@@ -17,7 +17,7 @@ void main() {
   if (style.z > 0.5) {
     vec4 at = viewMatrix * vec4(place, 1.0);
     float size = max(shape.x, 9.0 * pixel * -at.z);
-    at.xyz -= normalize(at.xyz) * min(size, -at.z * 0.3);
+    at.xyz -= normalize(at.xyz) * min(max(size, 0.34), -at.z * 0.3);
     at.xy += q * size;
     edge = 1.2 * pixel * -at.z / size;
     gl_Position = projectionMatrix * at;
@@ -49,7 +49,7 @@ void main() {
   else if (look.x > 1.5) on = comb(turn, 20.0, 0.5);
   else if (look.x > 0.5) on = comb(turn, 8.0, 0.65);
   float past = step(turn, look.y);
-  float a = ring * mix(0.22, 1.0, on * past) * color.a + fill * (1.0 - step(inner, r)) * color.a;
+  float a = ring * mix(0.3, 1.0, on * past) * color.a + fill * (1.0 - step(inner, r)) * color.a;
   if (look.x > 0.5 && on < 0.5) a = fill * color.a * step(r, inner);
   if (a < 0.01) discard;
   gl_FragColor = vec4(color.rgb * a, a);

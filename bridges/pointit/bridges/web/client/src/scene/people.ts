@@ -3,7 +3,7 @@
 import type { Person, Site } from "../site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
-import { cssColor, type Pattern } from "../geometry/looks";
+import { cssColor, visibleColor, type Pattern } from "../geometry/looks";
 import { add, scale, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Beams } from "./beams";
 import { Figure } from "./figure";
@@ -17,6 +17,8 @@ const CURSOR_MS = 700;
 const STALE_MS = 2000;
 /** A ray that meets nothing is drawn so far, m. */
 const FAR_M = 7;
+/** A name stands at most so high, m. */
+const NAME_M = 2.15;
 const RAISE_PER_S = 4;
 const TURN_PER_S = 7;
 const WHITE: Read3 = [255, 255, 255];
@@ -47,7 +49,13 @@ export class People {
 
   constructor(private readonly around: Surroundings, private readonly isStill: boolean) {}
 
-  /** Where the eyes of `user` are, {W}; null: unknown. */
+  /** What a camera must show of people: their feet, and their names above their heads. */
+  static points(site: Site): Vec3[] {
+    return [...site.people.values()].flatMap(({ pose }) =>
+      pose ? [pose.position_m, add(pose.position_m, [0, 0, NAME_M])] : []);
+  }
+
+  /** Where the eyes of `person` are, {W}; null: unknown. */
   static eyes(person: Person | undefined): Vec3 | null {
     const feet = person ? feetOf(person) : null;
     return feet ? eyesOf(person?.profile?.body ?? DEFAULT_BODY, feet) : null;
@@ -72,11 +80,12 @@ export class People {
 
   private one(site: Site, person: Person, now: number, seconds: number, own: string): boolean {
     const feet = feetOf(person);
-    const color = person.profile?.cursor_color ?? WHITE, pattern = person.profile?.pattern ?? "solid";
+    const { dark } = this.around.kit.theme, worn = person.profile?.cursor_color ?? WHITE;
+    const color = visibleColor(worn, dark), pattern = person.profile?.pattern ?? "solid";
     const asked = this.beacon(person, color, now);
     if (!feet) return asked;
     const measures = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
-    const body = this.body(person, color);
+    const body = this.body(person, worn);
     const { cursor } = person, age = now - person.cursorAt;
     const points = cursor?.direction && age < CURSOR_MS;
     const origin = cursor?.origin_m ?? eyesOf(measures, feet);
@@ -92,12 +101,13 @@ export class People {
     if (direction) body.arm = pointingArm(measures, hand, feet, body.facing, origin, direction);
     const arm = body.arm && body.raised > 0 ? mixed(hangs, body.arm, smooth(body.raised)) : hangs;
     body.figure.stand(feet, body.facing);
-    body.figure.setArm(0, arm);
-    body.figure.setArm(1, hangingArm(measures, hand === "left" ? "right" : "left", feet, body.facing));
-    body.figure.see(isStale ? 0.35 : 1, person.user === own);
+    const isOwn = person.user === own;
+    body.figure.setArm(0, arm, !isOwn ? "all" : body.raised > 0.4 ? "own" : "none");
+    body.figure.setArm(1, hangingArm(measures, hand === "left" ? "right" : "left", feet, body.facing), isOwn ? "none" : "all");
+    body.figure.see(isStale ? 0.35 : 1, isOwn);
     this.uncertainty(person, feet, color, isStale);
-    if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, person.user === own);
-    if (person.user !== own) {
+    if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, isOwn);
+    if (!isOwn) {
       this.around.labels.add(`user ${person.user}`, feet, measures.footprint_to_neck_m + measures.neck_to_eyes_m + 0.26,
         [{ text: person.user }], cssColor(color));
     }
@@ -118,7 +128,7 @@ export class People {
   private uncertainty(person: Person, feet: Read3, color: Read3, isStale: boolean): void {
     const { marks } = this.around, alpha = isStale ? 0.3 : 0.85;
     const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
-    marks.add(feet, 0.27, [0, 0, 0], { thick: 0.02, alpha: 0.3, fill: 1 }, 0.006);
+    marks.add(feet, 0.27, [0, 0, 0], { thick: 0.02, alpha: this.around.kit.theme.dark ? 0.3 : 0.13, fill: 1 }, 0.006);
     if (major > 0.02) {
       marks.add(feet, major, color, { thick: 0.08, alpha, fill: 0.22 }, 0.01, Math.max(minor, 0.01), angle);
     } else marks.add(feet, 0.3, color, { thick: 0.12, alpha }, 0.01);

@@ -4,7 +4,10 @@ import * as THREE from "three";
 import type { Environment } from "../messages";
 import { ENDLESS_M, type Bounds } from "../geometry/bounds";
 import { cross, unit, type Read3, type Vec3 } from "../geometry/vec";
-import type { Kit } from "./kit";
+import type { Kit, Theme } from "./kit";
+
+/** The grid goes on so far beyond the map, m. */
+const FADE_M = 9;
 
 /** The floor and the map's solids. */
 export class Room {
@@ -63,8 +66,21 @@ export class Room {
   }
 
   private floor(kit: Kit, bounds: Bounds): void {
-    const reach = Math.max(bounds.high[0] - bounds.low[0], bounds.high[1] - bounds.low[1]) * 2 + 40;
-    const size = 2 * Math.ceil(reach / 2);
+    const wide = Math.max(bounds.high[0] - bounds.low[0], bounds.high[1] - bounds.low[1]);
+    const size = 2 * Math.ceil(kit.light ? wide / 2 + FADE_M + 2 : wide + 20);
+    // whole metres lie on the grid's lines
+    const x = Math.round((bounds.low[0] + bounds.high[0]) / 2), y = Math.round((bounds.low[1] + bounds.high[1]) / 2);
+    if (kit.light) {
+      // the background is the floor: only its lines are drawn, filling the picture once more is what costs
+      const plain = kit.mesh(new THREE.PlaneGeometry(4 * size, 4 * size), kit.plain(0), "");
+      plain.visible = false;
+      const grid = new THREE.LineSegments(kit.own(lines(size, bounds, kit.theme)), kit.own(new THREE.LineBasicMaterial({ vertexColors: true, fog: false })));
+      plain.position.set(x, y, 0);
+      grid.position.set(x, y, 0);
+      kit.group.add(grid);
+      this.targets.push(plain);
+      return;
+    }
     const tile = kit.texture(256, 256, (c) => {
       c.fillStyle = kit.theme.floor;
       c.fillRect(0, 0, 256, 256);
@@ -77,12 +93,32 @@ export class Room {
       c.strokeRect(-2, 128, 300, 200);
     }, true);
     tile.repeat.set(size, size);
-    const material = kit.light ? kit.plain(0xffffff, { map: tile }) : kit.matt(0xffffff, { map: tile, roughness: 0.92 });
-    const floor = kit.mesh(new THREE.PlaneGeometry(size, size), material, "shows");
-    // whole metres lie on the grid's lines
-    floor.position.set(Math.round((bounds.low[0] + bounds.high[0]) / 2), Math.round((bounds.low[1] + bounds.high[1]) / 2), 0);
+    const floor = kit.mesh(new THREE.PlaneGeometry(size, size), kit.matt(0xffffff, { map: tile, roughness: 0.92 }), "shows");
+    floor.position.set(x, y, 0);
     this.targets.push(floor);
   }
+}
+
+/** A grid of 1 m, `size` m wide about its middle, that fades into the background beyond `bounds`. */
+function lines(size: number, bounds: Bounds, theme: Theme): THREE.BufferGeometry {
+  const points: number[] = [], colors: number[] = [], half = size / 2;
+  const line = new THREE.Color(theme.line), far = new THREE.Color(theme.background), color = new THREE.Color();
+  const wide = (bounds.high[0] - bounds.low[0]) / 2, tall = (bounds.high[1] - bounds.low[1]) / 2;
+  const push = (x: number, y: number) => {
+    const beyond = Math.hypot(Math.max(Math.abs(x) - wide, 0), Math.max(Math.abs(y) - tall, 0));
+    points.push(x, y, 0);
+    color.lerpColors(line, far, Math.min(Math.max(beyond - 1, 0) / FADE_M, 1)).toArray(colors, colors.length);
+  };
+  for (let at = -half; at <= half; at++) {
+    for (let from = -half; from < half; from += 2) {
+      push(at, from);
+      push(at, from + 2);
+      push(from, at);
+      push(from + 2, at);
+    }
+  }
+  const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+  return geometry.setAttribute("color", new THREE.Float32BufferAttribute(colors, 3));
 }
 
 /** A plane's own axes u, v and its normal, as the map has them: v rises most, u is v x normal. */

@@ -1,7 +1,7 @@
 /** The 3-D scene: a view of the site; drawn when something has changed or moves, never else. */
 
 import type * as THREE from "three";
-import { boundsOf, type Bounds } from "../geometry/bounds";
+import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
 import { cssColor, kindColor, kindLetter } from "../geometry/looks";
 import type { Read3, Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
@@ -62,6 +62,7 @@ class Scene implements View {
   private world: World | null = null;
   private site: Site | null = null;
   private mapVersion = -1;
+  private posed = 0;
   private bounds: Bounds = boundsOf(NOTHING);
   private pointer = "";
   private asked = 0;
@@ -100,12 +101,29 @@ class Scene implements View {
     if (site.mapVersion !== this.mapVersion || isFirst) {
       this.mapVersion = site.mapVersion;
       this.build(site.map ?? NOTHING);
-      this.camera.frame(this.bounds);
+      this.posed = this.posedOf(site);
+      const { low, high } = this.bounds;
+      this.camera.frame(this.pointsOf(site), Math.hypot(high[0] - low[0], high[1] - low[1], high[2]));
+    } else if (this.posed !== this.posedOf(site)) {
+      this.posed = this.posedOf(site);
+      this.camera.reframe(this.pointsOf(site));
     }
     this.dirty = true;
     this.toldAt = performance.now();
     // here and not in the frame's own turn, which may have been before the news came
     this.frame(this.toldAt);
+  }
+
+  private pointsOf(site: Site): Vec3[] {
+    const points = pointsOf(site.map ?? NOTHING);
+    return [...(points.length ? points : cornersOf(this.bounds)), ...People.points(site)];
+  }
+
+  /** How many people are to be seen. */
+  private posedOf(site: Site): number {
+    let count = 0;
+    for (const { pose } of site.people.values()) if (pose) count++;
+    return count;
   }
 
   setTheme(dark: boolean): void {
@@ -194,7 +212,7 @@ class Scene implements View {
     world.marks.end();
     world.beams.end();
     this.labels.end(stage.camera, stage.width, stage.height);
-    stage.render(now, this.moves);
+    stage.render(now, this.moves, this.camera.distance);
     if (this.moves || this.dirty) this.ask();
     if (at) this.options.onAim(at);
   }

@@ -40,6 +40,8 @@ export class Stage {
   private readonly sun = new THREE.DirectionalLight(0xffffff, 1);
   private readonly observer: ResizeObserver;
   private ratio: number;
+  private readonly fog = new THREE.Fog(0);
+  private radius = 5;
   private frames: number[] = [];
   private slowSince = 0;
   private lostTimer = 0;
@@ -62,13 +64,13 @@ export class Stage {
     this.renderer.shadowMap.enabled = !software;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     if (!software) {
-      this.renderer.toneMapping = THREE.NeutralToneMapping;
       this.sun.castShadow = true;
       this.sun.shadow.mapSize.set(2048, 2048);
       this.sun.shadow.radius = 4;
       this.sun.shadow.bias = -0.0005;
       this.sun.shadow.normalBias = 0.02;
     }
+    this.scene.fog = this.fog;
     this.scene.add(this.sky, this.sun, this.sun.target);
     this.canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
@@ -106,10 +108,11 @@ export class Stage {
     const radius = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2 + 1.5, 3);
     const background = new THREE.Color(theme.background);
     this.scene.background = background;
-    this.scene.fog = new THREE.Fog(background, radius * 2.2 + 6, radius * 5 + 18);
+    this.fog.color.copy(background);
+    this.radius = radius;
     this.sky.color.set(theme.dark ? 0xcfdcf0 : 0xffffff);
     this.sky.groundColor.set(theme.dark ? 0x3a3f47 : 0xa7a9ad);
-    this.sky.intensity = theme.dark ? 1.35 : 2.1;
+    this.sky.intensity = theme.dark ? 1.6 : 2.1;
     this.sun.intensity = theme.dark ? 1.9 : 1.7;
     this.sun.target.position.set(x, y, 0.8);
     this.sun.position.set(x + 0.35 * radius, y - 0.5 * radius, 1.25 * radius + 2);
@@ -123,9 +126,17 @@ export class Stage {
     this.camera.updateProjectionMatrix();
   }
 
-  /** Draw. `busy`: the next frame is wanted at once, so that the time between them tells how fast it goes. */
-  render(now: number, busy: boolean): void {
+  /**
+   * Draw.
+   *
+   * @param busy the next frame is wanted at once, so that the time between them tells how fast it goes
+   * @param distance to what is looked at, m
+   */
+  render(now: number, busy: boolean, distance: number): void {
     if (this.isLost) return;
+    // beyond what is looked at, wherever from
+    this.fog.near = distance + 1.4 * this.radius + 3;
+    this.fog.far = distance + 4 * this.radius + 14;
     this.renderer.render(this.scene, this.camera);
     this.frames.push(now);
     this.measure(now, busy);

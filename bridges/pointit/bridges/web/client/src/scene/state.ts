@@ -1,6 +1,6 @@
 /** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
 
-import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import { cssColor, kindColor, kindLetter, visibleColor, type Pattern } from "../geometry/looks";
 import type { Read3 } from "../geometry/vec";
 import type { Site } from "../site";
 import type { Labels } from "./labels";
@@ -16,20 +16,20 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
   for (const { id, user } of site.selection?.objects ?? []) {
     const thing = things.byId.get(id), profile = site.people.get(user)?.profile;
     if (!thing) continue;
-    const color = profile?.cursor_color ?? WHITE;
+    const color = visibleColor(profile?.cursor_color ?? WHITE, dark);
     things.outline(thing, color);
     ring(thing, marks, color, profile?.pattern ?? "solid", 1);
   }
   for (const { id, user } of site.selection?.reserved ?? []) {
     const thing = things.byId.get(id);
-    if (thing) ring(thing, marks, site.people.get(user)?.profile?.cursor_color ?? WHITE, "dotted", 0.7);
+    if (thing) ring(thing, marks, visibleColor(site.people.get(user)?.profile?.cursor_color ?? WHITE, dark), "dotted", 0.7);
   }
   things.endOutlines();
   let rank = 0;
   for (const { hover, profile, user } of site.people.values()) {
     const thing = hover?.object_id ? things.byId.get(hover.object_id) : undefined;
     if (!thing || !hover) continue;
-    const color = profile?.cursor_color ?? WHITE, up = thing.up + thing.size[2] / 2 + 0.2;
+    const color = visibleColor(profile?.cursor_color ?? WHITE, dark), up = thing.up + thing.size[2] / 2 + 0.2;
     const shown = hover.action === "refuse" ? REFUSED : color, radius = 0.1 + 0.035 * (rank++ % 3);
     if (!dark) marks.add(thing.placed.at, radius * 1.06, [20, 25, 32], { faces: true, thick: 0.34, alpha: 0.4 }, up);
     marks.add(thing.placed.at, radius, shown, { faces: true, thick: 0.28, progress: hover.progress }, up);
@@ -46,7 +46,7 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
   }
 }
 
-function ring(thing: Thing, marks: Marks, color: Read3, pattern: "solid" | "dashed" | "dotted" | "striped" | "hollow" | "tailed", alpha: number): void {
+function ring(thing: Thing, marks: Marks, color: Read3, pattern: Pattern, alpha: number): void {
   const { form, placed, size, up } = thing;
   if (form === "package") {
     marks.add(placed.at, 0.62 * Math.max(size[0], size[1]), color, { pattern, thick: 0.17, alpha }, up + size[2] / 2 + 0.035);

@@ -20,8 +20,17 @@ uniform float off; varying vec3 tint;
 void main() {
   float lit = max(max(shine.r, shine.g), shine.b);
   tint = max(shine, vec3(off * (1.0 - min(lit * 3.0, 1.0))));
+  #ifndef FLAT
   tint *= position.z > 0.3 ? 1.0 : 0.72;
+#endif
   float c = cos(lie.x), s = sin(lie.x);
+#ifdef FLAT
+  vec3 along = mat3(viewMatrix) * vec3(c, s, 0.0);
+  vec4 middle = viewMatrix * vec4(place, 1.0);
+  vec3 aside = normalize(cross(along, middle.xyz));
+  gl_Position = projectionMatrix * (middle + vec4(along * position.x * lie.y - aside * position.y * ${PIXEL_M.toFixed(4)}, 0.0));
+  return;
+#endif
   vec3 own = vec3(position.x * lie.y, position.yz * ${PIXEL_M.toFixed(4)});
   vec3 at = place + vec3(c * own.x - s * own.y, s * own.x + c * own.y, own.z);
   gl_Position = projectionMatrix * viewMatrix * vec4(at, 1.0);
@@ -66,10 +75,11 @@ export class Strips {
       for (let i = first; i < first + pixels; i++) lie.set([this.pixels.headings[i]!, Math.min(pitch * 0.72, 0.05)], 2 * i);
     }
     const body = new THREE.InstancedBufferGeometry();
+    // a lens of ten triangles; in the light mode a face of two that turns about the strip to the camera
     const n = 0.34, z = 0.55;
     body.setAttribute("position", new THREE.Float32BufferAttribute(
       [-0.5, -0.5, 0, 0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, 0.5, 0, -n, -n, z, n, -n, z, n, n, z, -n, n, z], 3));
-    body.setIndex([4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7]);
+    body.setIndex(kit.light ? [0, 1, 2, 0, 2, 3] : [4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7]);
     body.setAttribute("lie", new THREE.InstancedBufferAttribute(lie, 2));
     const glow = new THREE.InstancedBufferGeometry();
     glow.setAttribute("position", new THREE.Float32BufferAttribute([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 3));
@@ -81,6 +91,7 @@ export class Strips {
     }
     const lit = kit.mesh(body, kit.own(new THREE.ShaderMaterial({
       vertexShader: PIXEL_VERTEX, fragmentShader: PIXEL_FRAGMENT, uniforms: { off: { value: kit.theme.off } },
+      ...(kit.light ? { defines: { FLAT: 1 }, side: THREE.DoubleSide } : {}),
     })), "");
     const halo = kit.mesh(glow, kit.own(new THREE.ShaderMaterial({
       vertexShader: GLOW_VERTEX, fragmentShader: GLOW_FRAGMENT, transparent: true, depthWrite: false,

@@ -126,7 +126,7 @@ export class Things {
     const room = Math.max(16, 2 * needed), things = crowd?.things ?? [];
     crowd?.mesh.removeFromParent();
     crowd?.mesh.dispose();
-    const mesh = this.grown(key, form === "robot" ? quadrotor() : new THREE.BoxGeometry(1, 1, 1), this.skin(form, kind), room, form === "segment" ? "" : "both");
+    const mesh = this.grown(key, form === "robot" ? quadrotor() : lettered(), this.skin(form, kind), room, form === "segment" ? "" : "both");
     crowd = { mesh, form, kind, things };
     this.crowds.set(key, crowd);
     return crowd;
@@ -172,6 +172,13 @@ function made(object: TrackedObject, form: Form): Thing {
     : form === "segment" ? [long, 0.07, 0.06] : [long, long, long];
   const up = form === "package" ? size[2] / 2 + 0.004 : form === "segment" ? 0.012 : 0;
   return { object, form, size, up, placed: { at: [...object.position_m], heading: 0, along: 0 }, stamp_ns: 0, line: null };
+}
+
+/** A box of 1 m without a bottom; what is on its skin stands upright on every side, and on top as from -y. */
+function lettered(): THREE.BufferGeometry {
+  const sides = [[0, -1], [1, 0], [0, 1], [-1, 0]].map(([x, y]) =>
+    new THREE.PlaneGeometry(1, 1).rotateX(Math.PI / 2).rotateZ(Math.atan2(x!, -y!)).translate(x! / 2, y! / 2, 0));
+  return mergeGeometries([...sides, new THREE.PlaneGeometry(1, 1).translate(0, 0, 0.5)]);
 }
 
 /** A small flying robot with four rotors, 1 m across, its front in another colour. */

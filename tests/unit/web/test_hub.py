@@ -1,12 +1,13 @@
 """Whatever a page's speed, it ends with the newest of every key, and with every event or their number."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.hub import MOST_GONE, Hub
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
-from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS
+from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS, STRIPS_FRAME
 
 FAST_HZ = 1e6
 
@@ -57,9 +58,28 @@ def test_a_page_is_sent_no_more_than_its_rate() -> None:
     assert feed.take(0.0) is not None
     assert feed.wait_s(0.0) is None
     hub.put(CURSOR, "anna", b"2")
-    assert feed.wait_s(0.04) == 0.1 - 0.04
+    assert feed.wait_s(0.04) == pytest.approx(0.06)
     assert feed.take(0.04) is None
-    assert feed.take(0.1) is not None
+    assert feed.take(0.1001) is not None
+
+
+def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
+    hub = Hub()
+    feed = hub.open(10.0)
+    hub.put(CURSOR, "anna", b"1")
+    assert feed.take(0.0) is not None
+    hub.put(STRIPS_FRAME, "", b"2", urgent=True)
+    assert feed.take(0.001) is not None
+    hub.put(STRIPS_FRAME, "", b"3", urgent=True)
+    assert feed.take(0.002) is None, "more than its rate"
+    assert feed.take(0.1001) is not None
+    feed.ack(3)
+    hub.put(CURSOR, "anna", b"4")
+    assert feed.take(0.15) is None
+    hub.put(STRIPS_FRAME, "", b"5", urgent=True)
+    batch = feed.take(0.2001)
+    assert batch is not None
+    assert [payload for _, _, payload in batch.states] == [b"4", b"5"]
 
 
 def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> None:

@@ -9,6 +9,7 @@ from collections import OrderedDict, deque
 from dataclasses import dataclass
 from typing import Any
 
+from pointit.bridges.web.pace import Bucket
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import Delivery, Topic
@@ -55,6 +56,8 @@ class Hub:
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
         """By key pattern and name, in the order of their versions."""
         self._version = 0
+        self.urgent_version = 0
+        """Of the newest state that is not to wait."""
         self._events: deque[News] = deque(maxlen=most_events)
         self._event_count = 0
         """Events so far, those that have fallen out of the ring too."""
@@ -63,8 +66,11 @@ class Hub:
         self.refused = 0
         """Messages of keys beyond `most_keys`."""
 
-    def put(self, topic: Topic[Any], name: str, payload: bytes) -> bool:
-        """Take a message of `topic` at `name`; return whether there was room for its key."""
+    def put(self, topic: Topic[Any], name: str, payload: bytes, *, urgent: bool = False) -> bool:
+        """Take a message of `topic` at `name`; return whether there was room for its key.
+
+        What is `urgent` waits for nothing but pages that are slow, see `Feed.wait_s`.
+        """
         news = (topic.key, name, payload)
         if topic.delivery is Delivery.EVENT:
             self._events.append(news)
@@ -76,6 +82,8 @@ class Hub:
                 self.refused += 1
                 return False
         self._set(news)
+        if urgent:
+            self.urgent_version = self._version
         return True
 
     def forget(self, topic: Topic[Any], name: str) -> bool:
@@ -158,8 +166,7 @@ class Feed:
 
     def __init__(self, hub: Hub, rate_hz: float) -> None:
         self._hub = hub
-        self._period_s = 1.0 / rate_hz
-        self._due_s = 0.0
+        self._pace = Bucket(rate_hz, 2.0)
         self._sent = 0
         self._acked = 0
         self._events = hub.event_count
@@ -174,11 +181,16 @@ class Feed:
         return self._sent - self._acked
 
     def wait_s(self, now_s: float) -> float | None:
-        """Return in how many seconds `take` has something as things stand; none: not before they change."""
+        """Return in how many seconds `take` has something as things stand; none: not before they change.
+
+        Of two batches that may be sent at once one is left for what is urgent: it would wait for what came
+        just before it otherwise.
+        """
         has_news = self.version < self._hub.version or self._events < self._hub.event_count
         if not has_news or self.in_flight >= IN_FLIGHT:
             return None
-        return max(0.0, self._due_s - now_s)
+        is_urgent = self.version < self._hub.urgent_version
+        return self._pace.wait_s(now_s, 1.0 if is_urgent else 2.0)
 
     def take(self, now_s: float) -> Batch | None:
         """Return what is new to the page; none: nothing, too early, or too much is on its way already."""
@@ -190,9 +202,9 @@ class Feed:
         dropped = hub.event_count - self._events - len(events)
         self.version, self._events = hub.version, hub.event_count
         self.dropped += dropped
-        self._due_s = now_s + self._period_s
         if not states and not events and not dropped:
             return None
+        self._pace.take(now_s)
         self._sent += 1
         return Batch(self._sent, states, events, dropped)
 

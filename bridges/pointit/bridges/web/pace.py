@@ -26,12 +26,12 @@ class Bucket:
         self._level -= 1.0
         return True
 
-    def wait_s(self, now_s: float) -> float:
-        """Return in how many seconds there is one; 0: there is."""
+    def wait_s(self, now_s: float, least: float = 1.0) -> float:
+        """Return in how many seconds there are `least`, at most `burst`; 0: there are."""
         passed_s = max(0.0, now_s - self._at_s)
         self._level = min(self._burst, self._level + passed_s * self._rate_hz)
         self._at_s = max(self._at_s, now_s)
-        return max(0.0, (1.0 - self._level) / self._rate_hz)
+        return max(0.0, (least - self._level) / self._rate_hz)
 
 
 class Latencies:

@@ -228,11 +228,12 @@ class Web(Service[WebConfig]):
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
         payload = encode(message)
-        if not self._hub.put(topic, name, payload):
+        is_urgent = topic is STRIPS_FRAME
+        if not self._hub.put(topic, name, payload, urgent=is_urgent):
             self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
         self._last_minute.add(topic, name, message, payload, self.clock.now_ns())
         self._attend(topic, message, name)
-        self._pages.news(now=topic is STRIPS_FRAME)
+        self._pages.news(now=is_urgent)
 
     def _attend(self, topic: Topic[Any], message: Message, name: str) -> None:
         """Take what matters to this server itself."""

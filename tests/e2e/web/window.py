@@ -1,0 +1,195 @@
+"""The window: the page in a browser, what it complains of, and where on it things of the room are."""
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+from urllib.parse import urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
+from playwright.async_api import Browser, Page, WebSocket
+
+PATIENCE_S = 15.0
+VIOLATIONS = """
+window.violations = [];
+document.addEventListener('securitypolicyviolation',
+  (event) => window.violations.push(`${event.violatedDirective}: ${event.blockedURI}`));
+"""
+NO_WEBGL = """
+const context = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  return kind.startsWith("webgl") ? null : context.call(this, kind, ...more);
+};
+"""
+SHOWN = """() => {
+  const { site, stats } = window.pointit ?? {};
+  return Boolean(site && site.connected && site.map && site.status && stats && stats.fps > 0);
+}"""
+
+Vec3 = tuple[float, float, float]
+Theme = Literal["light", "dark"]
+
+
+@dataclass
+class Window:
+    """The page, opened with an operator's or a viewer's link."""
+
+    page: Page
+    faults: list[str] = field(default_factory=list[str])
+    """What the console warned or complained of, and requests to foreign hosts."""
+    sent: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
+    """What the page said to its server, oldest first; not its acknowledgements."""
+    latencies_ms: list[float] = field(default_factory=list[float])
+    """From capture to frame, as its acknowledgements have it."""
+    batches: list[bytes] = field(default_factory=list[bytes])
+    """Kept while `keeps_batches`."""
+    keeps_batches: bool = False
+
+    @classmethod
+    async def open(
+        cls,
+        browser: Browser,
+        url: str,
+        *,
+        size: tuple[int, int] = (1280, 800),
+        theme: Theme = "light",
+        scripts: tuple[str, ...] = (),
+        **context: Any,
+    ) -> "Window":
+        """Open `url`, and listen from the first request on."""
+        width, height = size
+        opened = await browser.new_context(
+            viewport={"width": width, "height": height}, color_scheme=theme, **context
+        )
+        window = cls(await opened.new_page())
+        window._listen(urlsplit(url).netloc)
+        for script in (VIOLATIONS, *scripts):
+            await window.page.add_init_script(script)
+        await window.page.goto(url)
+        return window
+
+    def _listen(self, host: str) -> None:
+        page = self.page
+        page.on("pageerror", lambda error: self.faults.append(str(error)))
+        page.on(
+            "console",
+            lambda message: self.faults.append(f"{message.type}: {message.text}")
+            if message.type in ("error", "warning")
+            else None,
+        )
+        page.on("requestfailed", lambda request: self.faults.append(f"failed: {request.url}"))
+        page.on("request", lambda request: self._judge(request.url, host))
+        page.on("websocket", lambda socket: self._overhear(socket, host))
+
+    def _judge(self, url: str, host: str) -> None:
+        parts = urlsplit(url)
+        if parts.scheme not in ("data", "blob") and parts.netloc != host:
+            self.faults.append(f"foreign: {url}")
+
+    def _overhear(self, socket: WebSocket, host: str) -> None:
+        self._judge(socket.url, host)
+        socket.on("framesent", self._on_sent)
+        socket.on("framereceived", self._on_received)
+
+    def _on_sent(self, text: str | bytes) -> None:
+        part = json.loads(text)
+        if part["kind"] != "ack":
+            self.sent.append(part)
+        elif part["latency_ms"] is not None:
+            self.latencies_ms.append(part["latency_ms"])
+
+    def _on_received(self, message: str | bytes) -> None:
+        if self.keeps_batches and isinstance(message, bytes):
+            self.batches.append(message)
+
+    async def is_shown(self, patience_s: float = PATIENCE_S) -> None:
+        """Wait until the page shows the site."""
+        await self.until(SHOWN, "the site is shown", patience_s)
+
+    async def until(self, condition: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
+        """Wait until `condition`, JavaScript, is true, and return it; its policy forbids `wait_for_function`."""
+        deadline_s = time.monotonic() + patience_s
+        while not (found := await self.page.evaluate(condition)):
+            assert time.monotonic() < deadline_s, f"waited {patience_s} s in vain: {what or condition}"
+            await asyncio.sleep(0.03)
+        return found
+
+    async def violations(self) -> list[str]:
+        """Return what the content security policy has forbidden to the page."""
+        return list(await self.page.evaluate("window.violations"))
+
+    async def objects(self) -> list[dict[str, Any]]:
+        """Return the tracked objects, as the page knows them."""
+        found = "[...window.pointit.site.objects.values()].flatMap(({ objects }) => objects)"
+        return list(await self.page.evaluate(found))
+
+    async def survey(self) -> "Lens":
+        """Move the mouse, which aims already, all over the scene, and find out what is where on the page."""
+        box = await self.page.locator("#view canvas").bounding_box()
+        assert box is not None
+        places: list[tuple[tuple[float, float], Vec3]] = []
+        for down in (0.3, 0.45, 0.6, 0.75):
+            for across in (0.15, 0.35, 0.5, 0.65, 0.85):
+                x, y = box["x"] + across * box["width"], box["y"] + down * box["height"]
+                if (at_m := await self.aimed_at(x, y)) is not None:
+                    places.append(((x, y), at_m))
+        return Lens.through(places)
+
+    async def aimed_at(self, x: float, y: float, patience_s: float = 1.0) -> Vec3 | None:
+        """Move the mouse there, and return where it aims, {W}; none: over something else."""
+        self.sent.clear()
+        await self.page.mouse.move(x, y)
+        deadline_s = time.monotonic() + patience_s
+        while time.monotonic() < deadline_s:
+            aims = [part["at_m"] for part in self.sent if part["kind"] == "aim"]
+            if aims:
+                return (aims[-1][0], aims[-1][1], aims[-1][2])
+            await asyncio.sleep(0.01)
+        return None
+
+    async def follows(self, lens: "Lens", kind: str, is_done: Callable[[], bool], patience_s: float) -> None:
+        """Keep the mouse on an object of `kind` that is not selected until `is_done`; then on the next."""
+        deadline_s = time.monotonic() + patience_s
+        chosen = ""
+        while not is_done():
+            assert time.monotonic() < deadline_s, f"{patience_s} s of following {kind} ones in vain"
+            taken = set(
+                await self.page.evaluate("(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)")
+            )
+            free = {each["id"]: each for each in await self.objects() if each["kind"] == kind}
+            if chosen not in free or chosen in taken:
+                chosen = next((name for name in free if name not in taken), "")
+            if chosen:
+                await self.page.mouse.move(*lens.to_page(free[chosen]["position_m"]))
+            await asyncio.sleep(0.03)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """How {W} is seen on the page: a projection, found from places whose two ends are known."""
+
+    projection: NDArray[np.float64]
+
+    @classmethod
+    def through(cls, places: list[tuple[tuple[float, float], Vec3]]) -> "Lens":
+        """Return the lens that sees each place where it is on the page (direct linear transformation)."""
+        assert len(places) >= 8, f"only {len(places)} places of the scene can be aimed at"
+        rows: list[list[float]] = []
+        for (x, y), at_m in places:
+            point = [*at_m, 1.0]
+            u, v = x / 1000.0, y / 1000.0
+            rows.append([*point, *([0.0] * 4), *(-u * value for value in point)])
+            rows.append([*([0.0] * 4), *point, *(-v * value for value in point)])
+        projection = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
+        lens = cls(np.asarray(projection, dtype=np.float64))
+        worst = max(float(np.hypot(*np.subtract(lens.to_page(at_m), at))) for at, at_m in places)
+        assert worst < 12, f"the scene is no picture of the room: {worst:.0f} px off"
+        return lens
+
+    def to_page(self, at_m: Vec3) -> tuple[float, float]:
+        """Return where a place of {W} is on the page, px."""
+        u, v, w = self.projection @ np.array([*at_m, 1.0])
+        return float(u / w * 1000.0), float(v / w * 1000.0)

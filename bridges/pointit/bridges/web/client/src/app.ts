@@ -21,6 +21,7 @@ import { moverPart } from "./panel/mover";
 import { nowPart } from "./panel/now";
 import { pairingDialog } from "./panel/pairing";
 import { makePanel } from "./panel/panel";
+import { peoplePart } from "./panel/people";
 import { tuningPart } from "./panel/tuning";
 import { makeScenario } from "./scenario";
 import { keepSettings, loadSettings, type Settings } from "./settings";
@@ -74,7 +75,7 @@ const belts = beltsPart(desk);
 const tuning = tuningPart(desk);
 const look = lookPart(desk, changeLook);
 const panel = makePanel(at("panel"), desk, [
-  { name: "Control", icon: "sliders", parts: [nowPart(desk), moverPart(desk, mouse, pairing), belts, tuning, look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(desk), moverPart(desk, mouse, pairing), belts, peoplePart(desk, scenario), tuning, look] },
   { name: "Health", icon: "pulse", parts: [healthPart(desk, () => stage.view?.stats ?? null), messagesPart(desk)] },
 ]);
 const help = makeHelp((): readonly Shortcut[] => shortcuts, settings);

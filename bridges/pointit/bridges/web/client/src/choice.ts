@@ -20,6 +20,8 @@ export interface Choice {
 }
 
 let groups = 0;
+/** What was just chosen shows for so long whatever is in use: it takes a moment to come about, ms. */
+const HOLD_MS = 1500;
 
 export function choice(legend: string, onChoose: (value: string) => void, options: readonly Option[] = []): Choice {
   const group = `choice-${++groups}`;
@@ -27,6 +29,13 @@ export function choice(legend: string, onChoose: (value: string) => void, option
   const element = el("fieldset", { className: "plain" }, el("legend", { text: legend }), row);
   let offered = "";
   let current = "";
+  let heldUntil = -Infinity;
+  function check(): void {
+    for (const input of row.querySelectorAll("input")) {
+      if (input.checked !== (input.value === current)) input.checked = input.value === current;
+    }
+  }
+
   const self: Choice = {
     element,
     offer(next) {
@@ -35,21 +44,24 @@ export function choice(legend: string, onChoose: (value: string) => void, option
       const isFocused = row.contains(document.activeElement);
       offered = signature;
       row.replaceChildren(...next.map((option) => {
-        const input = el("input", { type: "radio", name: group, value: option.value, onchange: () => onChoose(option.value) });
+        const input = el("input", { type: "radio", name: group, value: option.value, onchange: () => {
+          current = option.value;
+          heldUntil = performance.now() + HOLD_MS;
+          onChoose(option.value);
+        } });
         const name = el("span", {});
         write(name, option.label);
         const swatch = option.swatch ? el("i", { className: "swatch" }) : null;
         if (swatch) swatch.style.background = option.swatch!;
         return el("label", {}, input, el("span", { className: "face" }, option.icon ? icon(option.icon) : swatch, name));
       }));
-      self.set(current);
+      check();
       if (isFocused) row.querySelector<HTMLInputElement>("input:checked, input")?.focus();
     },
     set(value) {
+      if (performance.now() < heldUntil) return;
       current = value;
-      for (const input of row.querySelectorAll("input")) {
-        if (input.checked !== (input.value === value)) input.checked = input.value === value;
-      }
+      check();
     },
     enable(isEnabled) {
       if (element.disabled === isEnabled) element.disabled = !isEnabled;

@@ -123,8 +123,13 @@ export class Desk {
     if (this.may("selector/{user}/clear")) void this.ask({ key: "selector/{user}/clear", name: this.user });
   }
 
-  /** Whether localizing makes sense here: there is something known to point at. */
+  /** Whether people here are found by pointing at lamps, not known from the start. */
+  get localizes(): boolean {
+    return [...this.site.deployments.values()].some((each) => each.localizes && each.services.length > 0);
+  }
+
+  /** Whether localizing makes sense here: the person's place is not given, and there is something to point at. */
   get canLocalize(): boolean {
-    return this.may("localizer/{user}/start") && (this.site.map?.lamps.length ?? 0) > 0;
+    return this.localizes && this.may("localizer/{user}/start") && (this.site.map?.lamps.length ?? 0) > 0;
   }
 }

@@ -9,6 +9,8 @@ const PATIENCE_MS = 45_000;
 
 export interface Scenario {
   update(): void;
+  /** Run another, or the same anew, with so many people, found by pointing at lamps or not; nothing: as now. */
+  run(scenario: string, as?: { users?: number; localizes?: boolean }): Promise<void>;
 }
 
 /**
@@ -25,12 +27,12 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, desk: Des
   let since = 0;
   let isAccepted = false;
 
-  async function run(scenario: string): Promise<void> {
+  async function run(scenario: string, as: { users?: number; localizes?: boolean } = {}): Promise<void> {
     to = scenario;
     since = performance.now();
     isAccepted = false;
     desk.changed();
-    const reply = await desk.ask({ key: "run/scenario", query: { scenario } }, { isQuiet: true, patienceMs: 20_000 });
+    const reply = await desk.ask({ key: "run/scenario", query: { scenario, ...as } }, { isQuiet: true, patienceMs: 20_000 });
     if (reply) isAccepted = true;
     // a lost connection is no refusal: the page may have been started anew with the rest
     else if (desk.site.connected) to = "";
@@ -46,6 +48,7 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, desk: Des
   }
 
   return {
+    run,
     update() {
       const may = desk.may("run/scenario");
       const { scenario } = desk;

@@ -92,6 +92,7 @@ export class Stage {
     const { view } = this;
     if (!view) return;
     if (this.#camera === "eyes" && this.#user !== this.desk.user) this.look("eyes");
+    this.#cameras.set(this.#camera);
     const { software, renderer } = view.stats;
     show(this.chip, software);
     write(this.chip, software ? "Light mode: no graphics processor" : "");

@@ -29,7 +29,7 @@ export function nowPart(desk: Desk): Part {
   const undo = action("Undo", "undo", "U", () => desk.undo());
   const clear = action("Clear", "clear", "X", () => desk.clear());
   const actions = el("div", { className: "pairs" }, localize, cancel, undo, clear);
-  const nobody = el("p", { className: "muted", text: "Nobody is here yet." });
+  const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit user anna" });
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
   const viewer = el("p", { className: "muted", text: "This page only looks on. The operator's link lets you control." });
   const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, viewer, press, actions);

@@ -5,7 +5,7 @@ import { Keeper } from "./apply";
 import { Asks, Refusal } from "./asks";
 import { decodeBatch, numberOf, Pending } from "./batch";
 import { losses, rates } from "./figures";
-import { bytes, duration, figure, milliseconds } from "./format";
+import { bytes, duration, figure, milliseconds, rendererName } from "./format";
 import { guidance, type Situation } from "./guidance";
 import { matching, note } from "./log";
 import type { Health } from "./messages";
@@ -168,6 +168,14 @@ test("numbers as people read them", () => {
   assert.deepEqual([0, 12.34, -1.25, 0.123, 0.0123, -0.0001].map(figure), ["0", "12", "-1.3", "0.12", "0.012", "0.000"]);
   assert.deepEqual([999, 1234, 45_678, 2.5e6].map(bytes), ["999 B", "1.2 kB", "46 kB", "2.5 MB"]);
   assert.equal(fingerprintLines("ab:cd:01"), "AB CD 01");
+});
+
+test("a renderer by its name", () => {
+  assert.equal(rendererName("ANGLE (Google, Vulkan 1.3.0 (SwiftShader Device (Subzero) (0x0000C0DE)), SwiftShader driver)"), "SwiftShader");
+  assert.equal(rendererName("ANGLE (NVIDIA, NVIDIA GeForce RTX 3060 (0x00002504) Direct3D11 vs_5_0 ps_5_0, D3D11)"), "NVIDIA GeForce RTX 3060");
+  assert.equal(rendererName("ANGLE (Apple, ANGLE Metal Renderer: Apple M2, Unspecified Version)"), "Apple M2");
+  assert.equal(rendererName("Mali-G78"), "Mali-G78");
+  assert.equal(rendererName("SVG"), "SVG");
 });
 
 test("settings survive what is not theirs", () => {

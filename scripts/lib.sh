@@ -75,7 +75,7 @@ install() {
     fi
 }
 
-# ensure_venv [dev]: .venv is there, with PointIt and (dev) what tests and checks need.
+# ensure_venv [web|dev]: .venv is there, with PointIt and what the page (web) or tests and checks too (dev) need.
 ensure_venv() {
     local extra=${1:-} stamp wanted
     wanted="$ROOT $(cksum <"$ROOT/pyproject.toml")"

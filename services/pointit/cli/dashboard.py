@@ -8,7 +8,7 @@ import click
 from pointit.cli import browser
 from pointit.cli.link import site_options
 from pointit.cli.opening import CLOCK_PATIENCE_S
-from pointit.cli.page import EVERYWHERE, PORT, Page, missing, page_of, page_service
+from pointit.cli.page import EVERYWHERE, PORT, Page, has_extra, missing, page_of
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
@@ -54,11 +54,10 @@ def command(
     Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
     """
     setup_logging("warning" if log_level == "info" else log_level)
-    service = page_service()
-    if service is None:
+    if not has_extra():
         raise missing("pointit dashboard")
-    page = page_of(service, Settings(), asked=_asked(port, host, is_lan=lan))
-    check_launches([page.launch])
+    page = page_of(Settings(), asked=_asked(port, host, is_lan=lan))
+    check_launches([page.launch()])
     return run_async(
         _serve(page, Link(site=site, connect=connect), is_open=not no_browser, view_only=view_only)
     )
@@ -100,8 +99,8 @@ async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> i
         clock = SiteClock(bus)
         await clock.found(CLOCK_PATIENCE_S)
         there = await present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S)
-        number = next(n for n in range(1, len(there) + 2) if page.numbered(n).instance not in there)
-        launch = page.numbered(number)
+        launches = (page.launch(number) for number in range(1, len(there) + 2))
+        launch = next(launch for launch in launches if launch.instance not in there)
         url = page.viewer_url if view_only else page.url
         lan_url = page.viewer_lan_url if view_only else page.lan_url
         click.echo(f"page: {url}")

@@ -44,7 +44,9 @@ def execute(plan: Plan, log_level: str) -> int:
     Raises:
         ConfigError: a service cannot work as configured; nothing was started.
     """
-    check_launches([*plan.launches, *([plan.page.launch] if plan.page else [])])
+    check_launches(plan.launches)
+    if plan.page is not None and not plan.page.is_usual:
+        check_launches([plan.page.launch()])
     console = Console(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
@@ -119,6 +121,7 @@ class _Run:
             tell=lambda sentence: _tell(sentence, self._console),
             news=None if is_drawn else log.info,
             on_end=self._news.set,
+            on_page=self._announce,
         )
         async with _told(stage, is_drawn=is_drawn):
             try:
@@ -128,8 +131,6 @@ class _Run:
                         self._limit_s = stage.end_s
                     if self._plan.scenario:
                         listening.callback(self._bus.serve(RUN_SCENARIO, self._wishes.serve).close)
-                    if self._plan.page is not None and stage.has_page:
-                        self._announce(self._plan.page)
                     with on_screen(stage, self._console, self._end_s, self._is_looked_on):
                         await self._until_over(stage)
             finally:
@@ -143,7 +144,7 @@ class _Run:
         with contextlib.ExitStack() as stack:
             stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
             if page is not None and self._plan.browser and browser.is_wanted():
-                opening = browser.open_when_there(self._bus, page.launch.instance, page.url)
+                opening = browser.open_when_there(self._bus, page.instance, page.url)
                 stack.callback(opening.close)
             yield stack
 

@@ -66,7 +66,7 @@ async def beside_others(plan: Plan, bus: ZenohBus) -> Plan:
     there, _ = await asyncio.gather(
         present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S), refuse_names_in_use(bus, set(plan.users))
     )
-    if plan.page is None or plan.page.launch.instance not in there:
+    if plan.page is None or plan.page.instance not in there:
         return plan
     log.warning("site %s has a page already; this run opens none of its own", bus.site)
     return dataclasses.replace(plan, page=None)

@@ -1,11 +1,14 @@
 """The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
 
+import importlib.metadata
+import re
 import secrets
 import socket
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pointit.bridges.web.config import WebConfig
 from pointit.cli.launches import PAGE
 from pointit.cli.settings import Settings, layers_of, service_of
 from pointit.runtime import AnyService, ConfigError, Launch, ListenError
@@ -13,6 +16,10 @@ from pointit.services import registry
 
 REMEDY = 'the page needs `pip install "pointit[web]"`'
 """What is said where the extra is not installed."""
+
+NAME = re.compile(r"[\w.-]+")
+OF_EXTRA = re.compile(rf"extra\s*==\s*['\"]{registry.process(PAGE).extra}['\"]")
+"""In a requirement of the distribution (PEP 508)."""
 
 PORT = 8090
 LAN_PORT = 8443
@@ -38,11 +45,16 @@ class NumberedLaunch(Launch):
         return super().instance if self.number == 1 else f"{super().instance}.{self.number}"
 
 
+def _load() -> type[AnyService]:
+    service: type[AnyService] = registry.process(PAGE).load()
+    return service
+
+
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """A page that is served, and its addresses; they hold tokens, so they are told once and to a person."""
+    """A page to be served, and its addresses; they hold tokens, so they are told once and to a person."""
 
-    launch: NumberedLaunch
+    config: WebConfig
     url: str
     """For who may control, on this machine."""
     viewer_url: str
@@ -50,25 +62,35 @@ class Page:
     lan_url: str = ""
     """For who may control, from the local network; empty: it is not open to it."""
     viewer_lan_url: str = ""
+    is_usual: bool = True
+    """Nothing of it was set by hand, so nothing of it needs to be checked."""
+    load: Callable[[], type[AnyService]] = _load
+    """Returns what serves it; takes time, since all that it needs is loaded."""
 
-    def numbered(self, number: int) -> NumberedLaunch:
-        """Return what serves it, as one of several."""
-        return NumberedLaunch(service=self.launch.service, config=self.launch.config, number=number)
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present, where it is the only one."""
+        return PAGE
+
+    def launch(self, number: int = 1) -> NumberedLaunch:
+        """Return what serves it, as the only one or one of several."""
+        return NumberedLaunch(service=self.load(), config=self.config, number=number)
 
 
-def page_service() -> type[AnyService] | None:
-    """Return the service, or none where the extra it needs is not installed."""
-    try:
-        service: type[AnyService] = registry.process(PAGE).load()
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] == "pointit":
-            raise  # that is no extra, but a fault of ours
-        return None
-    return service
+def has_extra() -> bool:
+    """Return whether what a page needs is installed; none of it is loaded."""
+    for requirement in importlib.metadata.requires("pointit") or ():
+        named = NAME.match(requirement)
+        if named is None or not OF_EXTRA.search(requirement):
+            continue
+        try:
+            importlib.metadata.version(named[0])
+        except importlib.metadata.PackageNotFoundError:
+            return False
+    return True
 
 
 def page_of(
-    service: type[AnyService],
     chosen: Settings,
     *,
     below: Mapping[str, Any] | None = None,
@@ -78,7 +100,6 @@ def page_of(
     """Return the page, with tokens of its own, at ports that are free now.
 
     Args:
-        service: what serves it.
         chosen: files and `--set`, which win.
         below: what a scenario says of it.
         asked: what options of the command line say of it.
@@ -93,32 +114,27 @@ def page_of(
         "viewer_token": secrets.token_urlsafe(TOKEN_BYTES),
         "places": dict(places or {}),
     }
-    layers = layers_of(
-        PAGE,
-        {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}},
-        chosen,
-    )
-    config = layers.build(service.CONFIG)
-    values = config.model_dump()
-    host = str(values["host"])
-    ports = {"port": _port(host, values["port"], PORT, is_asked="port" in layers.values, option="--web-port")}
-    if values["lan"]:
-        ports["lan_port"] = _port(
-            "", values["lan_port"], LAN_PORT, is_asked="lan_port" in layers.values, option="web.lan_port"
-        )
-    config = config.model_copy(update=ports)
-    here = f"http://{_shown(host)}:{ports['port']}/?token="
-    operator, viewer = str(values["operator_token"]), str(values["viewer_token"])
+    sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
+    layers = layers_of(PAGE, sources, chosen)
+    config = layers.build(WebConfig)
+    ports = {
+        "port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option="--web-port")
+    }
+    if config.lan:
+        is_asked = "lan_port" in layers.values
+        ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")
+    here = f"http://{_shown(config.host)}:{ports['port']}/?token="
     there = ""
-    if values["lan"]:
-        address = str(values["lan_address"]) or own_address()
-        there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    if config.lan:
+        there = f"https://{_shown(config.lan_address or own_address())}:{ports['lan_port']}/?token="
     return Page(
-        launch=NumberedLaunch(service=service, config=config),
-        url=here + operator,
-        viewer_url=here + viewer,
-        lan_url=there and there + operator,
-        viewer_lan_url=there and there + viewer,
+        config=config.model_copy(update=ports),
+        url=here + config.operator_token,
+        viewer_url=here + config.viewer_token,
+        lan_url=there and there + config.operator_token,
+        viewer_lan_url=there and there + config.viewer_token,
+        is_usual=all(layers.values.get(name) == value for name, value in usual.items())
+        and layers.values.keys() <= {*usual, "port", "lan"},
     )
 
 

@@ -52,3 +52,9 @@ class Plan:
     def users(self) -> list[str]:
         """Return whose services it starts, in order."""
         return list(dict.fromkeys(launch.user for launch in self.launches if launch.user))
+
+    @property
+    def instances(self) -> list[str]:
+        """Return the names of all that it starts."""
+        page = [] if self.page is None else [self.page.instance]
+        return [launch.instance for launch in self.launches] + page

@@ -12,7 +12,7 @@ from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
 from pointit.cli.launches import PAGE, Choices, user_launches
 from pointit.cli.newcomer import USUAL, look_round
-from pointit.cli.page import REMEDY, Page, is_asked_of_page, missing, page_of, page_service
+from pointit.cli.page import REMEDY, Page, has_extra, is_asked_of_page, missing, page_of
 from pointit.cli.plan import Plan
 from pointit.cli.program import Program, places, staged
 from pointit.cli.run_options import page_options, shared_options
@@ -145,7 +145,7 @@ def run(
     page, notes = _page(chosen, choices, options)
     choices = dataclasses.replace(choices, page=page is not None)
     launches = staged(chosen, choices, people)
-    check_settings([*launches, *([page.launch] if page else [])], choices)
+    check_settings({*(launch.service.NAME for launch in launches), *([PAGE] if page else [])}, choices)
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
@@ -191,8 +191,7 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
             if is_given:
                 raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
         return None, []
-    service = page_service()
-    if service is None:
+    if not has_extra():
         asked["--set web."] = is_asked_of_page(choices.settings)
         for option, is_given in asked.items():
             if is_given:
@@ -200,7 +199,6 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
         return None, [f"{REMEDY}; --no-web says nothing of it"]
     said = {"port": port} if port is not None else {}
     page = page_of(
-        service,
         choices,
         below=scenario.site.get(PAGE, {}),
         asked=said | ({"lan": True} if options["lan"] else {}),
@@ -237,7 +235,7 @@ def user(name: str, scenario: str | None, place: int | None, **options: Any) -> 
         if len(given) > 1:
             raise ConfigError(f"{option} is given {len(given)} times for one person")
     launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
-    check_settings(launches, choices)
+    check_settings({launch.service.NAME for launch in launches}, choices)
     plan = Plan(
         name=name,
         launches=launches,

@@ -1,12 +1,12 @@
 """Parameters of services from files, variables and `--set`, each on top of the one before."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime import ConfigError
 from pointit.runtime.config import Layers, read_yaml
 from pointit.runtime.environment import environment_prefix
 from pointit.services import registry
@@ -41,13 +41,12 @@ def layers_of(name: str, below: Mapping[str, Mapping[str, Any]], chosen: Setting
     return layers
 
 
-def check_settings(launches: Iterable[Launch], chosen: Settings) -> None:
+def check_settings(running: Collection[str], chosen: Settings) -> None:
     """Make sure that no `--set` is without effect.
 
     Raises:
-        ConfigError: one is for a service that is not among `launches`.
+        ConfigError: one is for a service that is not among `running`.
     """
-    running = {launch.service.NAME for launch in launches}
     for setting in chosen.settings:
         service = service_of(setting)
         if service not in running:

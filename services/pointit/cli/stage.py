@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pointit.cli.cast import Cast
 from pointit.cli.monitor import Monitor
 from pointit.cli.notice import Line, Notice
+from pointit.cli.page import Page
 from pointit.cli.plan import Plan
 from pointit.cli.score import Score
 from pointit.runtime import Clock, ConfigError, Launch
@@ -40,6 +41,7 @@ class Stage:
         tell: Tell,
         news: Tell | None,
         on_end: Callable[[], None],
+        on_page: Callable[[Page], None],
     ) -> None:
         """Begin nothing yet.
 
@@ -50,6 +52,7 @@ class Stage:
             tell: takes what the person should know.
             news: takes what people do, where nobody sees it drawn.
             on_end: called when services end before they are asked to.
+            on_page: called when the page is there.
         """
         self.plan = plan
         self.bus = bus
@@ -61,10 +64,12 @@ class Stage:
         self._tell = tell
         self._news = news
         self._on_end = on_end
+        self._on_page = on_page
         self._notice = Notice(bus)
         self._cast: Cast | None = None
         self._page: Cast | None = None
         self._page_is_lost = False
+        self._opening: asyncio.Task[None] | None = None
 
     @property
     def end_s(self) -> float | None:
@@ -80,23 +85,23 @@ class Stage:
 
     @property
     def has_page(self) -> bool:
-        """Return whether a page runs beside the scenario, as far as is known."""
-        return self._page is not None and not self._page_is_lost
+        """Return whether a page runs beside the scenario."""
+        return (
+            self._page is not None
+            and self._opening is not None
+            and self._opening.done()
+            and not self._page_is_lost
+        )
 
     async def begin(self) -> None:
-        """Begin what the plan says, and then the page, which nobody needs to wait for.
+        """Begin what the plan says; the page follows, and nobody waits for it: it takes time to load.
 
         Raises:
             Exception: what ended a service at once.
         """
-        if self.plan.page is not None:
-            self._page = self._cast_of([self.plan.page.launch], on_end=self._on_page_end)
         await self._set(self.plan)
-        if self._page is not None:
-            try:
-                await self._page.begin()
-            except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
-                self._give_up_page(error)
+        if self.plan.page is not None:
+            self._opening = asyncio.create_task(self._open(self.plan.page), name="opening the page")
 
     async def change(self, plan: Plan) -> None:
         """Run `plan` in place of what runs; if it cannot begin, what runs now begins again.
@@ -124,6 +129,9 @@ class Stage:
         Raises:
             Exception: what ended a service before.
         """
+        if self._opening is not None:
+            self._opening.cancel()
+            await asyncio.wait({self._opening})
         casts = [cast for cast in (self._cast, self._page) if cast is not None]
         await asyncio.gather(*(cast.end() for cast in casts))
         if self._cast is not None:
@@ -139,7 +147,7 @@ class Stage:
         where = (self.bus.link.listen or self.bus.link.connect)[0]
         names = ", ".join(launch.instance for launch in plan.launches)
         log.info("%s of site %s at %s: %s", plan.name, self.bus.link.site, where, names)
-        self._notice.post(plan, [*_lines(self._cast), *_lines(self._page)])
+        self._post()
         self.began_s = time.monotonic()
         await self._cast.begin()
 
@@ -156,7 +164,19 @@ class Stage:
     def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> Cast:
         return Cast(launches, self.bus, self.clock, processes=self.plan.processes, on_end=on_end)
 
-    def _on_page_end(self) -> None:
+    async def _open(self, page: Page) -> None:
+        try:
+            launch = await asyncio.to_thread(page.launch)
+            self._page = self._cast_of([launch], on_end=self._check_page)
+            await self._page.begin()
+        except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
+            self._give_up_page(error)
+            return
+        if self._cast is not None:  # else another scenario is about to begin, and tells of both
+            self._post()
+        self._on_page(page)
+
+    def _check_page(self) -> None:
         try:
             if self._page is not None:
                 self._page.check()
@@ -167,6 +187,10 @@ class Stage:
         if not self._page_is_lost:
             log.error("the page has ended (%s); the run goes on without it", _sentence(error))
         self._page_is_lost = True
+
+    def _post(self) -> None:
+        """Tell the site what runs."""
+        self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page)])
 
 
 async def refuse_names_in_use(bus: ZenohBus, users: set[str]) -> None:

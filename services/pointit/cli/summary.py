@@ -103,8 +103,7 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "first_cursor_unix_s": monitor.first_cursor_unix_s,
         "people": _people(plan, monitor),
         "not_found": _not_found(plan, monitor),
-        "services": [launch.instance for launch in plan.launches]
-        + ([plan.page.launch.instance] if plan.page else []),
+        "services": plan.instances,
     }
     if plan.as_json:
         click.echo(json.dumps(summary, indent=2))

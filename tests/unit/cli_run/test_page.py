@@ -1,8 +1,12 @@
 """The page of a run: where it is, who may see it, what is asked of it."""
 
+import importlib.metadata
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -28,13 +32,11 @@ from tests.unit.cli_run.stand_in import StandIn
 
 
 def page_with(*settings: str, **asked: Any) -> Page:
-    return page_of(StandIn, Settings(settings=settings), asked={"port": 0, **asked})
+    return page_of(Settings(settings=settings), asked={"port": 0, **asked})
 
 
 def config_of(made: Page) -> WebConfig:
-    config = made.launch.config
-    assert isinstance(config, WebConfig)
-    return config
+    return made.config
 
 
 @contextmanager
@@ -69,9 +71,9 @@ def test_tokens_are_secret() -> None:
 def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     first = free_port()
     monkeypatch.setattr(page, "PORT", first)
-    assert config_of(page_of(StandIn, Settings())).port == first
+    assert config_of(page_of(Settings())).port == first
     with taken(first):
-        assert config_of(page_of(StandIn, Settings())).port in range(first + 1, first + PORTS_TO_TRY)
+        assert config_of(page_of(Settings())).port in range(first + 1, first + PORTS_TO_TRY)
     assert PORT == 8090
 
 
@@ -83,13 +85,13 @@ def test_a_port_that_was_asked_for_and_is_taken_is_an_error() -> None:
                 ListenError,
                 match=rf"cannot listen at 127\.0\.0\.1:{port}: Address already in use; .* --web-port",
             ):
-                page_of(StandIn, Settings(settings=settings), asked=asked)
+                page_of(Settings(settings=settings), asked=asked)
 
 
 def test_settings_win_over_options_and_options_over_the_scenario() -> None:
     below = {"rate_hz": 20.0, "record_s": 5.0, "lan": False}
     chosen = Settings(settings=["web.rate_hz=30", "web.operator_token=mine"])
-    made = page_of(StandIn, chosen, below=below, asked={"port": 0})
+    made = page_of(chosen, below=below, asked={"port": 0})
     config = config_of(made)
     assert (config.rate_hz, config.record_s) == (30.0, 5.0)
     assert made.url.endswith("/?token=mine")
@@ -120,14 +122,39 @@ def test_people_are_where_the_scenario_or_the_command_line_puts_them() -> None:
     assert told["user2"] == {"position_m": (1.0, 2.0, 0.0), "yaw_deg": 30.0}
     assert told["user5"] == scenario.places[0].model_dump()
     assert len(told) == PLACES  # people may come while it is served
-    assert (
-        config_of(page_of(StandIn, Settings(), asked={"port": 0}, places=told)).places.keys() == told.keys()
-    )
+    assert config_of(page_of(Settings(), asked={"port": 0}, places=told)).places.keys() == told.keys()
 
 
 def test_several_pages_of_a_site_have_names_of_their_own() -> None:
-    made = page_with()
-    assert [made.numbered(number).instance for number in (1, 2, 3)] == ["web", "web.2", "web.3"]
+    made = replace(page_with(), load=lambda: StandIn)
+    assert [made.launch(number).instance for number in (1, 2, 3)] == ["web", "web.2", "web.3"]
+    assert made.launch().instance == made.instance
+
+
+def test_what_was_set_by_hand_is_checked_before_the_start() -> None:
+    assert page_with().is_usual
+    assert page_with(lan=True, port=0).is_usual
+    assert not page_with("web.host=0.0.0.0").is_usual
+    assert not page_with("web.operator_token=short").is_usual
+    assert not page_of(Settings(), below={"rate_hz": 9.0}).is_usual
+
+
+def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert page.has_extra()
+    find = importlib.metadata.version
+
+    def without(name: str) -> str:
+        if name == "segno":
+            raise importlib.metadata.PackageNotFoundError(name)
+        return find(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", without)
+    assert not page.has_extra()
+    script = "import sys, pointit.cli.run, pointit.cli.page as p; p.has_extra(); print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
+    )
+    assert not set(done.stdout.split()) & {"starlette", "uvicorn", "cryptography", "segno", "mcap"}
 
 
 def test_what_is_asked_of_the_page() -> None:
@@ -153,7 +180,7 @@ def test_other_machines_too(name: str) -> None:
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
     for module in ("pointit.cli.run", "pointit.cli.dashboard"):
-        monkeypatch.setattr(f"{module}.page_service", lambda: StandIn if has_extra else None)
+        monkeypatch.setattr(f"{module}.has_extra", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception
 

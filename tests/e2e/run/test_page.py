@@ -1,0 +1,226 @@
+"""The page of a run: where it is, who may see it, how a run goes on for it and changes from it."""
+
+import contextlib
+import json
+import re
+import signal
+from collections.abc import AsyncGenerator
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import httpx
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from pointit.runtime import RefusedError
+from pointit.schemas import Deployment, Environment, RunScenario
+from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO
+from tests.support.bench import until
+from tests.support.commands import Command, Commands, onlooker, summary_of
+
+ADDRESS = re.compile(r"page: (http://\S+?/\?token=[\w-]+)")
+CHANGE_S = 20.0
+PERSON = ("imu-bridge", "pointing", "localizer", "supervisor", "user-sim")
+
+
+async def address_of(command: Command) -> str:
+    await command.says("page: http://")
+    found = ADDRESS.search(command.err + command.out)
+    assert found is not None
+    return found[1]
+
+
+async def entered(url: str) -> tuple[str, httpx.Response]:
+    """Return the cookie that the address gives, and the page behind it, as soon as it answers."""
+    async with httpx.AsyncClient(
+        follow_redirects=True, transport=httpx.AsyncHTTPTransport(retries=20)
+    ) as client:
+        response = await client.get(url)
+        return "; ".join(f"{name}={value}" for name, value in client.cookies.items()), response
+
+
+@contextlib.asynccontextmanager
+async def looking_on(url: str) -> AsyncGenerator[tuple[ClientConnection, dict[str, Any]]]:
+    """Hold the page open, as a browser does; yield what it is told first, too."""
+    cookie, _ = await entered(url)
+    origin = url.partition("/?")[0]
+    where = origin.replace("http", "ws", 1) + "/ws"
+    async with connect(where, additional_headers={"Cookie": cookie}, origin=Origin(origin)) as socket:
+        yield socket, json.loads(await socket.recv())
+
+
+def run(commands: Commands, endpoint: str, *arguments: str) -> Command:
+    return commands.start("run", *arguments, "--no-view", "--web-port", "0", "--listen", endpoint)
+
+
+@pytest.mark.parametrize("processes", [(), ("--processes",)])
+async def test_the_address_opens_with_its_token_and_not_without(
+    commands: Commands, endpoint: str, processes: tuple[str, ...]
+) -> None:
+    command = run(commands, endpoint, *processes)
+    url = await address_of(command)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: "web" in seen.present, CHANGE_S, "the page")
+        _, page = await entered(url)
+        assert page.status_code == 200
+        assert "text/html" in page.headers["content-type"]
+        for wrong in (url.partition("?")[0], url[:-1] + "~"):
+            _, refused = await entered(wrong)
+            assert refused.status_code == 403
+        await seen.sees_more(seen.cursors["user1"], "cursors on the belts")
+    ended = await command.stop()
+    assert ended.code == 0, ended.err
+    assert "scenario_4 ran" in ended.out  # what is run where nothing is named
+    (token,) = parse_qs(urlsplit(url).query)["token"]
+    assert ended.err.count(token) == 1
+    assert token not in ended.out
+
+
+async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoint: str) -> None:
+    mine = ("--set", "web.operator_token=a-token-of-mine", "--set", "web.rate_hz=10")
+    command = run(commands, endpoint, "scenario_2", *mine)
+    url = await address_of(command)
+    assert url.endswith("/?token=a-token-of-mine")
+    async with onlooker(endpoint) as seen:
+        told: list[Deployment] = []
+        seen.bus.subscribe(DEPLOYMENT, lambda deployment, _name: told.append(deployment))
+        await until(lambda: bool(told), CHANGE_S, "the deployment")
+    assert "web" in {service.service for service in told[0].services}
+    assert "a-token-of-mine" not in told[0].model_dump_json()  # who looks on must not learn to control
+    taken = str(urlsplit(url).port)
+    second = await commands.pointit("run", "--web-port", taken, "--no-view")
+    assert second.code == 1
+    assert second.sentence.startswith(f"the page cannot listen at 127.0.0.1:{taken}: Address already in use")
+
+
+@pytest.mark.parametrize("processes", [(), ("--processes",)])
+async def test_another_scenario_takes_its_place(
+    commands: Commands, endpoint: str, processes: tuple[str, ...]
+) -> None:
+    command = run(commands, endpoint, "scenario_4", "--json", *processes)
+    url = await address_of(command)
+    async with onlooker(endpoint) as seen:
+        rooms: list[str] = []
+
+        def on_map(room: Environment, _name: str) -> None:
+            rooms.append(room.name)
+
+        seen.bus.subscribe(MAP, on_map)
+        await seen.sees_more(seen.cursors["user1"], "cursors on the belts")
+        await seen.hears("web")
+        page = seen.health["web"]
+        with pytest.raises(RefusedError, match="no scenario 'nope'; there are scenario_1"):
+            await seen.bus.call(RUN_SCENARIO, RunScenario(scenario="nope"), timeout_s=CHANGE_S)
+        wish = RunScenario(scenario="scenario_2", users=2)
+        await seen.bus.call(RUN_SCENARIO, wish, timeout_s=CHANGE_S)
+        people = {f"{service}.{user}" for service in PERSON for user in ("user1", "user2")}
+        await until(
+            lambda: seen.present == {"pui", "led-driver", "web", *people}, CHANGE_S, f"not {seen.present}"
+        )
+        await seen.sees_cursors("user1", "user2")
+        assert rooms[-1] == "lab" != rooms[0]
+        assert seen.health["web"].pid == page.pid
+        assert seen.health["web"].uptime_s > page.uptime_s  # the same page, all the while
+        async with looking_on(url):
+            pass
+        doctor = await commands.pointit("doctor", "--connect", endpoint)
+        assert "selector" not in doctor.out  # nothing of the other scenario is missed
+    family = command.family()
+    assert len(family) == (14 if processes else 1)
+    ended = await command.stop()
+    assert ended.code == 0, ended.err
+    assert ended.took_s < 2
+    assert "Traceback" not in ended.err
+    summary = summary_of(ended)
+    assert summary["scenario"] == "scenario_2"
+    assert len(summary["services"]) == 13
+
+
+async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:
+    own = tmp_path / "mine.yaml"
+    own.write_text(
+        "about: mine\nduration_s: 4\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
+        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
+        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
+    )
+    command = run(commands, endpoint, str(own), "--json")
+    url = await address_of(command)
+    async with looking_on(url), onlooker(endpoint) as seen:
+        await until(
+            lambda: "web" in seen.health and seen.health["web"].uptime_s > 8, CHANGE_S, "twice its duration"
+        )
+        assert command.is_running
+    ended = await command.end(10)
+    assert ended.code == 0, ended.err
+    assert summary_of(ended)["duration_s"] > 8
+
+
+async def test_a_duration_that_was_asked_for_ends_it_whoever_looks_on(
+    commands: Commands, endpoint: str
+) -> None:
+    command = run(commands, endpoint, "scenario_2", "--duration", "4", "--json")
+    async with looking_on(await address_of(command)):
+        ended = await command.end(15)
+    assert ended.code == 0, ended.err
+    assert summary_of(ended)["duration_s"] == pytest.approx(4, abs=0.1)
+
+
+@pytest.mark.parametrize("processes", [(), ("--processes",)])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+async def test_ctrl_c_ends_it_with_a_page_open(
+    commands: Commands, endpoint: str, processes: tuple[str, ...], number: int
+) -> None:
+    command = run(commands, endpoint, "scenario_2", *processes)
+    url = await address_of(command)
+    async with onlooker(endpoint) as seen:
+        await until(lambda: "web" in seen.present, CHANGE_S, "the page")
+        async with looking_on(url), looking_on(url):
+            await seen.sees_cursors("user1")
+            ended = await command.stop(number)
+    assert ended.code == 0, ended.err
+    assert ended.took_s < 2
+    assert "Traceback" not in ended.err
+    assert "web did not end in time" not in ended.err
+
+
+@pytest.mark.parametrize("has_page", [False, True])
+async def test_a_dashboard_beside_a_run(commands: Commands, endpoint: str, *, has_page: bool) -> None:
+    page = ("--web-port", "0") if has_page else ("--no-web",)
+    commands.start("run", "scenario_2", "--no-view", *page, "--listen", endpoint)
+    dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0")
+    url = await address_of(dashboard)
+    instance = "web.2" if has_page else "web"
+    async with onlooker(endpoint) as seen:
+        await until(lambda: instance in seen.present, CHANGE_S, f"{instance} among {seen.present}")
+        async with looking_on(url) as (socket, hello):
+            assert hello["role"] == "operator"
+            for _ in range(5):  # status, batches of what happens there
+                await socket.recv()
+        ended = await dashboard.stop()
+        assert (ended.code, ended.err) == (0, "")
+        assert ended.took_s < 2
+        assert ended.out == f"page: {url}\n"
+        await until(lambda: instance not in seen.present, CHANGE_S, "it to be gone")
+        await seen.sees_cursors("user1")  # the run goes on
+        doctor = await commands.pointit("doctor", "--connect", endpoint)
+        assert "twice" not in doctor.out
+
+
+async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str) -> None:
+    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0", "--view-only")
+    async with looking_on(await address_of(dashboard)) as (_, hello):
+        assert (hello["role"], hello["requests"]) == ("viewer", [])
+
+
+async def test_a_dashboard_waits_for_a_site_and_is_refused_to_a_network(
+    commands: Commands, endpoint: str
+) -> None:
+    waiting = commands.start("dashboard", "--connect", endpoint, "--port", "0")
+    await waiting.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
+    refused = await commands.pointit("dashboard", "--host", "0.0.0.0", "--connect", endpoint)  # noqa: S104 - refused
+    assert refused.code == 2
+    assert refused.sentence.startswith("--host 0.0.0.0: a page on a network needs HTTPS")
+    assert (await waiting.stop()).code == 0

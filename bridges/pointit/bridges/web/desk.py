@@ -133,7 +133,7 @@ class Desk:
         return {
             "url": url,
             "fingerprint": self._lan.fingerprint,
-            "message": self._lan.note or f"the local network finds the page at {url}",
+            "message": f"the local network finds the page at {url} {self._lan.note}".rstrip(),
         }
 
     async def _call(self, call: Call) -> dict[str, Any]:

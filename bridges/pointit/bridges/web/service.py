@@ -31,7 +31,7 @@ from pointit.bridges.web.session import Session
 from pointit.bridges.web.status import Sight
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import ConfigError, Context, Service
+from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     Deployment,
@@ -147,7 +147,7 @@ class Web(Service[WebConfig]):
             host = f"[{self.config.host}]" if ":" in self.config.host else self.config.host
             log.info("the page is at http://%s:%d/%s", host, self._listener.port, shown)
             if self.config.lan:
-                log.info("the local network finds it at %s", (await self._desk.open_lan())["url"])
+                await self._open_lan()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick(), name="web tick")
                 group.create_task(self._move(), name="web wrists")
@@ -156,10 +156,12 @@ class Web(Service[WebConfig]):
             await self._lan.close()
             await self._listener.close()
 
-    @property
-    def port(self) -> int:
-        """Return the port at which it listens."""
-        return self._listener.port
+    async def _open_lan(self) -> None:
+        try:
+            log.info("%s", (await self._desk.open_lan())["message"])
+        except RefusedError as error:  # the page is of use on this machine all the same
+            log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
+            self.bus.warn("lan", f"the page is not open to the local network: {error}")
 
     # Hosting pages.
 

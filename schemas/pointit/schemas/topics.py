@@ -47,6 +47,7 @@ __all__ = [
     "HOVER",
     "IMU",
     "INTERACTION",
+    "KEEPER_ALIVE",
     "LAMP_COLOR",
     "LOCALIZATION",
     "MAP",
@@ -295,7 +296,11 @@ TOPICS: tuple[Topic[Any], ...] = (
 SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service instance runs")
 USER_ALIVE = Presence(key="alive/users/{user}", about="one person's services run")
 
-PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE)
+KEEPER_ALIVE = Presence(
+    key="alive/keepers/{session}", about="somebody answers for states whose writers are gone"
+)
+
+PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, KEEPER_ALIVE)
 
 
 def topic_of(key: str) -> Topic[Any] | None:

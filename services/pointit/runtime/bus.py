@@ -3,7 +3,7 @@
 All handlers run in the event loop that opened the bus, one at a time, never from within `put`.
 """
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -29,6 +29,12 @@ Server = Callable[[Q, str], Awaitable[R]]
 
 Each answer is a task of its own that ends with what `serve` returned, not with a caller that gives up.
 """
+
+AnyTopic = Topic[Any]
+"""A row of the table, whatever its message."""
+
+Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
+"""Yields what is kept of a topic now: what stands for the key's placeholder, and the last message."""
 
 MAX_IN_FLIGHT = 256
 """Answers that one server works on at a time; further callers are refused at once."""
@@ -94,12 +100,24 @@ class Bus(Protocol):
         """Declare a writer of the key `topic.at(name)`; declare once, put often."""
         ...
 
-    def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
+    def subscribe(
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+    ) -> Subscription:
         """Call `handler(message, name)` for what arrives on `topic` (of one `name`, or of all).
 
         *latest* and *state* keep the newest a key until handled; *event* keeps `EVENT_CAPACITY` in order.
-        A reader of *state* gets the last value at once, when a writer that has put one is there; a reader
-        of *event* gets what is put from now on.
+        A reader of *state* gets the last value at once, when a writer that has put one is there, or else
+        from who keeps it (see `keep`), unless `kept` is false; a reader of *event* gets what is put from
+        now on.
+        """
+        ...
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics`, which are states, that are gone.
+
+        Each reader gets what `recall` yields, once: those there are now, and those that come when they
+        subscribe. What a living writer has put wins, whichever arrives first. Who keeps a topic reads it
+        with `kept=False`.
         """
         ...
 
@@ -136,7 +154,3 @@ class Bus(Protocol):
     async def close(self) -> None:
         """Close everything that was declared through this bus; no handler runs afterwards."""
         ...
-
-
-AnyTopic = Topic[Any]
-"""A row of the table, whatever its message."""

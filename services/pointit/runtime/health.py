@@ -8,7 +8,7 @@ import os
 import socket
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
 from pointit.runtime.bus import (
@@ -18,6 +18,7 @@ from pointit.runtime.bus import (
     Closable,
     Handler,
     Publisher,
+    Recall,
     Server,
     Subscription,
     Traffic,
@@ -160,7 +161,9 @@ class ServiceBus:
         self._publishers.append(inner)
         return MeteredPublisher(inner, self._meter(topic, "out"), self._latency, self._clock)
 
-    def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
+    def subscribe(
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+    ) -> Subscription:
         """Call `handler(message, name)` for what arrives."""
         meter = self._meter(topic, "in")
         steps = self._steps
@@ -171,10 +174,16 @@ class ServiceBus:
             handler(message, key_name)
             steps.add(time.monotonic() - began_s)
 
-        subscription = self._bus.subscribe(topic, timed, name)
+        subscription = self._bus.subscribe(topic, timed, name, kept=kept)
         meter.traffics.append(subscription.traffic)
         self._declared.append(subscription)
         return subscription
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics`, which are states, that are gone."""
+        kept = self._bus.keep(topics, recall)
+        self._declared.append(kept)
+        return kept
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""

@@ -94,8 +94,18 @@ class Mailbox:
         handler: Callable[[Any, str], None],
         dispatcher: Dispatcher,
         unpack: Callable[[Any], Message] | None = None,
+        *,
+        kept: bool = True,
     ) -> None:
-        """Make a buffer for `topic`; `unpack` turns foreign items into messages, in the loop."""
+        """Make a buffer for `topic`.
+
+        Args:
+            topic: of which messages are offered.
+            handler: takes them, in the loop.
+            dispatcher: of the loop.
+            unpack: turns foreign items into messages, in the loop.
+            kept: take what was kept of a state whose writer may be gone.
+        """
         self.topic = topic
         self.traffic = Traffic()
         self._handler = handler
@@ -109,6 +119,18 @@ class Mailbox:
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._overflowed = 0
         """How many had overflowed when it was last said."""
+        self._takes_kept = kept and topic.delivery is Delivery.STATE
+        self._live: set[str] = set()
+        """Names of which a living writer's state was handled."""
+        self._recalled: dict[str, Message] = {}
+        """By name: what was kept and is handled, till a living writer says something."""
+        self._kept: dict[str, Message] = {}
+        """By name: what was kept and is not handled yet."""
+
+    @property
+    def takes_kept(self) -> bool:
+        """Return whether `offer_kept` has a meaning now."""
+        return self._takes_kept and not self._closed
 
     def offer(self, name: str, item: Any) -> None:
         """Take `item`; from any thread, never blocks, never raises."""
@@ -124,6 +146,25 @@ class Mailbox:
                 if len(self._queue) == EVENT_CAPACITY:
                     self.traffic.dropped += 1
                 self._queue.append((name, item))
+            if self._marked:
+                return
+            self._marked = True
+        self._dispatcher.mark(self)
+
+    def offer_kept(self, name: str, message: Message) -> None:
+        """Take what somebody has kept of a state; in the loop.
+
+        What a living writer puts wins, whether it comes before or after; of what is kept, the newer by
+        stamp and number.
+        """
+        if not self.takes_kept or name in self._live:
+            return
+        known = self._kept.get(name) or self._recalled.get(name)
+        if known is not None and (message.stamp_ns, message.seq) <= (known.stamp_ns, known.seq):
+            return
+        with self._lock:
+            self.traffic.received += 1
+            self._kept[name] = message
             if self._marked:
                 return
             self._marked = True
@@ -147,14 +188,33 @@ class Mailbox:
             if self._closed:
                 return
             message = item if isinstance(item, Message) else self._open(item)
-            if message is None:
+            if message is None or (self._takes_kept and self._is_known(name, message)):
                 continue
-            try:
-                self._handler(message, name)
-            except Exception:  # a handler's fault must not stop the others: counted, shown in health, logged
-                self.traffic.errors += 1
-                if self._may_log(f"error {id(self)}"):
-                    log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
+            self._handle(message, name)
+        if self._kept:
+            self._drain_kept()
+
+    def _is_known(self, name: str, message: Message) -> bool:
+        """Take note that a living writer has put `message`; return whether it is what was kept of it."""
+        self._live.add(name)
+        return bool(self._recalled) and self._recalled.pop(name, None) == message
+
+    def _drain_kept(self) -> None:
+        kept, self._kept = self._kept, {}
+        for name, message in kept.items():
+            if self._closed:
+                return
+            if name not in self._live:
+                self._recalled[name] = message
+                self._handle(message, name)
+
+    def _handle(self, message: Message, name: str) -> None:
+        try:
+            self._handler(message, name)
+        except Exception:  # a handler's fault must not stop the others: counted, shown in health, logged
+            self.traffic.errors += 1
+            if self._may_log(f"error {id(self)}"):
+                log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
 
     def reject(self, reason: object) -> None:
         """Count what came and cannot be taken, and say why; from any thread."""
@@ -176,6 +236,8 @@ class Mailbox:
         with self._lock:
             self._newest.clear()
             self._queue.clear()
+        for names in (self._live, self._recalled, self._kept):
+            names.clear()
 
     def _open(self, item: Any) -> Message | None:
         try:

@@ -5,7 +5,7 @@ Several buses may share one `Exchange`; each stands for one participant.
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus import (
@@ -14,12 +14,14 @@ from pointit.runtime.bus import (
     AnyTopic,
     Closable,
     Handler,
+    Recall,
     Server,
     Subscription,
     Traffic,
 )
-from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
+from pointit.runtime.errors import BusClosedError, PointItError, RefusedError
 from pointit.runtime.mailbox import Dispatcher, Mailbox
+from pointit.runtime.unanswered import no_answer, shutting_down
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
 
@@ -46,6 +48,8 @@ class Exchange:
         self.present: dict[str, dict[str, int]] = {}
         """By presence key and name: how many announce it."""
         self.watchers: dict[str, list[Watcher]] = {}
+        self.keepings: list[Keeping] = []
+        """Who answers for writers that are gone."""
 
     def readers_of(self, topic: AnyTopic) -> list[tuple[str, Mailbox]]:
         """Return the live list of readers, for writers to keep."""
@@ -128,6 +132,8 @@ class MailboxSubscription:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
                 if name in (ANY, key):
                     mailbox.offer(key, state)
+            for keeping in bus.exchange.keepings:
+                keeping.hand_over(topic, name, mailbox)
 
     @property
     def traffic(self) -> Traffic:
@@ -141,6 +147,34 @@ class MailboxSubscription:
     def _undeclare(self) -> None:
         self._mailbox.close()
         self._readers.remove(self._entry)
+
+
+class Keeping:
+    """What somebody keeps of states: handed over to the readers there are, and to each that comes."""
+
+    def __init__(self, bus: "MemoryBus", topics: Sequence[AnyTopic], recall: Recall) -> None:
+        self.recall = recall
+        self._keys = frozenset(topic.key for topic in topics)
+        self._keepings = bus.exchange.keepings
+        self._keepings.append(self)
+        self._declaration = Declaration(bus, self._undeclare)
+        for topic in topics:
+            for wanted, mailbox in bus.exchange.readers_of(topic):
+                self.hand_over(topic, wanted, mailbox)
+
+    def hand_over(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
+        """Offer what is kept of `topic` under the name `wanted`, or under all."""
+        if topic.key in self._keys and mailbox.takes_kept:
+            for name, message in self.recall(topic):
+                if wanted in (ANY, name):
+                    mailbox.offer_kept(name, message)
+
+    def close(self) -> None:
+        """Answer no longer."""
+        self._declaration.close()
+
+    def _undeclare(self) -> None:
+        self._keepings.remove(self)
 
 
 class Desk(Generic[Q, R]):
@@ -249,10 +283,17 @@ class MemoryBus:
         self._check_open()
         return MemoryPublisher(self, topic, name)
 
-    def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
+    def subscribe(
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+    ) -> Subscription:
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
-        return MailboxSubscription(self, topic, Mailbox(topic, handler, self.dispatcher), name)
+        return MailboxSubscription(self, topic, Mailbox(topic, handler, self.dispatcher, kept=kept), name)
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics` that are gone."""
+        self._check_open()
+        return Keeping(self, topics, recall)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
@@ -349,16 +390,3 @@ class MemoryBus:
     def _check_open(self) -> None:
         if self._closed.done():
             raise BusClosedError("the bus is closed")
-
-
-def shutting_down(request: Request[Any, Any]) -> str:
-    """Return what a caller is told whose server ends."""
-    return f"{request.server} is shutting down"
-
-
-def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = None) -> NoAnswerError:
-    """Return the error that says who should have answered `key`."""
-    waited = "" if timeout_s is None else f" within {timeout_s:g} s"
-    return NoAnswerError(
-        f"{request.server} does not answer {key}{waited}; is it running? See `pointit doctor`"
-    )

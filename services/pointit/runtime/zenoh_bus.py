@@ -7,21 +7,30 @@ Messages are encoded once a put (*latest*: only while somebody elsewhere reads) 
 itself.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import zenoh
 
-from pointit.runtime.bus import REQUEST_TIMEOUT_S, Closable, Handler, Server, Subscription
+from pointit.runtime.bus import (
+    REQUEST_TIMEOUT_S,
+    AnyTopic,
+    Closable,
+    Handler,
+    Recall,
+    Server,
+    Subscription,
+)
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import Declaration, MemoryBus
+from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
 from pointit.runtime.zenoh_presence import ZenohWatcher
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
 from pointit.runtime.zenoh_session import Link, LinkWatch, close_session, open_session
 from pointit.runtime.zenoh_topics import LatestInlet, Parcel, ZenohPublisher, ZenohSubscription
 from pointit.schemas import Message, Query, Reply
-from pointit.schemas.topics import ANY, Presence, Request, Topic
+from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -37,6 +46,7 @@ class ZenohBus(MemoryBus):
         self.session = session
         self.link = link
         self._inlets: dict[str, LatestInlet] = {}
+        self._recollection: Recollection | None = None
         self._watch = LinkWatch(session, link) if link.connect else None
 
     @classmethod
@@ -64,15 +74,27 @@ class ZenohBus(MemoryBus):
         self._check_open()
         return ZenohPublisher(self, self.session, topic, name)
 
-    def subscribe(self, topic: Topic[M], handler: Handler[M], name: str = ANY) -> Subscription:
+    def subscribe(
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+    ) -> Subscription:
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
 
         def unpack(parcel: Parcel) -> Message:
             return parcel.open(topic.message)
 
-        mailbox = Mailbox(topic, handler, self.dispatcher, unpack)
-        return ZenohSubscription(self, self.session, topic, mailbox, name, inlets=self._inlets)
+        mailbox = Mailbox(topic, handler, self.dispatcher, unpack, kept=kept)
+        subscription = ZenohSubscription(self, self.session, topic, mailbox, name, inlets=self._inlets)
+        if topic.delivery is Delivery.STATE and kept:
+            if self._recollection is None:
+                self._recollection = Recollection(self, self.session)
+            self._recollection.want(topic, name, mailbox)
+        return subscription
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics` that are gone, here and to other processes."""
+        self._check_open()
+        return ZenohKeeping(self, self.session, topics, recall)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
@@ -123,5 +145,7 @@ class ZenohBus(MemoryBus):
             return
         if self._watch is not None:
             self._watch.close()
+        if self._recollection is not None:
+            self._recollection.close()
         await super().close()
         await close_session(self.session)

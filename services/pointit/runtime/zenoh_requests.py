@@ -12,7 +12,8 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.bus import Server
 from pointit.runtime.errors import RefusedError, RequestError
-from pointit.runtime.memory_bus import Desk, MemoryBus, no_answer, shutting_down
+from pointit.runtime.memory_bus import Desk, MemoryBus
+from pointit.runtime.unanswered import no_answer, shutting_down
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.topics import Request

@@ -1,0 +1,1 @@
+"""States that outlive their writers, and the machines' clocks."""

@@ -1,0 +1,69 @@
+"""What a restarted keeper finds on disk: one file, written whole or not at all."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import ClassVar
+
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import DecodeError, Part, decode, encode
+from pointit.schemas.base import Many, Ns
+
+FILE = "states.msgpack"
+
+
+class KeptState(Part):
+    """One state as it travels."""
+
+    key: str
+    """Of its row."""
+    name: str
+    schema_name: str
+    payload: bytes
+
+
+class Record(Part):
+    """All that is kept."""
+
+    max_bytes: ClassVar[int] = 80 * 1024 * 1024
+    """Above what a keeper may be told to keep."""
+
+    stamp_ns: Ns
+    states: Many[KeptState] = ()
+
+
+def read(path: Path) -> Record | None:
+    """Return what is in the file at `path`, or none.
+
+    Raises:
+        ConfigError: there is something, but it cannot be read or used; names the file.
+    """
+    try:
+        with path.open("rb") as file:
+            return decode(Record, file.read(Record.max_bytes + 1))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except DecodeError as error:
+        raise ConfigError(f"{path}: cannot be used, and is written anew ({error})") from error
+
+
+def write(path: Path, record: Record) -> None:
+    """Write `record` in place of what is there, readable by its owner alone.
+
+    Raises:
+        ConfigError: it cannot be written; names the file.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(encode(record))
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error

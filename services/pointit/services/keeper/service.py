@@ -1,0 +1,137 @@
+"""Reads every state; hands the newest to readers that come when its writer is gone."""
+
+import asyncio
+import functools
+from pathlib import Path
+from typing import ClassVar
+
+from pointit.runtime import ConfigError, Context, Service, sleep
+from pointit.runtime.bus import AnyTopic
+from pointit.runtime.service import Scope
+from pointit.runtime.state import site_folder
+from pointit.schemas import NS_PER_S, Message
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+from pointit.services.keeper.config import KeeperConfig
+from pointit.services.keeper.ownership import KEPT
+from pointit.services.keeper.record import FILE, read, write
+from pointit.services.keeper.shelf import Shelf
+
+SETTLE_S = 0.5
+"""So long after it began it knows who is present and what living writers say, and answers; of the wall."""
+
+MIND_S = 1.0
+"""How often it is looked what is to be forgotten."""
+
+
+class Keeper(Service[KeeperConfig]):
+    """Keeps the newest of every state for who comes late or is restarted, when its writer is gone."""
+
+    NAME: ClassVar[str] = "keeper"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = KeeperConfig
+
+    @classmethod
+    def begin_anew(cls, site: str, now_ns: int) -> None:
+        """Forget what an earlier run of `site` has left."""
+        del now_ns
+        _path(site).unlink(missing_ok=True)
+
+    def __init__(self, config: KeeperConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._shelf = Shelf(config)
+        self._path = _path(self.bus.site)
+        self._written = 0
+        """`changes` of the shelf as they are on disk."""
+        self._changed = asyncio.Event()
+        if config.file.enabled:
+            self._restore()
+        self.bus.watch(USER_ALIVE, self._on_user)
+        self.bus.watch(SERVICE_ALIVE, self._on_service)
+        for topic in KEPT:
+            self.bus.subscribe(topic, functools.partial(self._on_state, topic), kept=False)
+
+    async def run(self) -> None:
+        """Answer, once it is known who is present; forget what is nobody's; write what has changed."""
+        try:
+            await asyncio.sleep(SETTLE_S)
+            self.bus.keep(KEPT, self._shelf.recall)
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._mind(), name="keeper forgets")
+                if self.config.file.enabled:
+                    group.create_task(self._write(), name="keeper writes")
+        finally:
+            if self.config.file.enabled and self._shelf.changes != self._written:
+                self._try_to_write()
+
+    def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._shelf.set_user(user, self.clock.now_ns(), present=present)
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._shelf.set_instance(instance, self.clock.now_ns(), present=present)
+
+    def _on_state(self, topic: AnyTopic, message: Message, name: str) -> None:
+        self._shelf.take(topic, name, message, self.clock.now_ns())
+        self._changed.set()
+
+    async def _mind(self) -> None:
+        while True:
+            self._shelf.pass_time(self.clock.now_ns())
+            self.bus.figure("kept", float(len(self._shelf)), "states")
+            self.bus.figure("size", self._shelf.size / 1e6, "MB")
+            if self._shelf.refused:
+                self.bus.warn(
+                    "room",
+                    f"{self._shelf.refused} states found no room among {len(self._shelf)} of "
+                    f"{self._shelf.size / 1e6:.1f} MB and will not outlive their writers; raise max_values "
+                    "or max_mb, or find out who writes so many",
+                )
+            if self._shelf.changes != self._written:
+                self._changed.set()
+            await sleep(self.clock, MIND_S)
+
+    async def _write(self) -> None:
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            changes = self._shelf.changes
+            if changes != self._written:
+                record = self._shelf.record(self.clock.now_ns())
+                try:
+                    await asyncio.to_thread(write, self._path, record)
+                except ConfigError as error:
+                    self._complain(error)
+                else:
+                    self._written = changes
+                    self.bus.clear("file")
+            await asyncio.sleep(self.config.file.write_every_s)
+
+    def _try_to_write(self) -> None:
+        try:
+            write(self._path, self._shelf.record(self.clock.now_ns()))
+        except ConfigError as error:
+            self._complain(error)
+
+    def _complain(self, error: ConfigError) -> None:
+        self.bus.warn("file", f"states would not outlive a restart of the keeper: {error}")
+
+    def _restore(self) -> None:
+        try:
+            record = read(self._path)
+        except ConfigError as error:
+            self.bus.warn("restored", f"states of before are not taken up: {error}")
+            return
+        now_ns = self.clock.now_ns()
+        if record is None or abs(now_ns - record.stamp_ns) > self.config.file.restore_within_s * NS_PER_S:
+            return
+        if broken := self._shelf.restore(record, now_ns):
+            self.bus.warn(
+                "restored",
+                f"{broken} states of before were not usable: {self._path} is of another version, or damaged",
+            )
+
+
+def _path(site: str) -> Path:
+    return site_folder(site, Keeper.NAME) / FILE
+
+
+SERVICE = Keeper

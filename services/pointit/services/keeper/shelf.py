@@ -1,0 +1,134 @@
+"""The newest of every state, and when to hand it out or forget it; pure.
+
+The newest is what came last: stamps of writers on different machines, or of another run's simulated time,
+cannot be compared. What was taken up from disk is older than anything that comes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.schemas import NS_PER_S, Message, SchemaError, decode, encode
+from pointit.schemas.topics import Topic
+from pointit.services.keeper.config import KeeperConfig
+from pointit.services.keeper.ownership import KEPT, has_owner, is_shared, misleads
+from pointit.services.keeper.record import KeptState, Record
+
+_ROWS = {topic.key: topic for topic in KEPT}
+
+
+@dataclass(slots=True)
+class _Value:
+    topic: Topic[Any]
+    message: Message
+    payload: bytes
+    owned_ns: int
+    """When its owner was last known to be present."""
+
+
+class Shelf:
+    """Keeps states within bounds of number, size and time; the order is that of their arrival."""
+
+    def __init__(self, config: KeeperConfig) -> None:
+        self._max_values = config.max_values
+        self._max_bytes = int(config.max_mb * 1e6)
+        self._person_ns = int(config.forget_person_after_s * NS_PER_S)
+        self._site_ns = int(config.forget_site_after_s * NS_PER_S)
+        self._values: dict[tuple[str, str], _Value] = {}
+        self._users: set[str] = set()
+        self._instances: set[str] = set()
+        self.size = 0
+        """Bytes of what is kept."""
+        self.refused = 0
+        """States that found no room, so far."""
+        self.changes = 0
+        """Counts what happened to what is kept."""
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int) -> None:
+        """Keep `message` in place of what was kept under `name`, or forget that where it would mislead."""
+        self._drop((topic.key, name))
+        if not misleads(message):
+            self._put(topic, name, message, encode(message), now_ns)
+
+    def set_user(self, user: str, now_ns: int, *, present: bool) -> None:
+        """Take note that a person is present, or no longer."""
+        self.pass_time(now_ns)  # whoever was present was so until now
+        (self._users.add if present else self._users.discard)(user)
+
+    def set_instance(self, instance: str, now_ns: int, *, present: bool) -> None:
+        """Take note that a service is present, or no longer."""
+        self.pass_time(now_ns)
+        (self._instances.add if present else self._instances.discard)(instance)
+
+    def recall(self, topic: Topic[Any]) -> Iterator[tuple[str, Message]]:
+        """Yield name and value of what may be handed out of `topic`."""
+        for (key, name), value in list(self._values.items()):
+            if key == topic.key and (is_shared(topic) or self._is_owned(name, value)):
+                yield name, value.message
+
+    def pass_time(self, now_ns: int) -> None:
+        """Forget what was nobody's for too long."""
+        for (key, name), value in list(self._values.items()):
+            if self._is_owned(name, value) or value.owned_ns > now_ns:  # the clock was set back
+                value.owned_ns = now_ns
+            elif now_ns - value.owned_ns >= (self._site_ns if is_shared(value.topic) else self._person_ns):
+                self._drop((key, name))
+
+    def record(self, now_ns: int) -> Record:
+        """Return what the next keeper is to find."""
+        return Record(
+            stamp_ns=now_ns,
+            states=tuple(
+                KeptState(
+                    key=key, name=name, schema_name=value.topic.message.schema_name(), payload=value.payload
+                )
+                for (key, name), value in self._values.items()
+            ),
+        )
+
+    def restore(self, record: Record, now_ns: int) -> int:
+        """Take up what the last keeper left, where nothing newer came; return how many were not usable."""
+        broken = 0
+        for state in record.states:
+            topic = _ROWS.get(state.key)
+            if topic is None:
+                broken += 1
+                continue
+            try:
+                topic.at(state.name)
+                message = decode(topic.message, state.payload, state.schema_name)
+            except SchemaError:
+                broken += 1
+                continue
+            if (topic.key, state.name) not in self._values and not misleads(message):
+                self._put(topic, state.name, message, state.payload, now_ns)
+        return broken
+
+    def _put(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
+        while len(self._values) >= self._max_values or self.size + len(payload) > self._max_bytes:
+            ownerless = next(
+                (key for key, value in self._values.items() if self._gives_way(*key, value)), None
+            )
+            if ownerless is None:
+                self.refused += 1
+                return
+            self._drop(ownerless)
+        value = _Value(topic, message, payload, now_ns)
+        self._values[topic.key, name] = value
+        self.size += len(payload)
+        self.changes += 1
+
+    def _gives_way(self, _key: str, name: str, value: _Value) -> bool:
+        return not is_shared(value.topic) and not self._is_owned(name, value)
+
+    def _drop(self, where: tuple[str, str]) -> None:
+        value = self._values.pop(where, None)
+        if value is not None:
+            self.size -= len(value.payload)
+            self.changes += 1
+
+    def _is_owned(self, name: str, value: _Value) -> bool:
+        return has_owner(value.topic, name, value.message, self._users, self._instances)

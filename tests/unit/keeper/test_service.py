@@ -1,0 +1,153 @@
+"""The keeper as a service: late readers, its file, a restart, what is wrong with the disk."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime import Exchange, Launch, MemoryBus, run_service
+from pointit.schemas import Health, Selection, UserProfile
+from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE
+from pointit.services.keeper.config import FileConfig, KeeperConfig
+from pointit.services.keeper.service import SETTLE_S, Keeper
+from tests.support.bench import ManualClock, until
+
+QUICK = KeeperConfig(file=FileConfig(write_every_s=0.01))
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("pointit.services.keeper.service.SETTLE_S", 0.0)
+    monkeypatch.setattr("pointit.services.keeper.service.MIND_S", 0.01)
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
+
+
+class Room:
+    """A site whose keeper can be started and ended."""
+
+    def __init__(self) -> None:
+        self.exchange = Exchange()
+        self.bus = MemoryBus(self.exchange)
+        self.clock = ManualClock()
+        self._keeper: asyncio.Task[None] | None = None
+        self._keepers_bus: MemoryBus | None = None
+
+    async def start(self, config: KeeperConfig = QUICK) -> None:
+        self._keepers_bus = MemoryBus(self.exchange)
+        launch = Launch(service=Keeper, config=config)
+        self._keeper = asyncio.create_task(run_service(launch, self._keepers_bus, self.clock))
+        await until(lambda: bool(self.exchange.keepings))
+
+    async def end(self) -> None:
+        assert self._keeper is not None
+        assert self._keepers_bus is not None
+        self._keeper.cancel()
+        await asyncio.wait({self._keeper})
+        await self._keepers_bus.close()
+
+    async def read(self) -> list[UserProfile]:
+        seen: list[UserProfile] = []
+        reading = MemoryBus(self.exchange)
+        reading.subscribe(PROFILE, lambda message, _name: seen.append(message))
+        for _ in range(5):
+            await asyncio.sleep(0)
+        await reading.close()
+        return seen
+
+
+async def test_a_late_reader_gets_what_a_killed_writer_has_put() -> None:
+    room = Room()
+    anna = room.bus.announce(USER_ALIVE, "anna")
+    await room.start()
+    writing = MemoryBus(room.exchange)
+    writing.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1, seq=3))
+    await asyncio.sleep(0.01)
+    await writing.close()
+    assert [profile.seq for profile in await room.read()] == [3]
+    anna.close()
+    await asyncio.sleep(0.01)
+    assert await room.read() == [], "gone with the person"
+    await room.end()
+    await room.bus.close()
+
+
+async def test_its_restart_loses_nothing_and_a_new_run_begins_without() -> None:
+    room = Room()
+    room.bus.announce(USER_ALIVE, "anna")
+    await room.start()
+    writing = MemoryBus(room.exchange)
+    writing.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1, seq=3))
+    await asyncio.sleep(0.01)
+    await writing.close()
+    await room.end()
+    assert await room.read() == []
+    await room.start()
+    assert [profile.seq for profile in await room.read()] == [3]
+    await room.end()
+    room.clock.advance(QUICK.file.restore_within_s + 1)
+    await room.start()
+    assert await room.read() == [], "too long ago"
+    await room.end()
+    room.clock.advance(-QUICK.file.restore_within_s)
+    Keeper.begin_anew("memory", room.clock.now_ns())
+    Keeper.begin_anew("memory", room.clock.now_ns())
+    await room.start()
+    assert await room.read() == []
+    await room.end()
+    await room.bus.close()
+
+
+async def test_it_writes_while_it_runs(tmp_path: Path) -> None:
+    room = Room()
+    await room.start()
+    path = tmp_path / "memory" / "keeper" / "states.msgpack"
+    room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
+    await until(lambda: path.exists() and b"Selection" in path.read_bytes())
+    await room.end()
+    await room.bus.close()
+
+
+@pytest.mark.parametrize("content", [b"", b"\xc1", b"\x80", b"\xff" * 1000])
+async def test_a_damaged_file_is_said_and_written_anew(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "memory" / "keeper" / "states.msgpack"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(content)
+    room = Room()
+    health: list[Health] = []
+    room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
+    await room.start()
+    await until(lambda: bool(health))
+    assert any(str(path) in warning for warning in health[0].warnings)
+    room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
+    await until(lambda: b"Selection" in path.read_bytes())
+    await room.end()
+    await room.bus.close()
+
+
+async def test_a_disk_that_takes_nothing_stops_nobody(tmp_path: Path) -> None:
+    (tmp_path / "memory").write_text("a file where a folder should be", encoding="utf-8")
+    room = Room()
+    health: list[Health] = []
+    await room.start()
+    room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
+    await asyncio.sleep(0.05)
+    room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
+    await until(lambda: any("restart of the keeper" in warning for h in health for warning in h.warnings))
+    await room.end()
+    await room.bus.close()
+
+
+async def test_the_full_shelf_is_said() -> None:
+    room = Room()
+    health: list[Health] = []
+    room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
+    await room.start(KeeperConfig(max_values=1, file=FileConfig(enabled=False)))
+    for name in ("anna", "ben"):
+        room.bus.announce(USER_ALIVE, name)
+    await asyncio.sleep(0.01)
+    for name in ("anna", "ben"):
+        room.bus.publisher(PROFILE, name).put(UserProfile(stamp_ns=1))
+    await until(lambda: any("no room" in warning for h in health for warning in h.warnings))
+    assert SETTLE_S > 0
+    await room.end()
+    await room.bus.close()

@@ -1,0 +1,199 @@
+"""The newest of every state: what is handed out, what is forgotten, what a restart finds."""
+
+from typing import Any
+
+import pytest
+
+from pointit.schemas import (
+    NS_PER_S,
+    ConveyorState,
+    Deployment,
+    ExpectedService,
+    Localization,
+    Message,
+    Selection,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.topics import (
+    CLOCK,
+    CONVEYOR_STATE,
+    DEPLOYMENT,
+    LOCALIZATION,
+    POSE,
+    PROFILE,
+    SELECTION,
+    TOPICS,
+    Delivery,
+    Topic,
+)
+from pointit.services.keeper.config import KeeperConfig
+from pointit.services.keeper.ownership import KEPT
+from pointit.services.keeper.record import KeptState, Record
+from pointit.services.keeper.shelf import Shelf
+
+NOW_NS = 1_000 * NS_PER_S
+
+
+def profile(seq: int = 1, stamp_ns: int = 1) -> UserProfile:
+    return UserProfile(stamp_ns=stamp_ns, seq=seq)
+
+
+def pose(method: Any = "fixed") -> UserPose:
+    return UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, method=method)
+
+
+def shelf(**parameters: Any) -> Shelf:
+    made = Shelf(KeeperConfig(**parameters))
+    made.set_user("anna", NOW_NS, present=True)
+    made.set_instance("pui", NOW_NS, present=True)
+    return made
+
+
+def held(kept: Shelf, topic: Topic[Any]) -> dict[str, Message]:
+    return dict(kept.recall(topic))
+
+
+def test_every_state_but_the_time_of_a_run_is_kept() -> None:
+    states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
+    assert [topic for topic in states if topic not in KEPT] == [CLOCK]
+
+
+def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:
+    kept = shelf()
+    kept.take(PROFILE, "anna", profile(7, stamp_ns=900), NOW_NS)
+    kept.take(
+        PROFILE, "anna", profile(1, stamp_ns=5), NOW_NS
+    )  # restarted, on a machine whose clock is behind
+    assert held(kept, PROFILE) == {"anna": profile(1, stamp_ns=5)}
+    assert len(kept) == 1
+
+
+def test_who_leaves_takes_along_what_is_theirs() -> None:
+    kept = shelf(forget_person_after_s=30.0)
+    kept.take(PROFILE, "anna", profile(), NOW_NS)
+    kept.take(PROFILE, "ben", profile(), NOW_NS)
+    assert set(held(kept, PROFILE)) == {"anna"}, "ben is not there"
+    kept.set_user("anna", NOW_NS + 100 * NS_PER_S, present=False)
+    assert held(kept, PROFILE) == {}
+    kept.set_user("anna", NOW_NS + 129 * NS_PER_S, present=True)
+    assert set(held(kept, PROFILE)) == {"anna"}, "back within the time"
+    kept.set_user("anna", NOW_NS + 130 * NS_PER_S, present=False)
+    kept.pass_time(NOW_NS + 160 * NS_PER_S)
+    kept.set_user("anna", NOW_NS + 161 * NS_PER_S, present=True)
+    assert held(kept, PROFILE) == {}
+    assert (len(kept), kept.size) == (0, 0)
+
+
+def test_a_deployment_ends_with_its_last_service() -> None:
+    kept = shelf()
+    services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
+    run = Deployment(stamp_ns=1, name="demo", services=services)
+    kept.take(DEPLOYMENT, "demo", run, NOW_NS)
+    kept.take(DEPLOYMENT, "empty", Deployment(stamp_ns=1, name="empty"), NOW_NS)
+    assert set(held(kept, DEPLOYMENT)) == {"demo"}
+    kept.set_instance("pointing.anna", NOW_NS, present=True)
+    kept.set_instance("pui", NOW_NS, present=False)
+    assert set(held(kept, DEPLOYMENT)) == {"demo"}
+    kept.set_instance("pointing.anna", NOW_NS, present=False)
+    assert held(kept, DEPLOYMENT) == {}
+
+
+def test_what_all_share_stays_until_long_after_its_writer() -> None:
+    kept = shelf(forget_site_after_s=3600.0)
+    kept.set_instance("selector", NOW_NS, present=True)
+    kept.take(SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
+    kept.set_instance("selector", NOW_NS + 7200 * NS_PER_S, present=False)
+    kept.pass_time(NOW_NS + 10_799 * NS_PER_S)
+    assert set(held(kept, SELECTION)) == {""}
+    kept.pass_time(NOW_NS + 10_800 * NS_PER_S)
+    assert held(kept, SELECTION) == {}
+
+
+def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
+    kept = shelf(forget_person_after_s=30.0)
+    kept.take(PROFILE, "ben", profile(), NOW_NS)
+    kept.pass_time(NOW_NS - 500 * NS_PER_S)
+    assert len(kept) == 1
+    kept.pass_time(NOW_NS - 470 * NS_PER_S)
+    assert len(kept) == 0
+
+
+@pytest.mark.parametrize(
+    ("topic", "fine", "misleading"),
+    [
+        (POSE, pose(), pose("external")),
+        (
+            LOCALIZATION,
+            Localization(stamp_ns=1, phase="solved"),
+            Localization(stamp_ns=1, phase="sampling"),
+        ),
+    ],
+)
+def test_what_would_mislead_is_not_kept_nor_what_was_before_it(
+    topic: Topic[Any], fine: Message, misleading: Message
+) -> None:
+    kept = shelf()
+    kept.take(topic, "anna", fine, NOW_NS)
+    assert held(kept, topic) == {"anna": fine}
+    kept.take(topic, "anna", misleading, NOW_NS)
+    assert held(kept, topic) == {}
+
+
+def test_strangers_give_way_and_neither_number_nor_size_grows_without_bound() -> None:
+    kept = shelf(max_values=3)
+    kept.take(PROFILE, "anna", profile(), NOW_NS)
+    for number in range(100):
+        kept.take(PROFILE, f"made-up-{number}", profile(), NOW_NS)
+    assert len(kept) == 3
+    assert set(held(kept, PROFILE)) == {"anna"}
+    for lane in ("a", "b", "c"):
+        kept.take(CONVEYOR_STATE, lane, ConveyorState(stamp_ns=1, speed_mps=0.5), NOW_NS)
+    assert len(kept) == 3
+    assert kept.refused == 1, "there was room for two"
+    assert set(held(kept, PROFILE)) == {"anna"}
+    kept.take(PROFILE, "anna", profile(9), NOW_NS)
+    assert held(kept, PROFILE) == {"anna": profile(9)}, "what is known has its room"
+
+
+def test_size_is_bounded() -> None:
+    kept = shelf(max_mb=1.0)
+    kept.set_user("ben", NOW_NS, present=True)
+    name = "x" * 12_000
+    for number in range(200):
+        services = (ExpectedService(service="pui", command=(name,)),)
+        kept.take(DEPLOYMENT, f"d{number}", Deployment(stamp_ns=1, name="d", services=services), NOW_NS)
+    assert kept.size <= 1e6
+    assert len(kept) + kept.refused == 200
+    assert kept.refused > 0
+
+
+def test_a_restarted_keeper_takes_up_what_nothing_newer_has_replaced() -> None:
+    before = shelf()
+    before.take(PROFILE, "anna", profile(3), NOW_NS)
+    before.take(SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
+    after = shelf()
+    after.take(SELECTION, "", Selection(stamp_ns=0, seq=1), NOW_NS)
+    assert after.restore(before.record(NOW_NS), NOW_NS) == 0
+    assert held(after, PROFILE) == {"anna": profile(3)}
+    assert held(after, SELECTION) == {"": Selection(stamp_ns=0, seq=1)}
+    assert (
+        after.record(NOW_NS).states[::-1]
+        == before.record(NOW_NS).states[:1] + after.record(NOW_NS).states[:1]
+    )
+
+
+def test_what_is_not_usable_is_counted_and_left_out() -> None:
+    good = shelf()
+    good.take(PROFILE, "anna", profile(3), NOW_NS)
+    payload = good.record(NOW_NS).states[0].payload
+    states = (
+        KeptState(key=PROFILE.key, name="anna", schema_name="UserProfile.v1", payload=b"\xc1"),
+        KeptState(key=PROFILE.key, name="a/b", schema_name="UserProfile.v1", payload=payload),
+        KeptState(key="of/another/version", name="", schema_name="X.v1", payload=payload),
+        KeptState(key=CLOCK.key, name="", schema_name="ClockTick.v1", payload=payload),
+        KeptState(key=SELECTION.key, name="", schema_name="Selection.v1", payload=payload),
+    )
+    kept = shelf()
+    assert kept.restore(Record(stamp_ns=1, states=states), NOW_NS) == 5
+    assert len(kept) == 0

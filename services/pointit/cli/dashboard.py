@@ -14,7 +14,7 @@ from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
 from pointit.runtime.log import setup_logging
 from pointit.runtime.presence import present
-from pointit.runtime.process import log_option, run_async
+from pointit.runtime.process import link_of, log_option, run_async
 from pointit.runtime.service import check_launches, run_service
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
@@ -58,9 +58,7 @@ def command(
         raise missing("pointit dashboard")
     page = page_of(Settings(), asked=_asked(port, host, is_lan=lan))
     check_launches([page.launch()])
-    return run_async(
-        _serve(page, Link(site=site, connect=connect), is_open=not no_browser, view_only=view_only)
-    )
+    return run_async(_serve(page, link_of(site, connect), is_open=not no_browser, view_only=view_only))
 
 
 def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:

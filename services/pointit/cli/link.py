@@ -10,9 +10,8 @@ from click.core import ParameterSource
 
 from pointit.runtime import PointItError, zenoh_session
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import link_options
+from pointit.runtime.process import link_of, link_options
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 
 PATIENCE_S = 2.0
 """How long to look for somebody who answers."""
@@ -22,8 +21,8 @@ SILENT_S = 1.0
 
 
 def site_options() -> list[click.Parameter]:
-    """Return the options --site and --connect."""
-    return [option for option in link_options() if option.name in ("site", "connect")]
+    """Return the options --credentials, --site and --connect."""
+    return [option for option in link_options() if option.name != "listen"]
 
 
 @asynccontextmanager
@@ -39,7 +38,7 @@ async def joined(
     opening.setLevel(logging.ERROR)  # not "trying again until": who gives up soon says so at the end
     try:
         with telling(f"looking for {address(site, connect)} …"):
-            bus = await ZenohBus.open(Link(site=site, connect=tuple(connect)), patience_s=patience_s)
+            bus = await ZenohBus.open(link_of(site, connect), patience_s=patience_s)
     finally:
         opening.setLevel(logging.NOTSET)
     try:

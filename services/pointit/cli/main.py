@@ -37,6 +37,7 @@ COMMANDS = (
     ("audit", "show who selected what, when and how surely", "pointit.cli.audit:command"),
     ("schema", "write or check the catalogue of messages", "pointit.cli.schema:command"),
     ("router", "run a router that joins several machines", "pointit.cli.router:command"),
+    ("site", "say who may join a site, and what each may do there", "pointit.cli.site:command"),
 )
 """Name, one line, and where the command is: `module:attribute`."""
 

@@ -1,13 +1,23 @@
 """`pointit router`: where several machines meet."""
 
 import asyncio
+import json
+from collections.abc import Sequence
+from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
+from pointit.access.router_configuration import configuration
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime import ConfigError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option, run_async
-from pointit.runtime.router import routing
+from pointit.runtime.router import Router, routing
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
+
+BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
+"""Files that a configuration of `pointit site` names in its own folder."""
 
 
 @click.command("router", params=[log_option()])
@@ -16,16 +26,90 @@ from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
     multiple=True,
     default=(DEFAULT_ENDPOINT,),
     show_default=True,
-    help="address to listen on; tcp/0.0.0.0:7447 lets other machines in",
+    help="address to listen on; tcp/0.0.0.0:7447 lets other machines in, whoever they are",
 )
-def command(listen: tuple[str, ...], log_level: str) -> int:
+@click.option(
+    "--site-folder",
+    "folders",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="route for the site that `pointit site init` has put there, by its access rules; once for each site",
+)
+@click.option(
+    "--config",
+    "file",
+    type=click.Path(path_type=Path),
+    help="go by this configuration of Zenoh, as a site's router/router.json5",
+)
+@click.option(
+    "--uplink",
+    "uplinks",
+    multiple=True,
+    metavar="ADDRESS",
+    help="join another router of the same site too, as tls/building:7447; with --site-folder",
+)
+def command(
+    listen: tuple[str, ...],
+    folders: tuple[Path, ...],
+    file: Path | None,
+    uplinks: tuple[str, ...],
+    log_level: str,
+) -> int:
     """Run a router, to which the processes of any number of sites connect.
 
-    `pointit run` alone needs none. Anyone who reaches the address may join: other machines should reach it
-    only through a trusted network.
+    `pointit run` alone needs none. Without --site-folder or --config, anyone who reaches the address may
+    join: other machines should reach it only through a trusted network.
+
+    With them it lets in only whom the site knows, and everybody may do only what their role needs. Changes by
+    `pointit site` take effect within a second, without a restart.
+
+    Example: pointit site init lab --host 192.168.1.5 && pointit router --site-folder lab
     """
     setup_logging(log_level)
+    is_given = click.get_current_context().get_parameter_source("listen") is not ParameterSource.DEFAULT
+    if sum((bool(folders), file is not None, is_given)) > 1:
+        raise ConfigError(
+            "--listen, --site-folder and --config exclude each other: each says where to listen"
+        )
+    if uplinks and not folders:
+        raise ConfigError(
+            "--uplink needs --site-folder: the router proves with the site's certificate who it is"
+        )
+    if folders:
+        return run_async(_guard(_of_sites(folders, uplinks)))
+    if file is not None:
+        return run_async(_guard(_of_file(file)))
     return run_async(_route(listen))
+
+
+def _of_file(path: Path) -> Router:
+    def make() -> str:
+        try:
+            return path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "it is no text"
+            raise ConfigError(f"{path}: cannot be read ({reason})") from error
+
+    return Router(make, path.parent, [path, *(path.parent / name for name in BESIDE)])
+
+
+def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
+    sites = [SiteFolder(folder) for folder in folders]
+
+    def make() -> str:
+        return json.dumps(configuration([site.routed(uplinks=uplinks) for site in sites]))
+
+    return Router(make, Path(), [file for site in sites for file in site.router_files()])
+
+
+async def _guard(router: Router) -> int:
+    await router.open()
+    try:
+        click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
+        await router.follow()
+    finally:
+        await router.close()
+    return 0
 
 
 async def _route(listen: tuple[str, ...]) -> int:

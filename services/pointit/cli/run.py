@@ -22,7 +22,7 @@ from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.environment import check_environment
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import link_options, log_option, run_async
+from pointit.runtime.process import given_credentials, link_of, link_options, log_option, run_async
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.services.registry import PROCESSES
 
@@ -86,7 +86,6 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 @click.option(
     "--listen", multiple=True, help=f"listen here  [default: {DEFAULT_ENDPOINT} or the next free port]"
 )
-@click.option("--site", default="lab", show_default=True, help="name of the site")
 def run(
     scenario: str,
     users: int,
@@ -281,8 +280,10 @@ def _choices(options: dict[str, Any], leds: str) -> Choices:
 
 def _link(options: dict[str, Any]) -> Link:
     listen, connect = tuple(options["listen"]), tuple(options["connect"])
-    if listen:
-        return Link(site=options["site"], listen=listen)
-    if connect:
-        return Link(site=options["site"], connect=connect)
-    return Link(site=options["site"], listen=(DEFAULT_ENDPOINT,))
+    if not listen and not connect:
+        credentials = given_credentials()
+        if credentials is None:
+            listen = (DEFAULT_ENDPOINT,)
+        else:
+            connect = credentials.link.endpoints
+    return link_of(options["site"], () if listen else connect, listen)

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from pointit.runtime.errors import ConfigError
 
 PREFIX = "POINTIT_"
-OTHERS = ("POINTIT_DATA", "POINTIT_STATE")
-"""Variables that begin so and belong to no service: where recordings are, where state is kept."""
+OTHERS = ("POINTIT_CREDENTIALS", "POINTIT_DATA", "POINTIT_STATE")
+"""Variables that begin so and belong to no service: where credentials, recordings and state are."""
 SEPARATOR = "__"
 """Between the service and its parameter, and between the parts of a nested one."""
 

@@ -2,13 +2,14 @@
 
 import asyncio
 import contextlib
+import datetime as dt
 import logging
 import os
 import signal
 import sys
 import threading
 import typing
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,6 +17,7 @@ import click
 
 from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
+from pointit.runtime.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
@@ -88,7 +90,7 @@ def service_command(service: type[AnyService]) -> click.Command:
             [options["config"]] if options["config"] else [],
             {leaf.path: options[_parameter(leaf.path)] for leaf in leaves(kind)},
         )
-        link = Link(site=options["site"], connect=tuple(options["connect"]), listen=tuple(options["listen"]))
+        link = link_of(options["site"], options["connect"], options["listen"])
         launch = Launch(service=service, config=config, user=user)
         check_launches([launch])
         if options["while_parent_lives"]:
@@ -157,8 +159,17 @@ def load_config(
 def link_options() -> list[click.Parameter]:
     """Return the options that say how a command joins the network."""
     return [
-        click.Option(["--site"], default=DEFAULT_SITE, show_default=True, help="name of the site"),
         click.Option(
+            ["--credentials"],
+            type=click.Path(path_type=Path),
+            envvar=VARIABLE,
+            is_eager=True,
+            expose_value=False,
+            callback=_take_credentials,
+            help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
+        ),
+        _OfCredentials(["--site"], default=DEFAULT_SITE, show_default=True, help="name of the site"),
+        _OfCredentials(
             ["--connect"],
             multiple=True,
             default=(DEFAULT_ENDPOINT,),
@@ -167,6 +178,50 @@ def link_options() -> list[click.Parameter]:
         ),
         click.Option(["--listen"], multiple=True, help="listen here instead of connecting"),
     ]
+
+
+class _OfCredentials(click.Option):
+    """An option that credentials answer unless it is given."""
+
+    def get_default(self, ctx: click.Context, call: bool = True) -> Any:  # noqa: FBT001, FBT002 - click's own
+        credentials = ctx.meta.get(VARIABLE)
+        if credentials is None or not call:
+            return super().get_default(ctx, call=call)
+        return credentials.link.site if self.name == "site" else credentials.link.endpoints
+
+
+def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: Path | None) -> None:
+    if folder is None or ctx.resilient_parsing:
+        return
+    credentials = read_credentials(folder, dt.datetime.now(dt.UTC))
+    ctx.meta[VARIABLE] = credentials
+    os.environ[VARIABLE] = str(credentials.folder)  # for the processes that this one starts
+
+
+def given_credentials() -> Credentials | None:
+    """Return what --credentials of the running command names; none without it."""
+    context = click.get_current_context(silent=True)
+    credentials: Credentials | None = None if context is None else context.meta.get(VARIABLE)
+    return credentials
+
+
+def link_of(site: str, connect: Sequence[str], listen: Sequence[str] = ()) -> Link:
+    """Return how the running command joins `site`: with its credentials, if it has any.
+
+    Raises:
+        ConfigError: they are of another site, or nobody is there to be shown them.
+    """
+    credentials = given_credentials()
+    if credentials is not None and site != credentials.link.site:
+        raise ConfigError(
+            f"--site {site}: the credentials in {credentials.folder} are of site {credentials.link.site}; "
+            "leave --site out, or use that site's credentials"
+        )
+    if credentials is not None and listen:
+        raise ConfigError(
+            f"--listen {listen[0]}: credentials are shown to a router; leave --listen out, or --credentials"
+        )
+    return Link(site=site, connect=tuple(connect), listen=tuple(listen), credentials=credentials)
 
 
 def log_option() -> click.Option:

@@ -1,9 +1,38 @@
-"""A Zenoh router in this process: what joins several machines where no zenohd is installed."""
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""A Zenoh router in this process: what joins several machines where no zenohd is installed.
 
-from collections.abc import AsyncGenerator
+Zenoh reads access rules, passwords and certificates when a session opens and never again, so a router whose
+files have changed is opened anew; its clients are back after 0.1 s, and declare by themselves what they had.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import re
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
 
+import zenoh
+
+from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.zenoh_session import Link, close_session, open_session
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 0.5
+"""How often the files are looked at; nothing tells of their change on every system and file system."""
+PORT_PATIENCE_S = 5.0
+"""How long the router's own port may stay taken after it was closed (QUIC: 0.1 s)."""
+PORT_RETRY_S = 0.05
+
+RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
+"""Where an address names a file by a path from the configuration's own folder."""
+
+Stamp = tuple[tuple[int, int, int], ...]
 
 
 @asynccontextmanager
@@ -18,3 +47,126 @@ async def routing(listen: tuple[str, ...]) -> AsyncGenerator[None]:
         yield
     finally:
         await close_session(session)
+
+
+def parsed(text: str, folder: Path) -> zenoh.Config:
+    """Return Zenoh's configuration from JSON5 whose files are named as seen from `folder`.
+
+    Raises:
+        ConfigError: it is none; says why, never what stands in it.
+    """
+    try:
+        config = zenoh.Config.from_json5(text)
+        for key in ("listen/endpoints", "connect/endpoints"):
+            endpoints: Any = json.loads(config.get_json(key))
+            if isinstance(endpoints, list):
+                absolute = [RELATIVE.sub(f"{folder.absolute()}/", str(each)) for each in endpoints]
+                config.insert_json5(key, json.dumps(absolute))
+        users: Any = json.loads(config.get_json("transport/auth/usrpwd/dictionary_file"))
+        if isinstance(users, str):
+            config.insert_json5(
+                "transport/auth/usrpwd/dictionary_file", json.dumps(str(folder.absolute() / users))
+            )
+    except (zenoh.ZError, ValueError) as error:
+        raise ConfigError(f"it is no configuration of Zenoh ({_reason(error)})") from error
+    return config
+
+
+class Router:
+    """Routes by a configuration that is made from files, and follows their changes."""
+
+    def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
+        """Open nothing yet.
+
+        Args:
+            make: returns the configuration as it should be now, JSON5; raises `ConfigError`.
+            folder: from where the configuration names files.
+            files: what it is made from, and what it names: their change opens the router anew.
+        """
+        self._make = make
+        self._folder = folder
+        self._files = tuple(files)
+        self._stamp: Stamp = ()
+        self._listens: tuple[str, ...] = ()
+        self._session: zenoh.Session | None = None
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Return the addresses it listens on."""
+        return self._listens
+
+    async def open(self) -> None:
+        """Route.
+
+        Raises:
+            ConfigError: the configuration cannot be used.
+            ListenError: an address is taken or not ours.
+        """
+        self._stamp = self._look()
+        config = await asyncio.to_thread(self._read)
+        self._session = await asyncio.to_thread(_opened, config)
+
+    async def follow(self) -> None:
+        """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            stamp = self._look()
+            if stamp == self._stamp:
+                continue
+            self._stamp = stamp
+            try:
+                config = await asyncio.to_thread(self._read)
+            except ConfigError as error:
+                log.warning("%s; the router goes on by what it has read before", error)
+                continue
+            await self._reopen(config)
+
+    async def close(self) -> None:
+        """Route no more."""
+        session, self._session = self._session, None
+        if session is not None:
+            await close_session(session)
+
+    async def _reopen(self, config: zenoh.Config) -> None:
+        await self.close()
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        while True:
+            try:
+                self._session = await asyncio.to_thread(_opened, config)
+            except ListenError:
+                if loop.time() - began_s > PORT_PATIENCE_S:
+                    raise
+                await asyncio.sleep(PORT_RETRY_S)
+            else:
+                log.info("the router goes by the new rules and certificates")
+                return
+
+    def _read(self) -> zenoh.Config:
+        config = parsed(self._make(), self._folder)
+        endpoints: Any = json.loads(config.get_json("listen/endpoints"))
+        listens: list[str] = endpoints if isinstance(endpoints, list) else endpoints["router"]
+        self._listens = tuple(each.partition("#")[0] for each in listens)
+        return config
+
+    def _look(self) -> Stamp:
+        found: list[tuple[int, int, int]] = []
+        for file in self._files:
+            with contextlib.suppress(OSError):
+                status = file.stat()
+                found.append((status.st_mtime_ns, status.st_size, status.st_ino))
+        return tuple(found)
+
+
+def _opened(config: zenoh.Config) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ListenError(f"the router cannot be opened: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Return what is wrong, without the place in Zenoh's source and without what stands in files."""
+    text = str(error)
+    message = re.search(r'msg: "([^"]*)"', text)
+    return (message[1] if message else text.partition(" at /")[0]).rstrip(".")

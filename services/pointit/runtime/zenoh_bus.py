@@ -7,7 +7,8 @@ Messages are encoded once a put (*latest*: only while somebody elsewhere reads) 
 itself.
 """
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import AsyncGenerator, Callable, Sequence
 from typing import TypeVar
 
 import zenoh
@@ -24,13 +25,14 @@ from pointit.runtime.bus import (
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import Declaration, MemoryBus
+from pointit.runtime.self_test import SelfTest
 from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
 from pointit.runtime.zenoh_presence import ZenohWatcher
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
 from pointit.runtime.zenoh_session import Link, LinkWatch, close_session, open_session
 from pointit.runtime.zenoh_topics import LatestInlet, Parcel, ZenohPublisher, ZenohSubscription
 from pointit.schemas import Message, Query, Reply
-from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
+from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -47,7 +49,10 @@ class ZenohBus(MemoryBus):
         self.link = link
         self._inlets: dict[str, LatestInlet] = {}
         self._recollection: Recollection | None = None
-        self._watch = LinkWatch(session, link) if link.connect else None
+        self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
+        self._self_test: SelfTest | None = None
+        if link.credentials is not None and self._watch is not None:
+            self._self_test = SelfTest(session, link.credentials, self._second, lambda: self.connected)
 
     @classmethod
     async def open(cls, link: Link, *, patience_s: float | None = None) -> "ZenohBus":
@@ -66,12 +71,15 @@ class ZenohBus(MemoryBus):
 
     @property
     def trouble(self) -> str:
-        """Return that the router is lost, if it is."""
-        return "" if self._watch is None else self._watch.trouble
+        """Return that the router is lost, if it is, or what this identity may not do."""
+        lost = "" if self._watch is None else self._watch.trouble
+        return lost or ("" if self._self_test is None else self._self_test.trouble)
 
     def publisher(self, topic: Topic[M], name: str = "") -> ZenohPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
         self._check_open()
+        if topic is not HEALTH:  # an onlooker's own is for nobody
+            self._want("writes", topic.at(name))
         return ZenohPublisher(self, self.session, topic, name)
 
     def subscribe(
@@ -83,6 +91,7 @@ class ZenohBus(MemoryBus):
         def unpack(parcel: Parcel) -> Message:
             return parcel.open(topic.message)
 
+        self._want("reads", topic.at(name))
         mailbox = Mailbox(topic, handler, self.dispatcher, unpack, kept=kept)
         subscription = ZenohSubscription(self, self.session, topic, mailbox, name, inlets=self._inlets)
         if topic.delivery is Delivery.STATE and kept:
@@ -99,6 +108,7 @@ class ZenohBus(MemoryBus):
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
         self._check_open()
+        self._want("serves", request.at(name))
         return ZenohDesk(self, self.session, request, server, name)
 
     async def call(
@@ -109,11 +119,16 @@ class ZenohBus(MemoryBus):
         if self.exchange.desk_of(request, name) is not None:
             return await super().call(request, query, name, timeout_s=timeout_s)
         key = request.at(name)
-        if self.trouble:
+        if not self.connected:
             raise NoAnswerError(f"{request.server} cannot be asked for {key}: {self.trouble}")
         reply = self.spawn(ask(self.session, request, key, query, timeout_s), f"call {key}")
         try:
             return await self._wait_for(reply, request, key, timeout_s)
+        except NoAnswerError as error:
+            denied = "" if self._self_test is None else await self._self_test.denies("asks", key)
+            if denied:
+                raise NoAnswerError(denied) from error
+            raise
         finally:
             reply.cancel()
 
@@ -147,5 +162,23 @@ class ZenohBus(MemoryBus):
             self._watch.close()
         if self._recollection is not None:
             self._recollection.close()
+        if self._self_test is not None:
+            await self._self_test.close()
         await super().close()
         await close_session(self.session)
+
+    def _want(self, verb: str, key: str) -> None:
+        if self._self_test is not None:
+            self._self_test.want(verb, key)
+
+    def _on_back(self) -> None:
+        if self._self_test is not None:
+            self._self_test.again()
+
+    @contextlib.asynccontextmanager
+    async def _second(self) -> AsyncGenerator[zenoh.Session]:
+        session = await open_session(self.link, patience_s=0.0)
+        try:
+            yield session
+        finally:
+            await close_session(session)

@@ -15,6 +15,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.runtime.credentials import Credentials, refusal
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.schemas.topics import check_name
 
@@ -42,6 +43,8 @@ OPEN_PATIENCE_S = 1.4
 """How long an attempt to open that is no longer wanted is waited for: longer than it may take."""
 LEASE_MS = 3000
 """A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
+DOUBT_S = 2.0
+"""A router that is lost for longer than a restart takes is asked whether it still wants us."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +56,8 @@ class Link:
     connect: tuple[str, ...] = ()
     router: bool = False
     """Route for everybody, without being a member of the site."""
+    credentials: Credentials | None = None
+    """By what it proves who it is, at a router that wants to know."""
 
 
 def configuration(link: Link) -> zenoh.Config:
@@ -65,12 +70,7 @@ def configuration(link: Link) -> zenoh.Config:
         KeyNameError: the site's name cannot stand in a key.
     """
     check_name(link.site, "site")
-    for endpoint in (*link.listen, *link.connect):
-        found = ENDPOINT.fullmatch(endpoint)
-        if not found:
-            raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
-        if found["port"] and int(found["port"]) > MAX_PORT:
-            raise ConfigError(f"{endpoint!r}: there is no port {found['port']}; use one up to {MAX_PORT}")
+    _check_addresses(link)
     config = zenoh.Config()
     if link.router:
         mode = "router"
@@ -93,14 +93,29 @@ def configuration(link: Link) -> zenoh.Config:
         settings["connect/timeout_ms"] = CONNECT_TIMEOUT_MS
     else:
         settings["scouting/delay"] = 0
+    if link.credentials is not None:
+        settings |= link.credentials.settings()
     if not link.router:
         settings["namespace"] = f"pointit/{link.site}"
     for key, value in settings.items():
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise ConfigError(f"Zenoh does not take {key} = {json.dumps(value)}: {_short(error)}") from error
+            shown = "…" if key.startswith("transport/auth") else json.dumps(value)
+            raise ConfigError(f"Zenoh does not take {key} = {shown}: {_short(error)}") from error
     return config
+
+
+def _check_addresses(link: Link) -> None:
+    for endpoint in (*link.listen, *link.connect):
+        found = ENDPOINT.fullmatch(endpoint)
+        if not found:
+            raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
+        if found["port"] and int(found["port"]) > MAX_PORT:
+            raise ConfigError(f"{endpoint!r}: there is no port {found['port']}; use one up to {MAX_PORT}")
+    if link.credentials is not None:
+        for endpoint in link.connect:
+            link.credentials.check_endpoint(endpoint)
 
 
 async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.Session:
@@ -111,7 +126,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
 
     Raises:
         ListenError: the address to listen on is taken.
-        ConnectError: nobody answered within `patience_s`.
+        ConnectError: nobody answered within `patience_s`, or the router refuses the credentials.
     """
     loop = asyncio.get_running_loop()
     began = loop.time()
@@ -129,18 +144,35 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
                     f"cannot listen on {where}: {_short(error)}; {hint}choose another address with --listen"
                 ) from error
             where = ", ".join(link.connect)
+            why = await asyncio.to_thread(refusals, link)
+            if patience_s is not None and why:
+                raise ConnectError(why) from error
             if patience_s is not None and loop.time() - began >= patience_s:
                 raise ConnectError(
                     f"nobody answers at {where}; is `pointit run` or `pointit router` running there?"
                 ) from error
             if not told:
                 told = True
-                log.warning("nobody answers at %s yet; trying again until somebody does", where)
+                if why:
+                    log.warning("%s; trying again until it does not", why)
+                else:
+                    log.warning("nobody answers at %s yet; trying again until somebody does", where)
             await asyncio.sleep(OPEN_RETRY_S)
         else:
             if told:
                 log.info("connected to %s", ", ".join(link.connect))
             return session
+
+
+def refusals(link: Link) -> str:
+    """Return why the routers of `link` refuse its credentials; empty when one does not, or none answers.
+
+    Blocks for up to 3 s each.
+    """
+    if link.credentials is None:
+        return ""
+    reasons = [refusal(link.credentials, endpoint) for endpoint in link.connect]
+    return reasons[0] if reasons and all(reasons) else ""
 
 
 async def close_session(session: zenoh.Session) -> None:
@@ -194,8 +226,12 @@ def _open(
 class LinkWatch:
     """Knows whether a client has its router; says once that it is lost and once that it is back."""
 
-    def __init__(self, session: zenoh.Session, link: Link) -> None:
-        """Watch the transports of `session`, which is connected now."""
+    def __init__(self, session: zenoh.Session, link: Link, on_back: Callable[[], None]) -> None:
+        """Watch the transports of `session`, which is connected now; call `on_back` when it is so again."""
+        self._link = link
+        self._on_back = on_back
+        self._why = ""
+        self._doubt: asyncio.Task[None] | None = None
         self._loop = asyncio.get_running_loop()
         self._where = " or ".join(link.connect)
         self._zids = {str(transport.zid) for transport in session.info.transports()}
@@ -215,13 +251,15 @@ class LinkWatch:
         """Return one sentence while the router is lost."""
         if self._lost_s is None:
             return ""
-        return f"router at {self._where} lost {self._loop.time() - self._lost_s:.0f} s ago; trying again"
+        lost = f"router at {self._where} lost {self._loop.time() - self._lost_s:.0f} s ago; trying again"
+        return f"{lost}: {self._why}" if self._why else lost
 
     def close(self) -> None:
         """Say nothing any more."""
         if self._open:
             self._open = False
             self._listener.undeclare()
+            self._end_doubt()
 
     def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
         up = event.kind == zenoh.SampleKind.PUT
@@ -236,10 +274,27 @@ class LinkWatch:
             return
         if self._zids:
             self._lost_s = None
+            self._end_doubt()
             log.info("router at %s is back", self._where)
+            self._on_back()
         else:
             self._lost_s = self._loop.time()
             log.warning("router at %s is lost; trying again until it is back", self._where)
+            if self._link.credentials is not None:
+                self._doubt = self._loop.create_task(self._ask_why(), name="refusal")
+
+    async def _ask_why(self) -> None:
+        """Find out whether the router is there and refuses us, as when the certificate has expired."""
+        await asyncio.sleep(DOUBT_S)
+        self._why = await asyncio.to_thread(refusals, self._link)
+        if self._why:
+            log.warning("%s", self._why)
+
+    def _end_doubt(self) -> None:
+        self._why = ""
+        if self._doubt is not None:
+            self._doubt.cancel()
+            self._doubt = None
 
 
 def _short(error: Exception) -> str:

@@ -1,0 +1,168 @@
+"""A site's certificate authority: EC P-256, for its router and its identities."""
+
+import datetime as dt
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from pointit.runtime.errors import ConfigError
+
+AUTHORITY_DAYS = 3653
+LONGEST_NAME = 64
+"""Characters of a common name, says X.509."""
+BEFORE = dt.timedelta(hours=1)
+"""Machines whose clocks are behind by no more take a new certificate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Issued:
+    """A certificate with its key, in PEM."""
+
+    certificate: bytes
+    key: bytes
+    valid_from: dt.datetime
+    valid_until: dt.datetime
+    fingerprint: str
+    """SHA-256 of the certificate, in hexadecimal."""
+
+
+class Authority:
+    """Certifies; holds the key that must stay with whoever runs the site."""
+
+    def __init__(self, certificate: bytes, key: bytes) -> None:
+        """Take over what `found` has made.
+
+        Raises:
+            ConfigError: the two are not an authority's certificate and its key.
+        """
+        try:
+            self._certificate = x509.load_pem_x509_certificate(certificate)
+            private = serialization.load_pem_private_key(key, None)
+        except (ValueError, TypeError) as error:
+            raise ConfigError(f"the authority's certificate or key is damaged ({error})") from error
+        if (
+            not isinstance(private, ec.EllipticCurvePrivateKey)
+            or private.public_key() != self._certificate.public_key()
+        ):
+            raise ConfigError("the authority's key is not that of its certificate")
+        self._key = private
+
+    @property
+    def valid_until(self) -> dt.datetime:
+        """Return when everything it has certified ends."""
+        return self._certificate.not_valid_after_utc
+
+    def certify(self, common_name: str, now: dt.datetime, days: float, hosts: Sequence[str] = ()) -> Issued:
+        """Return a certificate for `common_name`, valid for `days`, but not longer than the authority.
+
+        Args:
+            common_name: by which the router knows it.
+            now: with a time zone.
+            days: may be below 0, for tests.
+            hosts: names and addresses of a server; a client has none.
+
+        Raises:
+            ConfigError: the name is too long, or a host is none.
+        """
+        if len(common_name) > LONGEST_NAME:
+            raise ConfigError(
+                f"{common_name!r} has {len(common_name)} characters and a certificate takes {LONGEST_NAME}; "
+                "choose shorter names for the site or the person"
+            )
+        key = ec.generate_private_key(ec.SECP256R1())
+        purposes = [ExtendedKeyUsageOID.CLIENT_AUTH]
+        if hosts:
+            purposes.append(ExtendedKeyUsageOID.SERVER_AUTH)  # a router connects to other routers too
+        valid_until = min(now + dt.timedelta(days=days), self.valid_until)
+        builder = (
+            _builder(common_name, self._certificate.subject, key, min(now, valid_until) - BEFORE, valid_until)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(is_authority=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
+            .add_extension(
+                x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key()), critical=False
+            )
+        )
+        if hosts:
+            others = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
+            builder = builder.add_extension(others, critical=False)
+        return _issued(builder.sign(self._key, hashes.SHA256()), key)
+
+
+def found(site: str, now: dt.datetime) -> Issued:
+    """Return the certificate and the key of a new authority for `site`."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"PointIt {site}"[:LONGEST_NAME])])
+    builder = (
+        _builder("", subject, key, now - BEFORE, now + dt.timedelta(days=AUTHORITY_DAYS))
+        .subject_name(subject)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_usage(is_authority=True), critical=True)
+    )
+    return _issued(builder.sign(key, hashes.SHA256()), key)
+
+
+def _builder(
+    common_name: str,
+    issuer: x509.Name,
+    key: ec.EllipticCurvePrivateKey,
+    valid_from: dt.datetime,
+    valid_until: dt.datetime,
+) -> x509.CertificateBuilder:
+    builder = (
+        x509.CertificateBuilder()
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(valid_from)
+        .not_valid_after(valid_until)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+    )
+    if common_name:
+        builder = builder.subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)]))
+    return builder
+
+
+def _usage(*, is_authority: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not is_authority,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=is_authority,
+        crl_sign=is_authority,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        pass
+    is_name = all(
+        0 < len(part) < 64 and part.isascii() and part.replace("-", "").replace("_", "").isalnum()
+        for part in host.split(".")
+    )
+    if not is_name:
+        raise ConfigError(f"{host!r} is no name or address of a machine")
+    return x509.DNSName(host)
+
+
+def _issued(certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> Issued:
+    return Issued(
+        certificate=certificate.public_bytes(serialization.Encoding.PEM),
+        key=key.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        ),
+        valid_from=certificate.not_valid_before_utc,
+        valid_until=certificate.not_valid_after_utc,
+        fingerprint=certificate.fingerprint(hashes.SHA256()).hex(),
+    )

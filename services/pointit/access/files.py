@@ -1,0 +1,85 @@
+"""Files that hold secrets: written as a whole, never readable by others, one writer at a time."""
+
+import contextlib
+import os
+import sys
+import tempfile
+from collections.abc import Generator
+from pathlib import Path
+
+from pointit.runtime.errors import ConfigError
+
+LOCK = ".lock"
+MAX_BYTES = 16 * 1024 * 1024
+
+
+def read(path: Path) -> bytes:
+    """Return what stands in `path`.
+
+    Raises:
+        FileNotFoundError: nothing.
+        ConfigError: it cannot be read; names the file.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def put(path: Path, content: bytes, mode: int) -> None:
+    """Put `content` in the place of `path`, all of it or nothing; new folders are the owner's alone.
+
+    Raises:
+        ConfigError: it cannot be written; names the file.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            Path(name).chmod(mode)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Generator[None]:
+    """Hold the folder while inside; it is made when it is missing.
+
+    Raises:
+        ConfigError: somebody else changes it right now, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        file = (folder / LOCK).open("ab")
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written ({error.strerror or error})") from error
+    with file:
+        try:
+            _hold(file.fileno())
+        except OSError as error:
+            raise ConfigError(f"{folder}: somebody else is changing it; try again in a moment") from error
+        yield
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _hold(descriptor: int) -> None:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _hold(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,149 @@
+"""What each role may do, as keys of the tables: a new row of a table has its rights by itself."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from pointit.schemas.topics import (
+    ANY,
+    BUTTON,
+    CLOCK,
+    DEPLOYMENT,
+    HEALTH,
+    IMU,
+    PRESENCES,
+    RAY,
+    REQUESTS,
+    RUN_SCENARIO,
+    SERVICE_ALIVE,
+    TOPICS,
+    USER_ALIVE,
+    WRIST,
+    Delivery,
+    Request,
+    Topic,
+)
+from pointit.services.registry import PROCESSES, Process
+
+Role = Literal["user", "services", "web", "dashboard", "operator", "supervisor", "router"]
+"""Whose identity it is: a person's services; those all share; the page's server; who only looks on; who may
+ask too; who may do anything on the site; another router of the site."""
+
+ROLES: tuple[Role, ...] = get_args(Role)
+
+PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
+"""What onlookers and other people never get: how somebody moves."""
+
+SHOWN: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic not in PRIVATE)
+
+ALL = "**"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rights:
+    """Keys below the site's namespace, each perhaps with `*` for any name; sorted."""
+
+    writes: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    serves: tuple[str, ...] = ()
+    asks: tuple[str, ...] = ()
+    keeps: tuple[str, ...] = ()
+    """States for whose writers it answers when they are gone."""
+    announces: tuple[str, ...] = ()
+    """As whom it may be present."""
+    watches: tuple[str, ...] = tuple(presence.at(ANY) for presence in PRESENCES)
+
+
+def rights_of(role: Role, name: str) -> Rights:
+    """Return what the identity `name` in `role` may do."""
+    if role in ("supervisor", "router"):
+        return Rights(
+            writes=(ALL,), reads=(ALL,), serves=(ALL,), asks=(ALL,), announces=(ALL,), watches=(ALL,)
+        )
+    if role == "user":
+        return _user(name)
+    if role == "services":
+        return _services()
+    if role == "web":
+        page = [row for row in PROCESSES if row.name == "web"]
+        return Rights(
+            writes=_sorted([*_anywhere(row.writes for row in page), HEALTH.at("web")]),
+            reads=_anywhere([SHOWN]),
+            asks=_anywhere([REQUESTS]),
+            announces=(SERVICE_ALIVE.at("web"),),
+        )
+    return Rights(
+        reads=_anywhere([SHOWN]),
+        asks=_anywhere([REQUESTS]) if role == "operator" else (),
+    )
+
+
+def _user(name: str) -> Rights:
+    """Return what the services of the person `name` may do: write and answer below the person's own keys.
+
+    Of keys that name no person they write what theirs do too: the lamps that the localizer lights.
+    """
+    mine = _of_scope("user")
+    instances = [f"{row.name}.{name}" for row in mine]
+    reads = [topic.at(name) for row in mine for topic in row.reads if _is_personal(topic)]
+    return Rights(
+        writes=_sorted(
+            [
+                *(
+                    topic.at(name if _is_personal(topic) else _any(topic))
+                    for row in mine
+                    for topic in row.writes
+                ),
+                BUTTON.at(name),
+                DEPLOYMENT.at(name),
+                *(HEALTH.at(instance) for instance in instances),
+            ]
+        ),
+        reads=_sorted([*reads, *_anywhere([SHOWN])]),
+        serves=_sorted(request.at(name) for row in mine for request in row.serves if _is_personal(request)),
+        asks=_sorted(request.at(name) for request in REQUESTS if _is_personal(request)),
+        announces=_sorted([USER_ALIVE.at(name), *(SERVICE_ALIVE.at(instance) for instance in instances)]),
+    )
+
+
+def _services() -> Rights:
+    shared = [row for row in _of_scope("site") if row.room == "services"]
+    return Rights(
+        writes=_sorted(
+            [
+                *_anywhere(row.writes for row in shared),
+                *_anywhere([(CLOCK, DEPLOYMENT)]),
+                *(HEALTH.at(row.name) for row in shared),
+            ]
+        ),
+        reads=_anywhere([*(row.reads for row in shared), SHOWN]),
+        serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
+        keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
+        announces=_sorted(
+            [
+                *(SERVICE_ALIVE.at(row.name) for row in shared),
+                *(presence.at(ANY) for presence in PRESENCES if presence not in (SERVICE_ALIVE, USER_ALIVE)),
+            ]
+        ),
+    )
+
+
+def _of_scope(scope: Literal["site", "user"]) -> Sequence[Process]:
+    return [row for row in PROCESSES if row.scope == scope]
+
+
+def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:
+    return row.placeholder == "user"
+
+
+def _any(row: Topic[Any] | Request[Any, Any]) -> str:
+    return ANY if row.placeholder else ""
+
+
+def _anywhere(groups: Iterable[Iterable[Topic[Any] | Request[Any, Any]]]) -> tuple[str, ...]:
+    """Return the keys of all rows for every name."""
+    return _sorted(row.at(_any(row)) for rows in groups for row in rows)
+
+
+def _sorted(keys: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted(set(keys)))

@@ -1,0 +1,117 @@
+"""Rights as Zenoh's access-control rules, which a router applies to every connection by its certificate.
+
+A key below `@` is never covered by `**`: what writers of states and events exchange with late joiners
+travels below `@adv` of their key, the test of an identity's own rights (`runtime.self_test`) below `@may`.
+Both are granted with the key itself, both flows: denied traffic vanishes without a word.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pointit.access.rights import ALL, Rights
+from pointit.runtime.self_test import ROOM, VERBS
+
+Rule = dict[str, Any]
+"""An entry of Zenoh's `access_control.rules`."""
+
+LATE = f"{ALL}/@adv/{ALL}"
+"""Below any key: caches and heartbeats of writers, for who joins late or lost something."""
+
+MESSAGES = (
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+)
+
+
+def namespace(site: str) -> str:
+    """Return what every key of `site` begins with."""
+    return f"pointit/{site}"
+
+
+def everything(site: str) -> tuple[str, ...]:
+    """Return patterns that cover every key of `site`, those below `@` too."""
+    root = namespace(site)
+    return (f"{root}/{ALL}", f"{root}/{LATE}", f"{root}/{ALL}/{ROOM}/{ALL}")
+
+
+def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
+    """Return the rules that grant `rights` to the identity `name` of `site`, and nothing else.
+
+    Declarations and queries go out to everyone of the site: who has declared nothing that fits gets none of
+    the queries, and without them nobody would write (`matching`) or answer.
+    """
+    root = namespace(site)
+    prefix = f"{site}/{name}"
+    if rights.writes == (ALL,):
+        return [
+            {
+                "id": f"{prefix}/all",
+                "permission": "allow",
+                "messages": list(MESSAGES),
+                "flows": ["ingress", "egress"],
+                "key_exprs": list(everything(site)),
+            }
+        ]
+
+    def at(keys: Iterable[str]) -> list[str]:
+        return [f"{root}/{key}" for key in keys]
+
+    def late(keys: Iterable[str]) -> list[str]:
+        return [f"{root}/{key}/@adv/{ALL}" for key in keys]
+
+    def tests(keys: Iterable[str], verb: str) -> list[str]:
+        return [f"{root}/{key}/{ROOM}/{name}/{verb}" for key in keys]
+
+    mine = [f"{root}/{ALL}/{ROOM}/{name}/{ALL}"]
+    tested = [f"{root}/{ROOM}/{name}/*"]
+    for verb in VERBS:
+        tested += tests(getattr(rights, verb), verb)
+    written, read = [*at(rights.writes), *late(rights.writes)], [*at(rights.reads), *late(rights.reads)]
+    site_wide = list(everything(site)[:2])
+    grants: Sequence[tuple[str, Sequence[str], str, list[str]]] = (
+        ("write", ("put",), "ingress", [*written, *tested]),
+        (
+            "keep",
+            ("declare_queryable",),
+            "ingress",
+            [*at(rights.serves), *at(rights.keeps), *late(rights.writes)],
+        ),
+        ("reply", ("reply",), "ingress", [*at(rights.serves), *at(rights.keeps), *written]),
+        ("announce", ("liveliness_token",), "ingress", [*at(rights.announces), *late(rights.writes)]),
+        ("read", ("declare_subscriber",), "ingress", [*read, *mine]),
+        ("ask", ("query",), "ingress", [*at(rights.asks), *read]),
+        (
+            "watch",
+            ("liveliness_query", "declare_liveliness_subscriber"),
+            "ingress",
+            [*at(rights.watches), *late(rights.reads)],
+        ),
+        ("hear", ("put",), "egress", [*read, *mine]),
+        ("answered", ("reply",), "egress", [*at(rights.asks), *read]),
+        ("see", ("liveliness_token",), "egress", [*at(rights.watches), *late(rights.reads)]),
+        (
+            "know",
+            ("declare_subscriber", "declare_queryable", "query", "liveliness_query"),
+            "egress",
+            site_wide,
+        ),
+        ("know-watchers", ("declare_liveliness_subscriber",), "egress", site_wide),
+    )
+    return [
+        {
+            "id": f"{prefix}/{what}",
+            "permission": "allow",
+            "messages": list(messages),
+            "flows": [flow],
+            "key_exprs": sorted(set(keys)),
+        }
+        for what, messages, flow, keys in grants
+        if keys
+    ]

@@ -1,0 +1,316 @@
+"""The folder of a site: its authority, its router's files, a folder for each identity.
+
+    site.json                      who there is: roles, generations, when certificates end; no secret
+    authority/{ca,key}.pem         stays with whoever runs the site
+    router/                        {ca,cert,key}.pem, router.json5, users.txt: goes to the router's machine
+    identities/NAME/               {ca,cert,key}.pem (or password), link.json: goes to NAME's machine
+
+Every change is written as a whole, `site.json` last but for the router's configuration, under a lock.
+"""
+
+import datetime as dt
+import json
+import secrets
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from pointit.access import router_configuration
+from pointit.access.files import locked, put, read
+from pointit.access.rights import Role
+from pointit.access.router_configuration import Member, Routed, common_name
+from pointit.runtime.complaint import complaint
+from pointit.runtime.config import Config
+from pointit.runtime.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD, LinkFile
+from pointit.runtime.errors import ConfigError
+from pointit.schemas.topics import check_name
+
+if TYPE_CHECKING:
+    from pointit.access.authority import Issued
+
+STATE = "site.json"
+ROUTER = "router"
+CONFIGURATION = "router.json5"
+USERS = "users.txt"
+SECRET_BYTES = 24
+
+
+class Identity(Config):
+    """Who may connect, and by which certificate."""
+
+    role: Role
+    generation: Annotated[int, Field(ge=1)]
+    """Raised whenever the certificate is made anew: the router knows the newest only."""
+    state: Literal["valid", "revoked", "removed"] = "valid"
+    valid_from: dt.datetime
+    valid_until: dt.datetime
+    fingerprint: str = ""
+
+
+class SiteState(Config):
+    """What `site.json` holds."""
+
+    site: str
+    hosts: tuple[str, ...]
+    port: Annotated[int, Field(ge=1, le=65535)]
+    days: float
+    password: bool
+    dashboard_rate_hz: float
+    identities: Mapping[str, Identity]
+    """By name; those that were removed stay, so that their generations are never used again."""
+
+
+class SiteFolder:
+    """Makes and changes what a site's access rests on; each change is one call."""
+
+    def __init__(self, path: Path) -> None:
+        """Touch nothing yet."""
+        self.path = path
+
+    def state(self) -> SiteState:
+        """Return who there is.
+
+        Raises:
+            ConfigError: the folder is none of a site, or cannot be read; names the file.
+        """
+        file = self.path / STATE
+        try:
+            return SiteState.model_validate_json(read(file))
+        except FileNotFoundError as error:
+            raise ConfigError(
+                f"{self.path}: holds no site ({STATE} is missing); make one with `pointit site init NAME`"
+            ) from error
+        except ValidationError as error:
+            raise ConfigError(f"{file}: {complaint(error, SiteState)}") from error
+
+    def found(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+        """Make the folder with an authority, the router's files, and an identity for each of `names`.
+
+        Args:
+            state: its settings; identities in it are ignored.
+            names: role by name.
+            now: with a time zone.
+
+        Raises:
+            ConfigError: there is a site already, or something cannot be written.
+        """
+        check_name(state.site, "site")
+        with locked(self.path):
+            if (self.path / STATE).exists():
+                raise ConfigError(
+                    f"{self.path}: holds a site already; choose another --folder, or change it with "
+                    "`pointit site user`, `renew` or `revoke`"
+                )
+            authority = _certifying().found(state.site, now)
+            put(self.path / "authority" / KEY, authority.key, 0o600)
+            put(self.path / "authority" / CA, authority.certificate, 0o644)
+            return self._issue(state.model_copy(update={"identities": {}}), {ROUTER: "router", **names}, now)
+
+    def add(self, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+        """Add identities.
+
+        Raises:
+            ConfigError: one is there already, or something cannot be written.
+        """
+        with locked(self.path):
+            state = self.state()
+            for name in names:
+                known = state.identities.get(name)
+                if known is not None and known.state == "valid":
+                    raise ConfigError(
+                        f"{name} is there already, as {known.role}; give them a new certificate with "
+                        f"`pointit site renew {name}`"
+                    )
+            return self._issue(state, names, now)
+
+    def renew(self, names: Iterable[str], now: dt.datetime, hosts: Sequence[str] = ()) -> SiteState:
+        """Give identities new certificates; what they had is worth nothing from now on.
+
+        Args:
+            names: whose; revoked ones come back.
+            now: with a time zone.
+            hosts: more names and addresses of the router, from now on.
+
+        Raises:
+            ConfigError: one is not there, or something cannot be written.
+        """
+        with locked(self.path):
+            state = self.state()
+            if hosts:
+                state = state.model_copy(update={"hosts": tuple(dict.fromkeys((*state.hosts, *hosts)))})
+            return self._issue(state, {name: _known(state, name).role for name in names}, now)
+
+    def revoke(self, name: str) -> SiteState:
+        """Take every right from an identity.
+
+        Raises:
+            ConfigError: it is not there, or is the router.
+        """
+        return self._end(name, "revoked")
+
+    def remove(self, name: str) -> SiteState:
+        """Take every right from an identity, and forget it.
+
+        Raises:
+            ConfigError: it is not there, or is the router.
+        """
+        return self._end(name, "removed")
+
+    def routed(self, uplinks: tuple[str, ...] = ()) -> Routed:
+        """Return what a router that runs on this machine needs to know of the site.
+
+        Args:
+            uplinks: addresses of other routers of the site, that it joins.
+
+        Raises:
+            ConfigError: as `state`.
+        """
+        return _routed(self.state(), f"{(self.path / ROUTER).absolute()}/", uplinks)
+
+    def router_files(self) -> tuple[Path, ...]:
+        """Return the files whose change a router of this site must follow."""
+        files = (CA, CERTIFICATE, KEY, USERS)
+        return (self.path / STATE, *(self.path / ROUTER / name for name in files))
+
+    def identity_folder(self, name: str) -> Path:
+        """Return what is carried to the machine of `name`."""
+        return self.path / ROUTER if name == ROUTER else self.path / "identities" / name
+
+    def _end(self, name: str, how: Literal["revoked", "removed"]) -> SiteState:
+        with locked(self.path):
+            state = self.state()
+            known = _known(state, name)
+            if known.role == "router":
+                raise ConfigError(
+                    "the router cannot be without a certificate; `pointit site renew router` makes a new one"
+                )
+            ended = known.model_copy(update={"state": how})
+            state = state.model_copy(update={"identities": {**state.identities, name: ended}})
+            folder = self.identity_folder(name)
+            password = folder / PASSWORD
+            if state.password:
+                password.unlink(missing_ok=True)  # the list of passwords below is made from these
+            self._write(state)
+            if how == "removed":
+                shutil.rmtree(folder, ignore_errors=True)
+            return state
+
+    def _issue(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+        authority = _certifying().Authority(
+            read(self.path / "authority" / CA), read(self.path / "authority" / KEY)
+        )
+        made: dict[str, tuple[Identity, Issued]] = {}
+        for name, role in names.items():
+            check_name(name, "identity")
+            if (name == ROUTER) != (role == "router"):
+                raise ConfigError(f"{name}: only the router is called {ROUTER}")
+            before = state.identities.get(name)
+            generation = 1 if before is None else before.generation + 1
+            hosts = _names_of(state) if role == "router" else ()
+            issued: Issued = authority.certify(
+                common_name(state.site, name, generation), now, state.days, hosts
+            )
+            identity = Identity(
+                role=role,
+                generation=generation,
+                valid_from=issued.valid_from,
+                valid_until=issued.valid_until,
+                fingerprint=issued.fingerprint,
+            )
+            made[name] = (identity, issued)
+        state = state.model_copy(
+            update={
+                "identities": {**state.identities, **{name: identity for name, (identity, _) in made.items()}}
+            }
+        )
+        for name, (identity, issued) in made.items():
+            self._carry(state, name, identity, issued)
+        self._write(state)
+        return state
+
+    def _carry(self, state: SiteState, name: str, identity: Identity, issued: "Issued") -> None:
+        """Write the folder of one identity."""
+        folder = self.identity_folder(name)
+        put(folder / CA, read(self.path / "authority" / CA), 0o644)
+        if identity.role == "router" or not state.password:
+            put(folder / KEY, issued.key, 0o600)
+            put(folder / CERTIFICATE, issued.certificate, 0o644)
+        else:
+            put(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode(), 0o600)
+        if identity.role == "router":
+            return
+        protocol = "quic" if identity.role == "dashboard" and state.dashboard_rate_hz else "tls"
+        link = LinkFile(
+            site=state.site,
+            name=name,
+            role=identity.role,
+            generation=identity.generation,
+            endpoints=tuple(f"{protocol}/{_bracketed(host)}:{state.port}" for host in state.hosts),
+            password=state.password,
+            valid_from=identity.valid_from,
+            valid_until=identity.valid_until,
+        )
+        put(folder / LINK, (link.model_dump_json(indent=1) + "\n").encode(), 0o644)
+
+    def _write(self, state: SiteState) -> None:
+        """Write the state, and what a router goes by that has no more than its own folder."""
+        if state.password:
+            lines = [
+                f"{member.common_name}:{read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
+                for member in _routed(state, "").members
+                if member.role != "router"
+            ]
+            put(self.path / ROUTER / USERS, "".join(lines).encode(), 0o600)
+        put(self.path / STATE, (json.dumps(state.model_dump(mode="json"), indent=1) + "\n").encode(), 0o644)
+        configuration = router_configuration.text([_routed(state, "")])
+        put(self.path / ROUTER / CONFIGURATION, configuration.encode(), 0o600)
+
+
+def _certifying() -> ModuleType:
+    """Return the module that needs the extra, where routers only read."""
+    try:
+        from pointit.access import authority  # noqa: PLC0415 - see above
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            "certificates need a package that is not installed; get it with `pip install 'pointit[site]'`"
+        ) from error
+    return authority
+
+
+def _routed(state: SiteState, folder: str, uplinks: tuple[str, ...] = ()) -> Routed:
+    return Routed(
+        site=state.site,
+        port=state.port,
+        members=[
+            Member(
+                name=name, role=identity.role, common_name=common_name(state.site, name, identity.generation)
+            )
+            for name, identity in state.identities.items()
+            if identity.state == "valid"
+        ],
+        folder=folder,
+        password=state.password,
+        dashboard_rate_hz=state.dashboard_rate_hz,
+        uplinks=uplinks,
+    )
+
+
+def _known(state: SiteState, name: str) -> Identity:
+    known = state.identities.get(name)
+    if known is None or known.state == "removed":
+        names = ", ".join(each for each, one in state.identities.items() if one.state != "removed")
+        raise ConfigError(f"site {state.site} has no {name}; it has {names}")
+    return known
+
+
+def _names_of(state: SiteState) -> tuple[str, ...]:
+    """Return by which names and addresses the router is reached; on its own machine always."""
+    return tuple(dict.fromkeys((*state.hosts, "localhost", "127.0.0.1", "::1")))
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

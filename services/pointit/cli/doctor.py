@@ -1,6 +1,7 @@
 """`pointit doctor`: what runs, what is stale, what is wrong, what to do."""
 
 import asyncio
+import socket
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -99,6 +100,7 @@ class _Look:
             left=frozenset(self._ever - self._present),
             reports=self._reports,
             deployments=self._deployments,
+            host=socket.gethostname(),
             speed=self._speed,
         )
 
@@ -111,7 +113,9 @@ class _Look:
         self._news.set()
 
     def _on_health(self, health: Health, instance: str) -> None:
-        self._reports.setdefault(instance, []).append(Report(received_s=time.monotonic(), health=health))
+        self._reports.setdefault(instance, []).append(
+            Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+        )
         self._news.set()
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:

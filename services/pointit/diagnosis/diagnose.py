@@ -12,6 +12,7 @@ from pointit.diagnosis.certainty import (
     YAW_SIGMA,
     figure,
 )
+from pointit.diagnosis.clocks import clocks_apart
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.staleness import stale_inputs
 from pointit.schemas import Health
@@ -28,7 +29,7 @@ _EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.
 
 def diagnose(seen: Observation) -> list[Finding]:
     """Return what is wrong, the worst first."""
-    findings = [*_presence(seen), *_reports(seen), *stale_inputs(seen)]
+    findings = [*_presence(seen), *clocks_apart(seen), *_reports(seen), *stale_inputs(seen)]
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: (order.index(finding.severity), finding.service))
 

@@ -25,6 +25,7 @@ Code = Literal[
     "warning",
     "degraded",
     "slow",
+    "clock",
     "unsure",
     "old-anchor",
 ]
@@ -48,6 +49,8 @@ class Report:
 
     received_s: float
     health: Health
+    arrived_ns: int | None = None
+    """The same by this machine's clock, Unix ns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +65,8 @@ class Observation:
     reports: Mapping[str, Sequence[Report]] = field(default_factory=dict[str, Sequence[Report]])
     """By instance, oldest first."""
     deployments: Mapping[str, Deployment] = field(default_factory=dict[str, Deployment])
+    host: str = ""
+    """Of the machine that looks."""
     speed: float = 1.0
     """Of the site's clock: rates of slow simulations are slow."""
 

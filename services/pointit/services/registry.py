@@ -175,7 +175,7 @@ PROCESSES: tuple[Process, ...] = (
     Process(
         name="keeper",
         scope="site",
-        about="the newest of every state, for who comes when its writer is gone",
+        about="the newest of every state, for who comes when its writer is gone; whose clock is apart",
         reads=(
             topics.PROFILE,
             topics.POSE,

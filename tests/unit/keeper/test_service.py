@@ -1,11 +1,14 @@
 """The keeper as a service: late readers, its file, a restart, what is wrong with the disk."""
 
 import asyncio
+import functools
+import time
 from pathlib import Path
 
 import pytest
 
 from pointit.runtime import Exchange, Launch, MemoryBus, run_service
+from pointit.runtime.skew import SkewWatch
 from pointit.schemas import Health, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE
 from pointit.services.keeper.config import FileConfig, KeeperConfig
@@ -149,5 +152,33 @@ async def test_the_full_shelf_is_said() -> None:
         room.bus.publisher(PROFILE, name).put(UserProfile(stamp_ns=1))
     await until(lambda: any("no room" in warning for h in health for warning in h.warnings))
     assert SETTLE_S > 0
+    await room.end()
+    await room.bus.close()
+
+
+async def test_a_machine_whose_clock_is_apart_is_said_until_it_is_right(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    quick = functools.partial(SkewWatch, window_s=0.3)
+    monkeypatch.setattr("pointit.services.keeper.service.SkewWatch", quick)
+    room = Room()
+    health: dict[str, Health] = {}
+    room.bus.subscribe(HEALTH, lambda message, instance: health.update({instance: message}))
+    await room.start()
+    reports = room.bus.publisher(HEALTH, "pointing.anna")
+
+    def report(ahead_s: float) -> None:
+        stamp_ns = time.time_ns() + int(ahead_s * 1e9)
+        reports.put(
+            Health(stamp_ns=stamp_ns, service="pointing", instance="pointing.anna", pid=1, host="watch")
+        )
+
+    for _ in range(3):
+        report(1.5)
+        await asyncio.sleep(0.01)
+    await until(lambda: any("machine watch is 1.5 s ahead" in w for w in health["keeper"].warnings))
+    assert "refused" in health["keeper"].warnings[0]
+    report(0.0)
+    await until(lambda: not health["keeper"].warnings)
     await room.end()
     await room.bus.close()

@@ -2,15 +2,18 @@
 
 import asyncio
 import functools
+import socket
+import time
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, Service, sleep
+from pointit.runtime import ConfigError, Context, Service, WallClock, sleep
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.service import Scope
+from pointit.runtime.skew import REMEDY, SkewWatch
 from pointit.runtime.state import site_folder
-from pointit.schemas import NS_PER_S, Message
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas import NS_PER_S, Health, Message
+from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import KEPT
 from pointit.services.keeper.record import FILE, read, write
@@ -43,12 +46,17 @@ class Keeper(Service[KeeperConfig]):
         self._written = 0
         """`changes` of the shelf as they are on disk."""
         self._changed = asyncio.Event()
+        self._wall = WallClock()
+        self._skews = SkewWatch(socket.gethostname())
+        self._apart: set[str] = set()
+        """Machines whose clocks are said to be apart from ours."""
         if config.file.enabled:
             self._restore()
         self.bus.watch(USER_ALIVE, self._on_user)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         for topic in KEPT:
             self.bus.subscribe(topic, functools.partial(self._on_state, topic), kept=False)
+        self.bus.subscribe(HEALTH, self._on_health)
 
     async def run(self) -> None:
         """Answer, once it is known who is present; forget what is nobody's; write what has changed."""
@@ -73,8 +81,21 @@ class Keeper(Service[KeeperConfig]):
         self._shelf.take(topic, name, message, self.clock.now_ns())
         self._changed.set()
 
+    def _on_health(self, health: Health, _instance: str) -> None:
+        if health.host:
+            self._skews.hear(health.host, health.stamp_ns, self._wall.now_ns(), time.monotonic())
+
+    def _compare_clocks(self) -> None:
+        apart = {skew.host: skew for skew in self._skews.skews(time.monotonic())}
+        for host in self._apart - apart.keys():
+            self.bus.clear(f"clock of {host}")
+        for host, skew in apart.items():
+            self.bus.warn(f"clock of {host}", f"{skew.sentence(self._skews.here)}; {REMEDY}")
+        self._apart = set(apart)
+
     async def _mind(self) -> None:
         while True:
+            self._compare_clocks()
             self._shelf.pass_time(self.clock.now_ns())
             self.bus.figure("kept", float(len(self._shelf)), "states")
             self.bus.figure("size", self._shelf.size / 1e6, "MB")

@@ -1,0 +1,26 @@
+"""Which machines' clocks are apart from the one that looks; pure."""
+
+from collections.abc import Iterator
+
+from pointit.diagnosis.observation import Finding, Observation
+from pointit.runtime.skew import REMEDY, SkewWatch
+
+
+def clocks_apart(seen: Observation) -> Iterator[Finding]:
+    """Find machines whose clocks are apart from ours, where no keeper has said so already."""
+    watch = SkewWatch(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
+    for reports in seen.reports.values():
+        for report in reports:
+            if report.arrived_ns is not None and report.health.host:
+                watch.hear(report.health.host, report.health.stamp_ns, report.arrived_ns, report.received_s)
+    keeper = seen.newest("keeper")
+    said = " ".join(keeper.warnings) if keeper is not None else ""
+    for skew in watch.skews(seen.now_s):
+        if f"the clock of machine {skew.host} " not in said:
+            yield Finding(
+                severity="error" if skew.refuses else "warning",
+                code="clock",
+                service="",
+                sentence=skew.sentence(seen.host),
+                remedy=REMEDY,
+            )

@@ -12,7 +12,7 @@ from pointit.cli.page import Page
 from pointit.cli.plan import Plan
 from pointit.cli.score import Score
 from pointit.runtime import Clock, ConfigError, Launch
-from pointit.runtime.presence import present
+from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_topics import UNDECLARE_S
 from pointit.schemas.topics import USER_ALIVE
@@ -194,17 +194,12 @@ class Stage:
 
 
 async def refuse_names_in_use(bus: ZenohBus, users: set[str]) -> None:
-    """Make sure that nobody else runs services under these people's names.
+    """Make sure that nobody else runs services under these people's names; who is silent loses them.
 
     Raises:
-        ConfigError: somebody does.
+        ConfigError: somebody does, and is well.
     """
-    taken = users & await present(bus, USER_ALIVE, PRESENCE_PATIENCE_S) if users else set[str]()
-    if taken:
-        names = ", ".join(sorted(taken))
-        raise ConfigError(
-            f"{names}: already on site {bus.site}; choose another name, or end the other one first"
-        )
+    await claim(bus, USER_ALIVE, users)
 
 
 def _lines(cast: Cast | None) -> list[Line]:

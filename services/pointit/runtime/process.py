@@ -22,10 +22,11 @@ from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.service import AnyService, Launch, check_launches, run_services
+from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.schemas import SchemaError
-from pointit.schemas.topics import check_name
+from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
 log = logging.getLogger(__name__)
 
@@ -327,12 +328,22 @@ async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> 
         link = Link(site=link.site, listen=link.listen)
     bus = await ZenohBus.open(link)
     try:
-        clock = WallClock() if clock_patience_s is None else await _site_clock(bus, clock_patience_s)
+        clock, _ = await asyncio.gather(_clock(bus, clock_patience_s), _claim(bus, launch))
         log.info("%s of site %s runs", launch.instance, link.site)
         await run_services([launch], bus, clock)
     finally:
         await bus.close()
     return 0
+
+
+async def _claim(bus: ZenohBus, launch: Launch) -> None:
+    if launch.user and bus.link.connect:
+        advice = f"give this one another --user than {launch.user}, or end the other one first"
+        await claim(bus, SERVICE_ALIVE, {launch.instance}, advice)
+
+
+async def _clock(bus: ZenohBus, patience_s: float | None) -> Clock:
+    return WallClock() if patience_s is None else await _site_clock(bus, patience_s)
 
 
 async def _site_clock(bus: ZenohBus, patience_s: float) -> Clock:

@@ -13,6 +13,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.succession import Succession
 from pointit.schemas import Health
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, check_name
 
@@ -105,7 +106,7 @@ def check_launches(launches: Sequence[Launch]) -> None:
 
 
 async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
-    """Run one service until it ends, is cancelled or `bus` is closed.
+    """Run one service until it ends, is cancelled or `bus` is closed, or a person's name is taken over.
 
     Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
     absence that nothing of it is left.
@@ -114,6 +115,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     if launch.user:
         check_name(launch.user, "user")
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
+    succession = Succession(bus, launch.instance)
     try:
         service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user))
         health = view.health_publisher()
@@ -123,18 +125,35 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         log.debug("%s started", launch.instance)
         async with asyncio.TaskGroup() as group:
             work = group.create_task(service.run(), name=launch.instance)
-            report = group.create_task(_report(view, health), name=f"{launch.instance} health")
-            await asyncio.wait({work, report}, return_when=asyncio.FIRST_COMPLETED)
-            work.cancel()
-            report.cancel()
+            report = group.create_task(_report(view, health, succession), name=f"{launch.instance} health")
+            tasks = {work, report}
+            if launch.user:  # what all share has nobody's name to lose: both go on, and say so
+                tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
     finally:
+        succession.close()
         await view.close()
         log.debug("%s ended", launch.instance)
 
 
-async def _report(view: ServiceBus, health: Publisher[Health]) -> None:
+async def _until_lost(succession: Succession, launch: Launch) -> None:
+    await succession.lost.wait()
+    log.error(
+        "%s ends: %s has taken over the name, having begun later",
+        launch.instance,
+        succession.successor,
+    )
+
+
+async def _report(view: ServiceBus, health: Publisher[Health], succession: Succession) -> None:
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
         while True:
+            if sentence := succession.mind():
+                view.warn("twice", sentence)
+            else:
+                view.clear("twice")
             health.put(view.report())
             await asyncio.sleep(HEALTH_PERIOD_S)
 

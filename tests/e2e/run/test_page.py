@@ -117,7 +117,9 @@ async def test_another_scenario_takes_its_place(
         await seen.bus.call(RUN_SCENARIO, wish, timeout_s=CHANGE_S)
         people = {f"{service}.{user}" for service in PERSON for user in ("user1", "user2")}
         await until(
-            lambda: seen.present == {"pui", "led-driver", "web", *people}, CHANGE_S, f"not {seen.present}"
+            lambda: seen.present == {"pui", "led-driver", "keeper", "web", *people},
+            CHANGE_S,
+            f"not {seen.present}",
         )
         await seen.sees_cursors("user1", "user2")
         assert rooms[-1] == "lab" != rooms[0]

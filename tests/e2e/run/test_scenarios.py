@@ -13,7 +13,7 @@ from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Commands, onlooker, summary_of
 
-SITE = {"pui", "selector", "led-driver", "conveyor-sim"}
+SITE = {"pui", "selector", "led-driver", "conveyor-sim", "keeper"}
 PERSON = ("pointing", "localizer", "supervisor", "user-sim")
 
 
@@ -80,7 +80,7 @@ async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
     assert ended.code == 0
     summary = summary_of(ended)
     assert summary["scenario"] == "scenario_2"
-    assert set(summary["services"]) == {"pui", "led-driver"} | person("user1")
+    assert set(summary["services"]) == {"pui", "led-driver", "keeper"} | person("user1")
     assert (summary["selected"], summary["missed"], summary["wrong"]) == (0, 0, 0)
     assert summary["cursors"] > 0
 

@@ -62,7 +62,11 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
     site = commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
     join = ("--connect", endpoint)
     async with onlooker(endpoint) as seen:
-        await until(lambda: {"pui", "selector", "led-driver", "conveyor-sim"} == seen.present, 30, "the site")
+        await until(
+            lambda: {"pui", "selector", "led-driver", "conveyor-sim", "keeper"} == seen.present,
+            30,
+            "the site",
+        )
         assert not seen.people
         anna = commands.start("user", "anna", *join)
         ben = commands.start("user", "ben", "--place", "2", "--seed", "5", *join)

@@ -165,7 +165,7 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
         assert run.stage.monitor.score.target_kinds == ()
         async with late_joiner(run.bus) as late:
             await until(lambda: bool(late.deployments and late.rooms), PATIENCE_S, "the other scenario")
-            wanted = {"pui", "led-driver", "web"}
+            wanted = {"pui", "led-driver", "keeper", "web"}
             wanted |= {f"{name}.user1" for name in ("pointing", "localizer", "supervisor", "user-sim")}
             for seen in (onlooker, late):
                 await until(functools.partial(seen.has, wanted, {"user1"}), PATIENCE_S, f"{seen} to change")

@@ -1,0 +1,136 @@
+"""Whose a name is: who reports keeps it, who is silent loses it, and of two exactly one goes on."""
+
+import asyncio
+import os
+import socket
+from collections.abc import AsyncIterator
+
+import pytest
+import pytest_asyncio
+
+from pointit.runtime import ConfigError, Exchange, MemoryBus, succession
+from pointit.runtime.succession import Succession, claim
+from pointit.schemas import NS_PER_S, Health
+from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
+from tests.support.bench import until
+
+NOW_NS = 1_700_000_000 * NS_PER_S
+ME = (socket.gethostname(), os.getpid())
+
+
+def report(pid: int, uptime_s: float, *, host: str = "elsewhere", stamp_ns: int = NOW_NS) -> Health:
+    return Health(
+        stamp_ns=stamp_ns,
+        service="pointing",
+        instance="pointing.anna",
+        user="anna",
+        pid=pid,
+        host=host,
+        uptime_s=uptime_s,
+    )
+
+
+@pytest_asyncio.fixture
+async def bus() -> AsyncIterator[MemoryBus]:
+    bus = MemoryBus(Exchange())
+    yield bus
+    await bus.close()
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(succession, "LISTEN_S", 0.01)
+    monkeypatch.setattr(succession, "SILENT_S", 0.2)
+    monkeypatch.setattr(succession, "TELL_AFTER_S", 0.05)
+
+
+class TestClaim:
+    async def test_a_free_name_is_had_at_once(self, bus: MemoryBus) -> None:
+        bus.announce(USER_ALIVE, "ben")
+        began_s = asyncio.get_running_loop().time()
+        await claim(bus, USER_ALIVE, {"anna"})
+        await claim(bus, USER_ALIVE, ())
+        assert asyncio.get_running_loop().time() - began_s < 0.15
+
+    async def test_who_reports_keeps_the_name(self, bus: MemoryBus) -> None:
+        bus.announce(USER_ALIVE, "anna")
+        claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna", "ben"}))
+        await asyncio.sleep(0.05)
+        bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
+        with pytest.raises(
+            ConfigError, match=r"^anna: already on site memory; choose another name.*process 17 on elsewhere$"
+        ):
+            await claiming
+
+    async def test_a_service_keeps_its_own(self, bus: MemoryBus) -> None:
+        bus.announce(SERVICE_ALIVE, "pointing.anna")
+        claiming = asyncio.create_task(claim(bus, SERVICE_ALIVE, {"pointing.anna"}, "do as you like"))
+        await asyncio.sleep(0.05)
+        bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
+        with pytest.raises(ConfigError, match="do as you like"):
+            await claiming
+
+    async def test_who_goes_meanwhile_leaves_the_name(self, bus: MemoryBus) -> None:
+        token = bus.announce(USER_ALIVE, "anna")
+        claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna"}))
+        await asyncio.sleep(0.05)
+        token.close()
+        await asyncio.wait_for(claiming, 0.1)
+
+    async def test_who_is_silent_loses_it_and_the_wait_is_told(
+        self, bus: MemoryBus, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        caplog.set_level("INFO")
+        bus.announce(USER_ALIVE, "anna")
+        bus.publisher(HEALTH, "pointing.ben").put(report(17, 5.0).model_copy(update={"user": "ben"}))
+        await claim(bus, USER_ALIVE, {"anna"})
+        assert "waiting" in caplog.text
+        assert "the name is taken over" in caplog.text
+
+
+class TestSuccession:
+    @pytest.mark.parametrize(("uptime_s", "is_lost"), [(0.0, True), (30.0, False)])
+    async def test_the_one_that_began_last_wins(
+        self,
+        bus: MemoryBus,
+        uptime_s: float,
+        is_lost: bool,  # noqa: FBT001
+    ) -> None:
+        at = Succession(bus, "pointing.anna", lambda: NOW_NS)
+        await asyncio.sleep(0.01)
+        bus.publisher(HEALTH, "pointing.anna").put(report(17, uptime_s))
+        await until(lambda: bool(at.mind()))
+        assert at.lost.is_set() is is_lost
+        assert "process 17 on elsewhere" in at.mind()
+        await asyncio.sleep(0.3)
+        assert not at.mind(), "not heard any more"
+        at.close()
+
+    @pytest.mark.parametrize("late_s", [0.0, 2.0, 20.0])
+    @pytest.mark.parametrize("older", ["a", "b"])
+    async def test_of_two_exactly_one_ends_however_long_messages_take(
+        self, bus: MemoryBus, older: str, late_s: float
+    ) -> None:
+        """One began 101 s ago, the other 100 s; each hears what the other has said `late_s` ago."""
+        ages_s = {"a": 101.0, "b": 100.0} if older == "a" else {"a": 100.0, "b": 101.0}
+        lost: list[str] = []
+        for me, other in (("a", "b"), ("b", "a")):
+            at = Succession(bus, f"pointing.{me}", lambda: NOW_NS)
+            at._me = (me, 1)
+            at._began_s -= ages_s[me]
+            stamp_ns = NOW_NS - int(late_s * NS_PER_S)
+            news = report(1, ages_s[other] - late_s, host=other, stamp_ns=stamp_ns)
+            bus.publisher(HEALTH, f"pointing.{me}").put(news)
+            await until(lambda at=at: bool(at.rival))  # type: ignore[misc]
+            if at.lost.is_set():
+                lost.append(me)
+        assert lost == [older]
+
+    async def test_its_own_reports_are_no_rival(self, bus: MemoryBus) -> None:
+        at = Succession(bus, "pointing.anna", lambda: NOW_NS)
+        bus.publisher(HEALTH, "pointing.anna").put(report(ME[1], 0.0, host=ME[0]))
+        bus.publisher(HEALTH, "pointing.ben").put(report(17, 0.0))
+        await asyncio.sleep(0.02)
+        assert not at.mind()
+        assert not at.lost.is_set()
+        at.close()

@@ -36,7 +36,8 @@ def put(path: Path, content: bytes, mode: int) -> None:
         ConfigError: it cannot be written; names the file.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        for folder in reversed(path.parents):  # `parents=True` would give its mode to the last one only
+            folder.mkdir(exist_ok=True, mode=0o700)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
         try:
             with os.fdopen(handle, "wb") as file:

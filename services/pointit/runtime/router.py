@@ -58,17 +58,15 @@ def parsed(text: str, folder: Path) -> zenoh.Config:
     try:
         config = zenoh.Config.from_json5(text)
         for key in ("listen/endpoints", "connect/endpoints"):
-            endpoints: Any = json.loads(config.get_json(key))
-            if isinstance(endpoints, list):
-                absolute = [RELATIVE.sub(f"{folder.absolute()}/", str(each)) for each in endpoints]
-                config.insert_json5(key, json.dumps(absolute))
+            absolute = [RELATIVE.sub(f"{folder.absolute()}/", each) for each in _endpoints(config, key)]
+            config.insert_json5(key, json.dumps(absolute))
         users: Any = json.loads(config.get_json("transport/auth/usrpwd/dictionary_file"))
         if isinstance(users, str):
             config.insert_json5(
                 "transport/auth/usrpwd/dictionary_file", json.dumps(str(folder.absolute() / users))
             )
     except (zenoh.ZError, ValueError) as error:
-        raise ConfigError(f"it is no configuration of Zenoh ({_reason(error)})") from error
+        raise ConfigError(f"the router's configuration is none that Zenoh takes: {_where(error)}") from None
     return config
 
 
@@ -144,9 +142,8 @@ class Router:
 
     def _read(self) -> zenoh.Config:
         config = parsed(self._make(), self._folder)
-        endpoints: Any = json.loads(config.get_json("listen/endpoints"))
-        listens: list[str] = endpoints if isinstance(endpoints, list) else endpoints["router"]
-        self._listens = tuple(each.partition("#")[0] for each in listens)
+        endpoints = _endpoints(config, "listen/endpoints")
+        self._listens = tuple(each.partition("#")[0] for each in endpoints)
         return config
 
     def _look(self) -> Stamp:
@@ -158,6 +155,12 @@ class Router:
         return tuple(found)
 
 
+def _endpoints(config: zenoh.Config, key: str) -> list[str]:
+    """Return addresses, which Zenoh may hold for each mode."""
+    found: list[str] | dict[str, list[str]] = json.loads(config.get_json(key))
+    return found.get("router", []) if isinstance(found, dict) else found
+
+
 def _opened(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
@@ -166,7 +169,15 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
 
 
 def _reason(error: Exception) -> str:
-    """Return what is wrong, without the place in Zenoh's source and without what stands in files."""
+    """Return what is wrong, without the place in Zenoh's source."""
+    return str(error).partition(" at /")[0].rstrip(".")
+
+
+def _where(error: Exception) -> str:
+    """Return where a configuration is wrong, and no value of it: it may be a password."""
     text = str(error)
-    message = re.search(r'msg: "([^"]*)"', text)
-    return (message[1] if message else text.partition(" at /")[0]).rstrip(".")
+    if place := re.search(r"--> (\d+):(\d+)", text):
+        return f"line {place[1]}, column {place[2]} is no JSON5"
+    if field := re.search(r"unknown field `([\w/]+)`", text):
+        return f"there is no {field[1]}"
+    return "a value is not of the kind that stands there"

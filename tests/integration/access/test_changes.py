@@ -1,0 +1,182 @@
+"""What changes while it runs: people and certificates; several sites and several routers."""
+
+import json
+import shutil
+from pathlib import Path
+
+from pointit.access.rights import Role
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.schemas import ImuSample
+from pointit.schemas.topics import ANY, BUTTON, IMU, SET_BRIGHTNESS, USER_ALIVE
+from tests.integration.access.secured import (
+    Member,
+    RouterProgram,
+    endpoint_of,
+    link_of,
+    make_site,
+    now,
+    routed,
+    wait,
+)
+from tests.support.bench import until
+from tests.support.buses import free_port
+
+FEW: dict[str, Role] = {"anna": "user", "services": "services", "supervisor": "supervisor"}
+
+
+def carried(folder: SiteFolder, to: Path) -> SiteFolder:
+    """A copy of the site's folder as it is now."""
+    shutil.copytree(folder.path, to)
+    return SiteFolder(to)
+
+
+def hears(listener: Member, key: str, speaker: Member) -> None:
+    with listener.listening(key) as ear:
+        ear.hears(key, lambda: speaker.put(key))
+
+
+def is_silent(listener: Member, speaker: Member, key: str, witness: Member, known: str) -> bool:
+    """Return whether nothing of `speaker` arrives, while a witness's does."""
+
+    def say() -> None:
+        speaker.put(key)
+        witness.put(known)
+
+    with listener.listening("**") as ear:
+        for _ in range(3):
+            ear.keys.clear()
+            ear.hears(known, say)
+            if key in ear.keys:
+                return False
+    return True
+
+
+async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", names=FEW)
+    with RouterProgram("--config", str(folder.path / "router" / "router.json5")):
+        anna = await ZenohBus.open(link_of(folder, "anna"), patience_s=5)
+        services = await ZenohBus.open(link_of(folder, "services"), patience_s=5)
+        anna.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
+        old = carried(folder, tmp_path / "old")
+
+        folder.add({"carla": "user"}, now())
+        with Member(folder, "carla") as carla, Member(folder, "supervisor") as supervisor:
+            hears(supervisor, IMU.at("carla"), carla)
+
+        folder.revoke("anna")
+        await until(lambda: "may do nothing here" in anna.trouble, 10, "anna to know that she is revoked")
+        assert services.trouble == ""
+
+        folder.renew(["anna"], now())
+        again = await ZenohBus.open(link_of(folder, "anna"), patience_s=5)
+        again.publisher(IMU, "anna")
+        with Member(folder, "supervisor") as supervisor, Member(folder, "anna") as new:
+            hears(supervisor, IMU.at("anna"), new)
+            with Member(old, "anna") as stale:
+                assert is_silent(supervisor, stale, BUTTON.at("anna"), new, IMU.at("anna"))
+        assert again.trouble == ""
+        assert "may do nothing here" in anna.trouble  # her process has the certificate it began with
+        for bus in (anna, services, again):
+            await bus.close()
+
+
+def test_a_configuration_that_cannot_be_used_is_left(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", names=FEW)
+    file = folder.path / "router" / "router.json5"
+    good = file.read_text()
+    with RouterProgram("--config", str(file)) as router, Member(folder, "anna") as anna:
+        for number, text in enumerate(('{"password": geheim', '{"mode": "geheim"}', '{"geheim": 5}'), 1):
+            file.write_text(text)
+            words = "goes on by what it has read before"
+            wait(lambda: router.said.count(words) == number, words)  # noqa: B023 - called at once
+        with Member(folder, "supervisor") as supervisor:
+            hears(supervisor, IMU.at("anna"), anna)
+        assert "by the new rules" not in router.said
+        file.write_text(good)
+        wait(lambda: "by the new rules" in router.said, "the router to go on")
+        assert router.said.count("geheim") == 1  # the name of a field, which is no secret
+
+
+def test_a_configuration_that_is_none_is_one_sentence(tmp_path: Path) -> None:
+    file = tmp_path / "router.json5"
+    for text, word in (("{", "line 1, column 2 is no JSON5"), ('{"moode": "router"}', "there is no moode")):
+        file.write_text(text)
+        router = RouterProgram("--config", str(file))
+        code, said = router.ends()
+        assert (code, said.count("\n")) == (2, 1), said
+        assert word in said
+
+
+def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
+    a = make_site(tmp_path / "a", "a", names=FEW)
+    b = make_site(tmp_path / "b", "b", names=FEW)
+    dim, here = SET_BRIGHTNESS.at(), USER_ALIVE.at("anna")
+    with (
+        RouterProgram("--site-folder", str(a.path), "--site-folder", str(b.path)),
+        Member(a, "supervisor") as mine,
+        Member(b, "supervisor") as other,
+        Member(a, "anna") as anna,
+        mine.listening("**") as ear,
+        other.listening("**", "@may/**") as elsewhere,
+        other.serving(dim, "**") as asked,
+        other.present(here),
+    ):
+        elsewhere.hears("map", lambda: other.put("map"))
+        elsewhere.keys.clear()
+        ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("anna")))
+        mine.put("map")
+        ear.hears("map")
+        assert mine.answered(dim, "**", "*") == set()
+        assert mine.sees(USER_ALIVE.at(ANY), "**") == set()
+        elsewhere.hears(mark := other.mark())
+        assert ([key for key in elsewhere.keys if key != "map"], asked) == ([mark], [])
+
+
+def test_sites_that_cannot_share_a_router_are_refused(tmp_path: Path) -> None:
+    a = make_site(tmp_path / "a", "a", names=FEW)
+    router = RouterProgram("--site-folder", str(a.path), "--site-folder", str(a.path))
+    code, said = router.ends()
+    assert code == 2
+    assert "site a is given twice" in said
+
+
+def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
+    building = make_site(tmp_path / "lab")
+    hall_port = free_port()
+    # the same site seen from its own hall: another port, joined to the building's
+    hall = SiteFolder(tmp_path / "hall")
+    shutil.copytree(building.path, hall.path)
+    state = json.loads((hall.path / "site.json").read_text())
+    state["port"] = hall_port
+    (hall.path / "site.json").write_text(json.dumps(state))
+    hall.renew([], now())
+    for name in ("anna", "services", "supervisor"):
+        link = hall.identity_folder(name) / "link.json"
+        said = json.loads(link.read_text())
+        said["endpoints"] = [f"tls/127.0.0.1:{hall_port}"]
+        link.write_text(json.dumps(said))
+    dim = SET_BRIGHTNESS.at()
+    with (
+        RouterProgram("--site-folder", str(hall.path), "--uplink", endpoint_of(building)),
+        routed(building),
+        Member(hall, "anna") as anna,
+        Member(hall, "supervisor") as inside,
+        Member(building, "dashboard1") as dashboard,
+        Member(building, "supervisor") as outside,
+        Member(building, "ben") as ben,
+        dashboard.listening("users/*/cursor", "users/*/imu", "map") as seen,
+        outside.listening("users/**") as outer,
+        inside.listening("users/**") as inner,
+        inside.serving(dim),
+        inside.present(USER_ALIVE.at("anna")),
+    ):
+        seen.hears("map", lambda: inside.put("map"))  # from the hall to the building
+        outer.hears(IMU.at("anna"), lambda: anna.put(IMU.at("ben"), IMU.at("anna")))
+        assert IMU.at("ben") not in outer.keys
+        inner.keys.clear()
+        inner.hears(IMU.at("ben"), lambda: ben.put(IMU.at("anna"), IMU.at("ben")))
+        assert IMU.at("anna") not in inner.keys
+        assert not any("imu" in key for key in seen.keys)
+        wait(lambda: outside.answered(dim) != set(), "an answer across both")
+        wait(lambda: dashboard.sees(USER_ALIVE.at(ANY)) != set(), "presence across both")

@@ -1,0 +1,272 @@
+"""Who gets in, and what who does not is told."""
+
+import asyncio
+import contextlib
+import datetime as dt
+import functools
+import os
+import shutil
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+import zenoh
+
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime import ConfigError, ConnectError, NoAnswerError
+from pointit.runtime.credentials import read_credentials, refusal
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import (
+    ButtonEvent,
+    Done,
+    ImuSample,
+    Interaction,
+    SetBrightness,
+    StartLocalization,
+    UserProfile,
+)
+from pointit.schemas.topics import (
+    ANY,
+    BUTTON,
+    CURSOR,
+    IMU,
+    INTERACTION,
+    MAP,
+    PROFILE,
+    SET_BRIGHTNESS,
+    START_LOCALIZATION,
+    USER_ALIVE,
+)
+from tests.integration.access.secured import (
+    Member,
+    credentials_of,
+    endpoint_of,
+    link_of,
+    make_site,
+    now,
+    open_with,
+    routed,
+)
+from tests.support.bench import until
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SiteFolder]:
+    folder = make_site(tmp_path_factory.mktemp("site") / "lab")
+    with routed(folder):
+        yield folder
+
+
+@pytest_asyncio.fixture
+async def buses(site: SiteFolder) -> AsyncIterator[dict[str, ZenohBus]]:
+    async with contextlib.AsyncExitStack() as stack:
+        found: dict[str, ZenohBus] = {}
+        for name in ("anna", "guest1", "services", "dashboard1", "operator"):
+            found[name] = await ZenohBus.open(link_of(site, name), patience_s=5)
+            stack.push_async_callback(found[name].close)
+        yield found
+
+
+async def test_a_person_works_with_the_services(buses: dict[str, ZenohBus]) -> None:
+    anna, services, dashboard, operator = (
+        buses[name] for name in ("anna", "services", "dashboard1", "operator")
+    )
+    seen: list[str] = []
+
+    async def start(_query: StartLocalization, name: str) -> Done:
+        return Done(message=f"started {name}")
+
+    async def dim(_query: SetBrightness, _name: str) -> Done:
+        return Done()
+
+    profile = anna.publisher(PROFILE, "anna")
+    profile.put(UserProfile(stamp_ns=1))  # before anybody listens: the history of a late joiner
+    anna.announce(USER_ALIVE, "anna")
+    anna.serve(START_LOCALIZATION, start, "anna")
+    services.serve(SET_BRIGHTNESS, dim)
+    services.subscribe(BUTTON, lambda _message, name: seen.append(f"button {name}"))
+    dashboard.subscribe(PROFILE, lambda _message, name: seen.append(f"profile {name}"))
+    dashboard.watch(USER_ALIVE, lambda name, here: seen.append(f"{name} {here}"))
+    button = anna.publisher(BUTTON, "anna")
+
+    def everything() -> bool:
+        button.put(ButtonEvent(stamp_ns=1))
+        return {"button anna", "profile anna", "anna True"} <= set(seen)
+
+    await until(everything, what=f"all of it, of {seen}")
+    reply = await operator.call(START_LOCALIZATION, StartLocalization(), "anna")
+    assert reply.message == "started anna"
+    await operator.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+    with pytest.raises(NoAnswerError, match=r"\(anna\) may not ask leds/brightness"):
+        await anna.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+    assert [bus.trouble for bus in (anna, services, dashboard, operator)] == [""] * 4
+
+
+async def test_a_late_joiner_gets_the_state_of_a_living_writer(
+    site: SiteFolder, buses: dict[str, ZenohBus]
+) -> None:
+    buses["anna"].publisher(INTERACTION, "anna").put(Interaction(stamp_ns=7, state="idle"))
+    await asyncio.sleep(0.2)
+    for name in ("dashboard1", "services", "guest1", "supervisor"):
+        late = await ZenohBus.open(link_of(site, name), patience_s=5)
+        got: list[int] = []
+        late.subscribe(INTERACTION, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
+        await until(lambda got=got: got == [7], what=f"the state at {name}")  # type: ignore[misc]
+        await late.close()
+
+
+async def test_who_may_not_write_says_so(
+    buses: dict[str, ZenohBus], caplog: pytest.LogCaptureFixture
+) -> None:
+    guest = buses["guest1"]
+    heard: list[str] = []
+    for name in ("services", "operator", "anna"):
+        buses[name].subscribe(IMU, lambda _message, user: heard.append(user))
+    began_s = asyncio.get_running_loop().time()
+    guest.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
+    guest.publisher(IMU, "guest1")
+    await until(lambda: bool(guest.trouble), what="the trouble")
+    assert asyncio.get_running_loop().time() - began_s < 5
+    assert guest.trouble == (
+        "this identity (guest1) may not write users/anna/imu: use credentials of anna, or have them added "
+        "with `pointit site user add anna`"
+    )
+    assert guest.trouble in caplog.text
+    assert heard == []
+
+
+def test_nobody_gets_in_without_a_certificate(site: SiteFolder) -> None:
+    folder = site.identity_folder("anna")
+    ca = {"transport/link/tls/root_ca_certificate": str(folder / "ca.pem")}
+    with pytest.raises(zenoh.ZError):
+        open_with(Link(connect=(endpoint_of(site),)), ca)
+
+
+async def test_an_address_without_encryption_is_refused(site: SiteFolder) -> None:
+    credentials = credentials_of(site, "anna")
+    with pytest.raises(ConfigError, match="encrypted addresses only"):
+        await ZenohBus.open(Link(site="lab", connect=("tcp/127.0.0.1:7447",), credentials=credentials))
+
+
+async def refused(link: Link) -> str:
+    with pytest.raises(ConnectError) as caught:
+        await ZenohBus.open(link, patience_s=5)
+    return str(caught.value)
+
+
+async def test_another_site_of_the_same_name_is_refused(site: SiteFolder, tmp_path: Path) -> None:
+    foreign = credentials_of(make_site(tmp_path / "lab"), "anna")
+    link = Link(site="lab", connect=(endpoint_of(site),), credentials=foreign)
+    assert "is not the one of site lab: another authority certified it" in await refused(link)
+
+
+async def test_a_foreign_certificate_is_refused_by_the_router(site: SiteFolder, tmp_path: Path) -> None:
+    foreign = make_site(tmp_path / "lab").identity_folder("anna")
+    shutil.copy(site.identity_folder("anna") / "ca.pem", foreign / "ca.pem")
+    credentials = read_credentials(foreign, now())
+    link = Link(site="lab", connect=(endpoint_of(site),), credentials=credentials)
+    assert "of another authority" in await refused(link)
+
+
+async def test_an_expired_certificate_is_refused_here_and_at_the_router(
+    site: SiteFolder, tmp_path: Path
+) -> None:
+    copy = SiteFolder(tmp_path / "copy")
+    shutil.copytree(site.path, copy.path)
+    copy.renew(["anna"], now() - dt.timedelta(days=31))  # it lasts 30 days
+    with pytest.raises(ConfigError, match="has expired on"):
+        credentials_of(copy, "anna")
+    credentials = read_credentials(copy.identity_folder("anna"), now() - dt.timedelta(days=20))
+    link = Link(site="lab", connect=(endpoint_of(site),), credentials=credentials)
+    assert "has expired or is not valid yet, by the router's clock" in await refused(link)
+
+
+async def test_a_certificate_of_tomorrow_is_refused(site: SiteFolder, tmp_path: Path) -> None:
+    copy = SiteFolder(tmp_path / "copy")
+    shutil.copytree(site.path, copy.path)
+    copy.renew(["anna"], now() + dt.timedelta(days=1))
+    with pytest.raises(ConfigError, match=r"is not valid before .*set this machine's clock"):
+        credentials_of(copy, "anna")
+    credentials = read_credentials(copy.identity_folder("anna"), now() + dt.timedelta(days=2))
+    link = Link(site="lab", connect=(endpoint_of(site),), credentials=credentials)
+    assert "has expired or is not valid yet" in await refused(link)
+
+
+async def test_another_name_than_the_certificates_is_told(site: SiteFolder) -> None:
+    credentials = credentials_of(site, "anna")
+    port = site.state().port
+    link = Link(site="lab", connect=(f"tls/127.0.0.2:{port}",), credentials=credentials)
+    assert refusal(credentials, f"tls/127.0.0.2:{port}") == ""  # nobody listens there
+    assert "nobody answers" in await refused(link)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
+async def test_a_key_that_others_can_read_is_refused(site: SiteFolder, tmp_path: Path) -> None:
+    folder = tmp_path / "anna"
+    shutil.copytree(site.identity_folder("anna"), folder)
+    (folder / "key.pem").chmod(0o640)
+    with pytest.raises(ConfigError, match=r"others can read it.*chmod 600 .*key\.pem"):
+        read_credentials(folder, now())
+    (folder / "key.pem").unlink()
+    with pytest.raises(ConfigError, match=r"key\.pem: is missing"):
+        read_credentials(folder, now())
+
+
+def test_too_long_is_dropped_by_the_router(site: SiteFolder) -> None:
+    imu, button = IMU.at("anna"), BUTTON.at("anna")
+    with (
+        Member(site, "anna") as anna,
+        Member(site, "supervisor") as supervisor,
+        supervisor.listening("users/**") as ear,
+    ):
+        ear.hears(button, lambda: anna.put(button))
+        for size in (IMU.message.max_bytes + 1, 3_000_000, 10_000_000):
+            ear.keys.clear()
+            anna.put(imu, size=size)
+            ear.hears(button, lambda: anna.put(button))
+            assert imu not in ear.keys, size
+        anna.put(imu, size=IMU.message.max_bytes)
+        ear.hears(imu)
+
+
+async def test_passwords_instead_of_certificates(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", password=True)
+    users = folder.path / "router" / "users.txt"
+    assert users.stat().st_mode & 0o777 == 0o600
+    with routed(folder):
+        with (
+            Member(folder, "anna") as anna,
+            Member(folder, "supervisor") as supervisor,
+            supervisor.listening("users/**") as ear,
+        ):
+            ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("ben"), IMU.at("anna")))
+            assert IMU.at("ben") not in ear.keys
+        (folder.identity_folder("anna") / "password").write_text("wrong")
+        assert "refuses anna's password" in await refused(link_of(folder, "anna"))
+
+
+def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", dashboard_rate_hz=10.0)
+    assert credentials_of(folder, "dashboard1").link.endpoints[0].startswith("quic/")
+    with (
+        routed(folder),
+        Member(folder, "dashboard1") as dashboard,
+        Member(folder, "operator") as operator,
+        Member(folder, "supervisor") as writer,
+        dashboard.listening(CURSOR.at(ANY), MAP.at()) as thin,
+        operator.listening(CURSOR.at(ANY), MAP.at()) as full,
+    ):
+        keys = [CURSOR.at("anna"), CURSOR.at("ben")]
+        for ear in (thin, full):
+            for key in (*keys, MAP.at()):
+                ear.hears(key, functools.partial(writer.put, key))
+            ear.keys.clear()
+        for _ in range(300):
+            writer.put(*keys)
+        writer.put(MAP.at())  # a state is never thinned, and comes last
+        for ear in (thin, full):
+            ear.hears(MAP.at())
+        assert [full.keys.count(key) for key in keys] == [300, 300]
+        assert all(thin.keys.count(key) < 100 for key in keys)

@@ -1,0 +1,198 @@
+"""What each role may and may not, on every row of the tables, at a real router over TLS."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+
+from pointit.access.site_folder import SiteFolder
+from pointit.schemas.topics import (
+    ANY,
+    BUTTON,
+    CLOCK,
+    DEPLOYMENT,
+    HEALTH,
+    IMU,
+    LAMP_COLOR,
+    RAY,
+    REQUESTS,
+    RUN_SCENARIO,
+    SERVICE_ALIVE,
+    TOPICS,
+    USER_ALIVE,
+    WRIST,
+    Request,
+)
+from pointit.services.registry import PROCESSES
+from tests.integration.access.secured import NAMES, Member, make_site, routed
+
+PEOPLE = ("anna", "ben")
+LIMITED = [name for name in NAMES if name != "supervisor"]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> SiteFolder:
+    return make_site(tmp_path_factory.mktemp("site") / "lab")
+
+
+@pytest.fixture(scope="module")
+def members(site: SiteFolder) -> Iterator[dict[str, Member]]:
+    with routed(site), ExitStack() as stack:
+        yield {name: stack.enter_context(Member(site, name)) for name in NAMES}
+
+
+def topic_keys() -> dict[str, tuple[object, str]]:
+    """Every topic for some names: key to row and name."""
+    keys: dict[str, tuple[object, str]] = {}
+    for topic in TOPICS:
+        names = {
+            "": ("",),
+            "user": PEOPLE,
+            "service": ("pui", "pointing.anna", "pointing.ben", "web", "supervisor", "anna"),
+            "name": ("anna", "ben", "hall"),
+        }.get(topic.placeholder, ("thing",))
+        keys |= {topic.at(name): (topic, name) for name in names}
+    return keys
+
+
+def may_write(me: str, topic: object, name: str) -> bool:
+    """What the issue says, said once more and differently than in the code under test."""
+    role = NAMES[me]
+    writers = [row for row in PROCESSES if topic in row.writes]
+    if topic is HEALTH:
+        personal = [f"{row.name}.{me}" for row in PROCESSES if row.scope == "user"]
+        shared = [row.name for row in PROCESSES if row.scope == "site" and row.room == "services"]
+        return name in {"user": personal, "services": shared, "web": ["web"]}.get(role, [])
+    if role == "user":
+        if topic is DEPLOYMENT:
+            return name == me
+        if topic is LAMP_COLOR:  # the localizer lights them
+            return True
+        return name == me and any(row.scope == "user" for row in writers)
+    if role == "services":
+        shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)
+        return shared_writers or topic in (CLOCK, DEPLOYMENT)
+    return role == "web" and topic in (WRIST, BUTTON)
+
+
+def may_read(me: str, topic: object, name: str) -> bool:
+    if topic in (IMU, WRIST, RAY):
+        if NAMES[me] == "user":
+            return name == me
+        return NAMES[me] == "services" and topic is RAY  # pui needs rays; nobody shared needs the rest
+    return True
+
+
+def test_writes_arrive_exactly_where_they_may(members: dict[str, Member]) -> None:
+    supervisor = members["supervisor"]
+    for me in LIMITED:
+        member = members[me]
+        with supervisor.listening("**", "**/@may/**") as ear:
+            supervisor.settle(members["operator"])
+            member.put(*topic_keys())
+            ear.hears(member.mark())
+        expected = {key for key, (topic, name) in topic_keys().items() if may_write(me, topic, name)}
+        assert ear.heard() == expected, me
+
+
+def test_writes_below_another_name_arrive_nowhere_at_all(members: dict[str, Member]) -> None:
+    evil = members["anna"]
+    others = [member for me, member in members.items() if me != "anna"]  # it hears itself without a router
+    with ExitStack() as stack:
+        ears = [
+            stack.enter_context(each.listening("**", "users/ben/imu", "users/ben/pose")) for each in others
+        ]
+        end = stack.enter_context(members["supervisor"].listening("**/@may/**"))
+        for each in others:
+            each.settle(members["supervisor"])
+        evil.put("users/ben/imu", "users/ben/pose", "users/*/imu", "users/**", "**")
+        end.hears(evil.mark())
+        for each in others:  # what was on its way to them has come
+            with each.listening(f"@may/{each.name}/**") as own:
+                key = f"@may/{each.name}/end"
+                own.hears(key, lambda key=key: members["supervisor"].put(key))  # type: ignore[misc]
+        assert [ear.keys for ear in ears] == [[]] * len(others)
+
+
+@pytest.mark.parametrize("me", LIMITED)
+def test_reads_get_exactly_what_they_may(me: str, members: dict[str, Member]) -> None:
+    speaker, end = members["supervisor"], f"@may/{me}/end"
+    with members[me].listening(*topic_keys(), end) as ear:
+        members[me].settle(speaker)
+        speaker.put(*topic_keys(), end)
+        ear.hears(end)
+    assert ear.heard() == {key for key, (topic, name) in topic_keys().items() if may_read(me, topic, name)}
+
+
+@pytest.mark.parametrize("me", LIMITED)
+def test_who_wants_everything_gets_nothing(me: str, members: dict[str, Member]) -> None:
+    speaker, end = members["supervisor"], f"@may/{me}/end"
+    with members[me].listening("**", "users/**", "users/*/imu", "users/*/wrist", "**/@adv/**", end) as ear:
+        members[me].settle(speaker)
+        speaker.put("users/ben/imu", "users/anna/imu", "secret", "map", "users/ben/pose/@adv/x", end)
+        ear.hears(end)
+    assert ear.heard() == set()
+
+
+def request_keys() -> dict[str, tuple[Request[Any, Any], str]]:
+    return {row.at(name): (row, name) for row in REQUESTS for name in (PEOPLE if row.placeholder else ("",))}
+
+
+def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) -> None:
+    keys = request_keys()
+    with members["supervisor"].serving(*keys):
+        members["supervisor"].settle(members["operator"])
+        for me in LIMITED:
+            expected = {
+                key
+                for key, (row, name) in keys.items()
+                if NAMES[me] in ("operator", "web")
+                or (NAMES[me] == "user" and row.placeholder == "user" and name == me)
+            }
+            assert members[me].answered(*keys) == expected, me
+
+
+def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:
+    servers = [process for process in PROCESSES if row in process.serves]
+    if NAMES[me] == "user":
+        return name == me and any(server.scope == "user" for server in servers)
+    return NAMES[me] == "services" and (
+        row is RUN_SCENARIO or any(server.scope == "site" for server in servers)
+    )
+
+
+def test_only_who_serves_a_request_is_asked(members: dict[str, Member]) -> None:
+    keys = request_keys()
+    for me in LIMITED:
+        with members[me].serving(*keys) as asked:
+            members[me].settle(members["supervisor"])
+            answered = members["supervisor"].answered(*keys)
+        expected = {key for key, (row, name) in keys.items() if may_serve(me, row, name)}
+        assert answered == expected, me
+        assert set(asked) == expected, me
+
+
+def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Member]) -> None:
+    everybody = [USER_ALIVE.at("anna"), USER_ALIVE.at("ben")]
+    everybody += [SERVICE_ALIVE.at(name) for name in ("pointing.anna", "pointing.ben", "pui", "web", "rogue")]
+    expected = {
+        "anna": {USER_ALIVE.at("anna"), SERVICE_ALIVE.at("pointing.anna")},
+        "ben": {USER_ALIVE.at("ben"), SERVICE_ALIVE.at("pointing.ben")},
+        "services": {SERVICE_ALIVE.at("pui")},
+        "web": {SERVICE_ALIVE.at("web")},
+    }
+    for me in LIMITED:
+        with members[me].present(*everybody):
+            members[me].settle(members["supervisor"])
+            for onlooker in LIMITED:
+                if onlooker != me:
+                    seen = members[onlooker].sees(SERVICE_ALIVE.at(ANY), USER_ALIVE.at(ANY))
+                    assert seen == expected.get(me, set()), (me, onlooker)
+        members[me].settle(members["supervisor"])
+
+
+def test_the_admin_space_is_closed(members: dict[str, Member]) -> None:
+    for me, member in members.items():
+        member.put("@/*/router/config/access_control")
+        assert member.answered("@/**", "@/*/router/**") == set(), me

@@ -1,0 +1,184 @@
+"""Rules as a router applies them, worked out without one."""
+
+from typing import Any
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.access.rights import ROLES, Rights, Role, rights_of
+from pointit.access.router_configuration import Member, Routed, common_name, configuration, text
+from pointit.access.rules import MESSAGES, everything, rules_of
+from pointit.runtime.errors import ConfigError
+from pointit.schemas.topics import IMU, REQUESTS, TOPICS
+
+NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True)
+
+
+def permits(rules: list[dict[str, Any]], message: str, flow: str, key: str) -> bool:
+    """What Zenoh does: a rule applies when one of its patterns includes the whole key."""
+    return any(
+        message in rule["messages"]
+        and flow in rule["flows"]
+        and any(zenoh.KeyExpr(pattern).includes(zenoh.KeyExpr(key)) for pattern in rule["key_exprs"])
+        for rule in rules
+    )
+
+
+def routed(site: str = "lab", port: int = 7447, **more: Any) -> Routed:
+    roles: dict[str, Role] = {"router": "router", "anna": "user", "ben": "user", "dashboard1": "dashboard"}
+    members = [
+        Member(name=name, role=role, common_name=common_name(site, name, 1)) for name, role in roles.items()
+    ]
+    return Routed(site=site, port=port, members=members, **more)
+
+
+@given(me=NAMES, other=NAMES)
+def test_nobody_writes_below_another_name(me: str, other: str) -> None:
+    rules = rules_of("lab", me, rights_of("user", me))
+    for topic in TOPICS:
+        if topic.placeholder != "user":
+            continue
+        key = f"pointit/lab/{topic.at(other)}"
+        for message in ("put", "declare_queryable", "reply", "liveliness_token"):
+            for below in (key, f"{key}/@adv/pub/1/2/_", f"{key}/@may/{me}/writes"):
+                assert me == other or not permits(rules, message, "ingress", below)
+
+
+@given(me=NAMES, role=st.sampled_from(ROLES), site=NAMES)
+def test_nobody_has_rights_on_another_site(me: str, role: Role, site: str) -> None:
+    rules = rules_of(site, me, rights_of(role, me))
+    for rule in rules:
+        for pattern in rule["key_exprs"]:
+            assert pattern.startswith(f"pointit/{site}/")
+            zenoh.KeyExpr(pattern)  # is one
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_late_joiners_are_granted_with_the_key(role: Role) -> None:
+    rights = rights_of(role, "anna")
+    rules = rules_of("lab", "anna", rights)
+    below = "@adv/pub/0123/4/_"
+    for key in rights.writes:
+        assert permits(rules, "put", "ingress", f"pointit/lab/{key}/{below}")
+        assert permits(rules, "declare_queryable", "ingress", f"pointit/lab/{key}/{below}")
+        assert permits(rules, "liveliness_token", "ingress", f"pointit/lab/{key}/{below}")
+        assert permits(rules, "reply", "ingress", f"pointit/lab/{key}")
+    for key in rights.reads:
+        assert permits(rules, "declare_subscriber", "ingress", f"pointit/lab/{key}/@adv/pub/**")
+        assert permits(rules, "query", "ingress", f"pointit/lab/{key}/@adv/**")
+        assert permits(rules, "declare_liveliness_subscriber", "ingress", f"pointit/lab/{key}/@adv/pub/**")
+        assert permits(rules, "liveliness_token", "egress", f"pointit/lab/{key}/{below}")
+        assert permits(rules, "put", "egress", f"pointit/lab/{key}/{below}")
+        assert permits(rules, "reply", "egress", f"pointit/lab/{key}")
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_what_a_right_grants_can_be_tested(role: Role) -> None:
+    rights = rights_of(role, "anna")
+    rules = rules_of("lab", "anna", rights)
+    for verb in ("writes", "reads", "serves", "asks"):
+        for key in getattr(rights, verb):
+            assert permits(rules, "put", "ingress", f"pointit/lab/{key}/@may/anna/{verb}")
+            assert permits(rules, "put", "egress", f"pointit/lab/{key}/@may/anna/{verb}")
+    assert permits(rules, "declare_subscriber", "ingress", "pointit/lab/**/@may/anna/**")
+    assert permits(rules, "put", "ingress", "pointit/lab/@may/anna/joins")
+
+
+def test_dashboards_write_and_answer_nothing() -> None:
+    rights = rights_of("dashboard", "dashboard1")
+    assert (rights.writes, rights.serves, rights.asks, rights.keeps, rights.announces) == ((), (), (), (), ())
+    assert not any(key.endswith(("/imu", "/wrist", "/ray")) for key in rights.reads)
+
+
+def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_space() -> None:
+    rules = rules_of("lab", "supervisor", rights_of("supervisor", "supervisor"))
+    for message in MESSAGES:
+        for flow in ("ingress", "egress"):
+            assert all(permits(rules, message, flow, key) for key in everything("lab"))
+            assert not permits(rules, message, flow, "@/1/router/config")
+
+
+def test_nothing_is_granted_without_a_rule() -> None:
+    made = configuration([routed()])
+    control = made["access_control"]
+    assert control["default_permission"] == "deny"
+    assert {rule["permission"] for rule in control["rules"]} == {"allow"}
+    ids = [rule["id"] for rule in control["rules"]]
+    assert len(ids) == len(set(ids))
+    for policy, member in zip(control["policies"], routed().members, strict=True):
+        assert all(rule.startswith(f"lab/{member.name}/") for rule in policy["rules"])
+    assert {name for each in control["subjects"] for name in each["cert_common_names"]} == {
+        "lab/router/1",
+        "lab/anna/1",
+        "lab/ben/1",
+        "lab/dashboard1/1",
+    }
+    assert made["adminspace"] == {"enabled": False, "permissions": {"read": False, "write": False}}
+    assert made["scouting"]["gossip"] == made["scouting"]["multicast"] == {"enabled": False}
+    assert all("enable_mtls=true" in endpoint for endpoint in made["listen"]["endpoints"])
+
+
+def test_every_row_of_the_tables_has_a_limit() -> None:
+    limits = configuration([routed()])["low_pass_filter"]
+
+    def limit(message: str, key: str) -> int:
+        found: list[int] = [
+            each["size_limit"]
+            for each in limits
+            if message in each["messages"]
+            and any(zenoh.KeyExpr(pattern).includes(zenoh.KeyExpr(key)) for pattern in each["key_exprs"])
+        ]
+        return min(found)
+
+    for topic in TOPICS:
+        name = "anna" if topic.placeholder else ""
+        assert limit("put", f"pointit/lab/{topic.at(name)}") == topic.message.max_bytes
+        assert limit("reply", f"pointit/lab/{topic.at(name)}") == topic.message.max_bytes
+    for request in REQUESTS:
+        name = "anna" if request.placeholder else ""
+        assert limit("query", f"pointit/lab/{request.at(name)}") == request.query.max_bytes
+    assert limit("put", "pointit/lab/anything/at/all") == 1024 * 1024
+
+
+def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
+    made = configuration([routed(dashboard_rate_hz=20.0)])
+    (thinned,) = made["downsampling"]
+    keys = [rule["key_expr"] for rule in thinned["rules"]]
+    assert "pointit/lab/users/anna/cursor" in keys
+    assert not any("*" in key for key in keys)
+    assert thinned["link_protocols"] == ["quic"]
+    assert {endpoint.partition("/")[0] for endpoint in made["listen"]["endpoints"]} == {"tls", "quic"}
+    assert "downsampling" not in configuration([routed()])
+
+
+def test_what_is_written_is_what_zenoh_takes() -> None:
+    zenoh.Config.from_json5(text([routed(dashboard_rate_hz=20.0, uplinks=("tls/building:7447",))]))
+
+
+def test_two_sites_have_rules_of_their_own_each() -> None:
+    made = configuration([routed("a", 1), routed("b", 2)])
+    for rule in made["access_control"]["rules"]:
+        site = rule["id"].partition("/")[0]
+        assert all(pattern.startswith(f"pointit/{site}/") for pattern in rule["key_exprs"])
+
+
+@pytest.mark.parametrize(
+    ("sites", "sentence"),
+    [
+        ([routed("a", 1), routed("a", 2)], "site a is given twice"),
+        ([routed("a", 1), routed("b", 1)], "sites a and b both have port 1"),
+        ([routed("a", 1), routed("b", 2, password=True)], "site b goes by passwords"),
+        ([routed("a", 1, password=True, uplinks=("tls/x:1",))], "joins no other"),
+    ],
+)
+def test_sites_that_cannot_share_a_router(sites: list[Routed], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        configuration(sites)
+
+
+def test_a_right_that_is_missing_is_no_rule() -> None:
+    rules = rules_of("lab", "x", Rights(watches=()))
+    assert not any(permits(rules, "query", "ingress", f"pointit/lab/{IMU.at('x')}") for _ in rules)
+    assert all("users" not in key for rule in rules for key in rule["key_exprs"])

@@ -1,0 +1,87 @@
+"""`pointit site` as it is typed."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pointit.cli.site import command
+from pointit.runtime import ConfigError
+
+
+def site(*arguments: str) -> Result:
+    return CliRunner().invoke(command, arguments)
+
+
+def refused(*arguments: str) -> str:
+    result = site(*arguments)
+    assert isinstance(result.exception, ConfigError), result.output
+    return str(result.exception)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> str:
+    path = str(tmp_path / "lab")
+    result = site("init", "lab", "--folder", path, "--users", "anna, ben", "--guests", "2", "--days", "90")
+    assert result.exit_code == 0, result.output
+    assert "keep" in result.output
+    return path
+
+
+def names_of(folder: str) -> set[str]:
+    return {
+        row["name"] for row in json.loads(site("show", "--folder", folder, "--json").output)["identities"]
+    }
+
+
+def test_a_site_has_everybody_who_was_named(folder: str) -> None:
+    standing = {"router", "services", "web", "operator", "supervisor", "dashboard1"}
+    assert names_of(folder) == {*standing, "anna", "ben", "guest1", "guest2"}
+    people = json.loads(site("user", "list", "--folder", folder, "--json").output)["identities"]
+    assert [row["name"] for row in people] == ["anna", "ben", "guest1", "guest2"]
+
+
+def test_people_are_added_and_removed(folder: str) -> None:
+    result = site("user", "add", "carla", "--folder", folder)
+    assert "identities/carla" in result.output
+    assert (Path(folder) / "identities/carla/key.pem").exists()
+    site("user", "remove", "carla", "--folder", folder)
+    assert "carla" not in names_of(folder)
+    assert "services is a name of the site's own" in refused("user", "add", "services", "--folder", folder)
+    assert "no person" in refused("user", "remove", "web", "--folder", folder)
+
+
+def test_a_number_of_people_are_numbered(tmp_path: Path) -> None:
+    site(
+        "init", "lab", "--folder", str(tmp_path / "lab"), "--users", "3", "--guests", "0", "--dashboards", "0"
+    )
+    assert {"user1", "user2", "user3"} < names_of(str(tmp_path / "lab"))
+    assert "guest1" not in names_of(str(tmp_path / "lab"))
+
+
+def test_what_ends_soon_is_warned_of(tmp_path: Path) -> None:
+    path = str(tmp_path / "lab")
+    site("init", "lab", "--folder", path, "--days", "20", "--guests", "0")
+    result = site("show", "--folder", path)
+    assert result.exit_code == 1
+    assert "ends soon" in result.output
+    assert "renew with `pointit site renew`" in result.output
+    assert "router has a new certificate" in site("renew", "--folder", path).output
+
+
+def test_all_is_well_is_exit_code_0(folder: str) -> None:
+    assert site("show", "--folder", folder).exit_code == 0
+    assert "valid for 30 days and more" in site("renew", "--folder", folder).output
+
+
+def test_revoked_is_shown(folder: str) -> None:
+    assert "may do nothing any more" in site("revoke", "anna", "--folder", folder).output
+    rows = json.loads(site("show", "--folder", folder, "--json").output)["identities"]
+    assert [row["state"] for row in rows if row["name"] == "anna"] == ["revoked"]
+
+
+def test_no_secret_is_printed(folder: str) -> None:
+    key = (Path(folder) / "identities/anna/key.pem").read_text().splitlines()[1]
+    for arguments in (["show"], ["user", "list"], ["renew", "anna"], ["revoke", "ben"]):
+        assert key not in site(*arguments, "--folder", folder).output

@@ -1,0 +1,198 @@
+"""The folder of a site: what is made, what changes, what is never left half done."""
+
+import datetime as dt
+import multiprocessing
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+
+from pointit.access.authority import Authority, found
+from pointit.access.files import locked, put
+from pointit.access.rights import Role
+from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.runtime.credentials import read_credentials
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import KeyNameError
+
+NOW = dt.datetime(2030, 1, 1, tzinfo=dt.UTC)
+ROLES: dict[str, Role] = {"anna": "user", "services": "services"}
+
+
+def site_of(path: Path, *, password: bool = False) -> SiteFolder:
+    site = SiteFolder(path / "lab")
+    state = SiteState(
+        site="lab",
+        hosts=("router", "10.0.0.1", "fd00::1"),
+        port=7447,
+        days=90,
+        password=password,
+        dashboard_rate_hz=0,
+        identities={},
+    )
+    site.found(state, ROLES, NOW)
+    return site
+
+
+def certificate(path: Path) -> x509.Certificate:
+    return x509.load_pem_x509_certificate(path.read_bytes())
+
+
+def test_secrets_are_the_owners_alone(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+    for file in site.path.rglob("*"):
+        mode = file.stat().st_mode & 0o777
+        if file.is_dir():
+            assert mode & 0o077 == 0, file
+        elif file.name in ("key.pem", "router.json5", "users.txt", "password"):
+            assert mode == 0o600, file
+    assert {file.name for file in site.identity_folder("anna").iterdir()} == {
+        "ca.pem",
+        "cert.pem",
+        "key.pem",
+        "link.json",
+    }
+    for file in site.path.rglob("*"):
+        if file.is_file() and file.name != "key.pem":
+            assert b"PRIVATE" not in file.read_bytes(), file
+
+
+def test_certificates_say_who_it_is_and_for_how_long(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+    anna = certificate(site.identity_folder("anna") / "cert.pem")
+    assert anna.subject.rfc4514_string() == "CN=lab/anna/1"
+    assert anna.not_valid_after_utc == NOW + dt.timedelta(days=90)
+    anna.verify_directly_issued_by(certificate(site.path / "authority" / "ca.pem"))
+    with pytest.raises(x509.ExtensionNotFound):
+        anna.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    router = certificate(site.path / "router" / "cert.pem")
+    names = router.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.DNSName) == ["router", "localhost"]
+    addresses = [str(address) for address in names.get_values_for_type(x509.IPAddress)]
+    assert addresses == ["10.0.0.1", "fd00::1", "127.0.0.1", "::1"]
+    link = read_credentials(site.identity_folder("anna"), NOW).link
+    assert link.endpoints == ("tls/router:7447", "tls/10.0.0.1:7447", "tls/[fd00::1]:7447")
+
+
+def test_what_is_renewed_or_comes_back_is_never_the_same_again(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+
+    def known() -> list[str]:
+        return [member.common_name for member in site.routed().members if member.name == "anna"]
+
+    assert known() == ["lab/anna/1"]
+    site.renew(["anna"], NOW)
+    assert known() == ["lab/anna/2"]
+    site.revoke("anna")
+    assert known() == []
+    assert "lab/anna" not in (site.path / "router" / "router.json5").read_text()
+    site.renew(["anna"], NOW)
+    assert known() == ["lab/anna/3"]
+    site.remove("anna")
+    assert known() == []
+    assert not site.identity_folder("anna").exists()
+    site.add({"anna": "user"}, NOW)
+    assert known() == ["lab/anna/4"]
+    assert certificate(site.identity_folder("anna") / "cert.pem").subject.rfc4514_string() == "CN=lab/anna/4"
+
+
+def test_passwords_end_with_their_owner(tmp_path: Path) -> None:
+    site = site_of(tmp_path, password=True)
+    users = site.path / "router" / "users.txt"
+    before = users.read_text()
+    assert before.startswith("lab/anna/1:")
+    assert not (site.identity_folder("anna") / "key.pem").exists()
+    site.renew(["anna"], NOW)
+    assert users.read_text().splitlines()[0].startswith("lab/anna/2:")
+    assert before.splitlines()[0].partition(":")[2] not in users.read_text()
+    site.revoke("anna")
+    assert "anna" not in users.read_text()
+    assert "password" not in (site.path / "site.json").read_text().replace('"password": true', "")
+
+
+IMPOSSIBLE: list[tuple[Callable[[SiteFolder], object], str]] = [
+    (lambda site: site.renew(["zoe"], NOW), "site lab has no zoe; it has router, anna, services"),
+    (lambda site: site.revoke("router"), "the router cannot be without a certificate"),
+    (lambda site: site.add({"anna": "user"}, NOW), "anna is there already"),
+    (lambda site: site.add({"router": "user"}, NOW), "router"),
+    (lambda site: site.add({"x" * 64: "user"}, NOW), "choose shorter names"),
+    (lambda site: site.renew(["router"], NOW, ["no host!"]), "'no host!' is no name or address"),
+]
+
+
+@pytest.mark.parametrize(("do", "sentence"), IMPOSSIBLE)
+def test_what_cannot_be_done_changes_nothing(
+    do: Callable[[SiteFolder], object], sentence: str, tmp_path: Path
+) -> None:
+    site = site_of(tmp_path)
+    before = {file: file.read_bytes() for file in site.path.rglob("*") if file.is_file()}
+    with pytest.raises(ConfigError, match=sentence):
+        do(site)
+    assert {file: file.read_bytes() for file in site.path.rglob("*") if file.is_file()} == before
+
+
+def test_a_name_that_would_be_a_path_is_refused(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+    for name in ("../x", "a/b", "", "*", ".x"):
+        with pytest.raises(KeyNameError):
+            site.add({name: "user"}, NOW)
+
+
+def test_a_folder_holds_one_site(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+    with pytest.raises(ConfigError, match="holds a site already"):
+        site.found(site.state(), ROLES, NOW)
+    with pytest.raises(ConfigError, match=r"holds no site .*pointit site init"):
+        SiteFolder(tmp_path / "other").state()
+    (site.path / "site.json").write_text("{}")
+    with pytest.raises(ConfigError, match=r"site\.json"):
+        site.state()
+
+
+def test_two_at_once_are_one_after_the_other(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+    with locked(site.path), pytest.raises(ConfigError, match="somebody else is changing it"):
+        site.renew(["anna"], NOW)
+    site.renew(["anna"], NOW)
+
+
+def _renew(path: Path) -> None:
+    for _ in range(200):
+        try:
+            SiteFolder(path).renew(["anna"], NOW)
+        except ConfigError:
+            continue
+        return
+
+
+def test_changes_of_several_processes_are_all_kept(tmp_path: Path) -> None:
+    site = site_of(tmp_path)
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=_renew, args=(site.path,)) for _ in range(2)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+        process.close()
+    assert site.state().identities["anna"].generation == 3
+
+
+def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    file = tmp_path / "x"
+    put(file, b"old", 0o644)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ConfigError, match="cannot be written"):
+        put(tmp_path / "folder", b"new", 0o600)
+    assert file.read_bytes() == b"old"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["folder", "x"]
+
+
+def test_no_certificate_outlives_its_authority() -> None:
+    made = found("lab", NOW)
+    issued = Authority(made.certificate, made.key).certify("lab/anna/1", NOW, 100_000)
+    assert issued.valid_until == made.valid_until
+    with pytest.raises(ConfigError, match="not that of its certificate"):
+        Authority(made.certificate, found("lab", NOW).key)
+    with pytest.raises(ConfigError, match="damaged"):
+        Authority(b"x", made.key)

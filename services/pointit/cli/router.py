@@ -2,20 +2,27 @@
 
 import asyncio
 import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 from click.core import ParameterSource
 
+from pointit.access.refused import FILTER, Refused
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option, run_async
 from pointit.runtime.router import Router, routing
+from pointit.runtime.zenoh_log import listening
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
 
+log = logging.getLogger(__name__)
+
+TELL_S = 2.0
+"""How often it is said who was refused what."""
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files that a configuration of `pointit site` names in its own folder."""
 
@@ -61,7 +68,7 @@ def command(
     join: other machines should reach it only through a trusted network.
 
     With them it lets in only whom the site knows, and everybody may do only what their role needs. Changes by
-    `pointit site` take effect within a second, without a restart.
+    `pointit site` take effect within a second, without a restart. Who is refused something is logged.
 
     Example: pointit site init lab --host 192.168.1.5 && pointit router --site-folder lab
     """
@@ -103,13 +110,25 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
 
 
 async def _guard(router: Router) -> int:
-    await router.open()
-    try:
-        click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
-        await router.follow()
-    finally:
-        await router.close()
+    refused = Refused()
+    with listening(FILTER, refused.take):
+        await router.open()
+        telling = asyncio.create_task(_tell(refused), name="refused")
+        try:
+            click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
+            await router.follow()
+        finally:
+            telling.cancel()
+            await router.close()
     return 0
+
+
+async def _tell(refused: Refused) -> None:
+    """Say who was refused what, soon and not more often than anybody reads."""
+    while True:
+        await asyncio.sleep(TELL_S)
+        for sentence in refused.take_sentences():
+            log.warning("%s", sentence)
 
 
 async def _route(listen: tuple[str, ...]) -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
+from pointit.runtime.credentials import read_credentials, refusal
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample
 from pointit.schemas.topics import ANY, BUTTON, IMU, SET_BRIGHTNESS, USER_ALIVE
@@ -180,3 +181,30 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
         assert not any("imu" in key for key in seen.keys)
         wait(lambda: outside.answered(dim) != set(), "an answer across both")
         wait(lambda: dashboard.sees(USER_ALIVE.at(ANY)) != set(), "presence across both")
+
+
+def test_the_router_tells_who_is_refused_what(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab")
+    foreign = make_site(tmp_path / "other").identity_folder("anna")
+    shutil.copy(folder.identity_folder("anna") / "ca.pem", foreign / "ca.pem")
+    with (
+        RouterProgram("--site-folder", str(folder.path)) as router,
+        Member(folder, "anna") as anna,
+        Member(folder, "dashboard1") as dashboard,
+        Member(folder, "supervisor") as supervisor,
+        dashboard.listening(IMU.at("anna")),
+        supervisor.listening(IMU.at(ANY)) as ear,
+    ):
+        for _ in range(5):
+            anna.put(IMU.at("ben"))
+        ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("anna")))
+        anna.answered(SET_BRIGHTNESS.at())
+        refusal(read_credentials(foreign, now()), endpoint_of(folder))
+        for words in (
+            f"lab/anna may not write {IMU.at('ben')} (5 times), ask {SET_BRIGHTNESS.at()}",
+            f"lab/dashboard1 may not read {IMU.at('anna')}",
+            "somebody was not let in: invalid peer certificate",
+        ):
+            wait(lambda words=words: words in router.said, words)  # type: ignore[misc]
+        assert "lab/supervisor" not in router.said
+        assert f"write {IMU.at('anna')}" not in router.said

@@ -34,6 +34,7 @@ COMMANDS = (
         "measure on recordings of people how good the estimates are",
         "pointit.cli.evaluate:command",
     ),
+    ("load", "measure how many people this machine, or a site, carries", "pointit.cli.load:command"),
     ("audit", "show who selected what, when and how surely", "pointit.cli.audit:command"),
     ("schema", "write or check the catalogue of messages", "pointit.cli.schema:command"),
     ("router", "run a router that joins several machines", "pointit.cli.router:command"),

@@ -42,7 +42,7 @@ async def test_a_run_ends_with_its_summary(
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
     family = run.family()
-    assert len(family) == (9 if processes else 1)
+    assert len(family) == (10 if processes else 1)
     ended = await run.stop(number)
     print(f"run {processes} ended after {ended.took_s:.2f} s")  # noqa: T201 - shown with -s
     well(ended)
@@ -51,7 +51,7 @@ async def test_a_run_ends_with_its_summary(
     summary = json.loads(path.read_text())
     assert summary["cursors"] > 0
     assert summary["duration_s"] < 60
-    assert len(summary["services"]) == 8
+    assert len(summary["services"]) == 9
 
 
 @pytest.mark.parametrize("processes", [(), ("--processes",)])

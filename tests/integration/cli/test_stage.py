@@ -22,7 +22,7 @@ from pointit.cli.stage import Stage
 from pointit.runtime import Bus, RefusedError, WallClock
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
-from pointit.schemas import Deployment, Environment, Message, RunScenario
+from pointit.schemas import Deployment, Environment, Health, Message, RunScenario
 from pointit.schemas.topics import (
     CONVEYOR_STATE,
     DEPLOYMENT,
@@ -208,6 +208,15 @@ async def test_wishes_are_granted_one_after_the_other() -> None:
         await until(lambda: [name for name, _ in itertools.groupby(names)] == order, what=f"not {names}")
 
 
+async def _report(bus: ZenohBus, user: str) -> None:
+    reports = bus.publisher(HEALTH, f"pointing.{user}")
+    while True:
+        reports.put(
+            Health(stamp_ns=1, service="pointing", instance=f"pointing.{user}", user=user, pid=1, host="other")
+        )
+        await asyncio.sleep(0.1)
+
+
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [
@@ -221,10 +230,12 @@ async def test_a_wish_that_cannot_be_changes_nothing(asked: dict[str, Any], sent
         there: set[str] = set()
         run.bus.watch(USER_ALIVE, lambda name, here: _change(there, name, here=here))
         beside.bus.announce(USER_ALIVE, "user2")  # somebody has joined under that name
+        reporting = asyncio.create_task(_report(beside.bus, "user2"))
         await until(lambda: "user2" in there, what="user2")
         before = run.stage.monitor
         with pytest.raises(RefusedError, match=sentence):
             await run.asks(**asked)
+        reporting.cancel()
         assert run.stage.monitor is before
         count = before.cursor_count
         await until(lambda: before.cursor_count > count, PATIENCE_S, "more cursors")

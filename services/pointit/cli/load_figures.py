@@ -1,0 +1,149 @@
+"""What a load test measured, whether it was carried, and how many people could be; pure."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+P99_MS = 50.0
+"""From wrist to light, 99th percentile: more feels detached from the hand."""
+
+MOST_DROPPED = 0.001
+"""Share of samples that a busy machine may conflate now and then; more are drops."""
+
+LEAST_SENT = 0.99
+"""Share of the samples that were to be sent; with fewer, the machine could not even drive the wrists."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usage:
+    """What a process took while it was measured."""
+
+    name: str
+    cpu: float
+    """Of one core, 1.0 is all of it."""
+    memory_mb: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """One measurement."""
+
+    users: int
+    rate_hz: float
+    duration_s: float
+    layout: str
+    sent: int
+    """Samples of all wrists."""
+    pointed: int
+    """Cursors that came of them."""
+    hovered: int
+    """Hovers that came of them."""
+    light_s: Sequence[float]
+    """From wrist to light: ages of new frames as they came."""
+    cursor_s: Sequence[float]
+    """From wrist to cursor."""
+    processes: Sequence[Usage]
+    load_average: float | None
+    """Of the machine, over the last minute: of other work too."""
+
+    @property
+    def dropped(self) -> float:
+        """Return the share of samples of which no cursor came."""
+        return max(0.0, 1.0 - self.pointed / self.sent) if self.sent else 1.0
+
+    @property
+    def sent_share(self) -> float:
+        """Return the share of samples that were sent in time."""
+        return self.sent / (self.users * self.rate_hz * self.duration_s)
+
+    @property
+    def failure(self) -> str:
+        """Return why this many people are too many; empty: they are carried."""
+        p99_ms = quantile_ms(self.light_s, 0.99)
+        if self.sent_share < LEAST_SENT:
+            return f"only {self.sent_share:.0%} of the samples could be sent"
+        if p99_ms is None:
+            return "no light followed any sample"
+        if self.dropped > MOST_DROPPED:
+            return f"{self.dropped:.1%} of the samples were dropped"
+        return "" if p99_ms <= P99_MS else f"p99 is {p99_ms:.0f} ms, above {P99_MS:.0f} ms"
+
+    def row(self) -> dict[str, Any]:
+        """Return a row of the table."""
+        busiest = max(self.processes, key=lambda usage: usage.cpu)
+        return {
+            "users": self.users,
+            "light_p50_ms": _rounded(quantile_ms(self.light_s, 0.5)),
+            "light_p99_ms": _rounded(quantile_ms(self.light_s, 0.99)),
+            "cursor_p99_ms": _rounded(quantile_ms(self.cursor_s, 0.99)),
+            "drops_percent": round(self.dropped * 100, 3),
+            "processes": len(self.processes),
+            "cpu_percent": round(sum(usage.cpu for usage in self.processes) * 100),
+            "busiest": f"{busiest.name} {busiest.cpu * 100:.0f} %",
+            "memory_mb": round(sum(usage.memory_mb for usage in self.processes)),
+            "load": self.load_average,
+            "carried": "yes" if not self.failure else self.failure,
+        }
+
+    def record(self) -> dict[str, Any]:
+        """Return all of it, for programs."""
+        return {
+            **self.row(),
+            "carried": not self.failure,
+            "failure": self.failure,
+            "layout": self.layout,
+            "rate_hz": self.rate_hz,
+            "duration_s": self.duration_s,
+            "sent": self.sent,
+            "cursors": self.pointed,
+            "hovers": self.hovered,
+            "frames": len(self.light_s),
+            "light_max_ms": _rounded(quantile_ms(self.light_s, 1.0)),
+            "cursor_p50_ms": _rounded(quantile_ms(self.cursor_s, 0.5)),
+            "processes": [asdict(usage) for usage in self.processes],
+        }
+
+
+def quantile_ms(values_s: Sequence[float], share: float) -> float | None:
+    """Return the nearest-rank quantile in ms; none of nothing."""
+    if not values_s:
+        return None
+    return sorted(values_s)[max(0, math.ceil(share * len(values_s)) - 1)] * 1e3
+
+
+class Search:
+    """How many to try next: doubled until it is too many, then halved between until that is near enough."""
+
+    def __init__(self, first: int, most: int, steps: int = 3) -> None:
+        """Begin with `first`, never try more than `most`, halve `steps` times at most."""
+        self.carried = 0
+        self._failed: int | None = None
+        self._first = first
+        self._most = most
+        self._steps = steps
+
+    def counts(self) -> Iterator[int]:
+        """Yield what to try; `tell` before the next is asked for."""
+        count = min(self._first, self._most)
+        while self._failed is None:
+            yield count
+            if self.carried >= self._most:
+                return
+            count = min(2 * count, self._most)
+        for _ in range(self._steps):
+            count = (self.carried + self._failed) // 2
+            if count in (self.carried, self._failed):
+                return
+            yield count
+
+    def tell(self, count: int, *, carried: bool) -> None:
+        """Take how it went."""
+        if carried:
+            self.carried = max(self.carried, count)
+        else:
+            self._failed = count if self._failed is None else min(self._failed, count)
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 2)

@@ -1,0 +1,107 @@
+"""A process of a load test: runs the services that it is told of, and drives wrists when asked to.
+
+It is told in lines of JSON on its standard input, answers in lines of JSON, and ends with its input.
+"""
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.load_usage import taken
+from pointit.cli.load_wrist import Wrist, beat
+from pointit.runtime import Launch, WallClock, run_services
+from pointit.runtime.config import Layers
+from pointit.runtime.credentials import VARIABLE, read_credentials
+from pointit.runtime.log import setup_logging
+from pointit.runtime.process import run_async, run_command
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas.topics import IMU
+from pointit.services import registry
+
+PATIENCE_S = 10.0
+
+
+def told(launches: Sequence[Launch]) -> list[dict[str, Any]]:
+    """Return launches as a worker is told them."""
+    return [
+        {
+            "service": launch.service.NAME,
+            "user": launch.user,
+            "config": launch.config.model_dump(mode="json"),
+        }
+        for launch in launches
+    ]
+
+
+def _launch(one: Mapping[str, Any]) -> Launch:
+    service = registry.process(one["service"]).load()
+    layers = Layers()
+    layers.add(one["config"], "load test")
+    return Launch(service=service, config=layers.build(service.CONFIG), user=one["user"])
+
+
+def _say(what: Mapping[str, Any]) -> None:
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
+
+
+async def _work() -> int:
+    reader = asyncio.StreamReader(limit=64 * 1024 * 1024)
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
+    task = json.loads(await reader.readline())
+    credentials = os.environ.get(VARIABLE)
+    link = Link(
+        site=task["site"],
+        connect=(task["connect"],),
+        credentials=None if not credentials else read_credentials(Path(credentials), _now()),
+    )
+    bus = await ZenohBus.open(link, patience_s=PATIENCE_S)
+    services = asyncio.create_task(run_services([_launch(one) for one in task["launches"]], bus, WallClock()))
+    services.add_done_callback(lambda _: reader.feed_eof())
+    try:
+        wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
+        while line := await reader.readline():
+            order = json.loads(line)
+            before, sent = taken(), sum(wrist.sent for wrist in wrists)
+            await beat(wrists, order["rate_hz"], order["duration_s"])
+            after = taken()
+            _say(
+                {
+                    "sent": sum(wrist.sent for wrist in wrists) - sent,
+                    "cpu_s": after.cpu_s - before.cpu_s if before and after else 0.0,
+                    "memory_mb": after.memory_mb if after else 0.0,
+                }
+            )
+        if services.done():
+            services.result()
+    finally:
+        services.cancel()
+        await asyncio.wait({services})
+        await bus.close()
+    return 0
+
+
+def _now() -> Any:
+    import datetime as dt  # noqa: PLC0415 - only where there are credentials
+
+    return dt.datetime.now(dt.UTC)
+
+
+@click.command()
+def command() -> int:
+    """Take part in a load test; started by `pointit load`."""
+    setup_logging("warning")
+    return run_async(_work())
+
+
+if __name__ == "__main__":
+    run_command(command)

@@ -155,25 +155,21 @@ def refusal(credentials: Credentials, endpoint: str) -> str:
     except (OSError, ssl.SSLError) as error:
         return f"{credentials.folder}: its certificates cannot be used ({_words(error)})"
     try:
-        with (
-            socket.create_connection((host, port), timeout=HANDSHAKE_S) as plain,
-            context.wrap_socket(plain, server_hostname=host) as secured,
-        ):
-            secured.recv(1)  # the router's word on our certificate comes after the handshake
-    except TimeoutError:
-        pass
-    except ssl.SSLCertVerificationError as error:
-        return _distrust(error, endpoint, credentials)
-    except ssl.SSLError as error:
-        for alert, why in REFUSALS.items():
-            if (error.reason or "").endswith(alert):
-                return (
-                    f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
-                    f"have it made anew with `pointit site renew {name}`"
-                )
-        return f"{endpoint} does not speak TLS as a router does ({_words(error)})"
+        plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
     except OSError:
         return ""  # nobody answers, or there is no way there: the usual words fit
+    is_secured = False
+    try:
+        with plain, context.wrap_socket(plain, server_hostname=host) as secured:
+            is_secured = True
+            secured.recv(1)  # the router's word on our certificate comes after the handshake
+    except ssl.SSLError as error:
+        return _told(error, endpoint, credentials)
+    except OSError:  # a time-out, too: it said nothing, which is good once the connection is secured
+        if not is_secured:
+            return (
+                f"who listens at {endpoint} is no router of a secured site; give its address with --connect"
+            )
     if credentials.link.password:
         return (
             f"the router at {endpoint} refuses {name}'s password; "
@@ -188,6 +184,20 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
     if not credentials.link.password:
         context.load_cert_chain(credentials.folder / CERTIFICATE, credentials.folder / KEY)
     return context
+
+
+def _told(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
+    """Return what a handshake that failed says of either certificate."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return _distrust(error, endpoint, credentials)
+    name = credentials.link.name
+    for alert, why in REFUSALS.items():
+        if (error.reason or "").endswith(alert):
+            return (
+                f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
+                f"have it made anew with `pointit site renew {name}`"
+            )
+    return f"{endpoint} does not speak TLS as a router does ({_words(error)})"
 
 
 def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:

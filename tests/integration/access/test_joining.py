@@ -16,6 +16,7 @@ import zenoh
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.credentials import read_credentials, refusal
+from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 from pointit.schemas import (
@@ -50,6 +51,7 @@ from tests.integration.access.secured import (
     routed,
 )
 from tests.support.bench import until
+from tests.support.buses import free_port
 
 
 @pytest.fixture(scope="module")
@@ -200,6 +202,14 @@ async def test_another_name_than_the_certificates_is_told(site: SiteFolder) -> N
     link = Link(site="lab", connect=(f"tls/127.0.0.2:{port}",), credentials=credentials)
     assert refusal(credentials, f"tls/127.0.0.2:{port}") == ""  # nobody listens there
     assert "nobody answers" in await refused(link)
+
+
+async def test_a_router_without_certificates_is_told(site: SiteFolder) -> None:
+    port = free_port()
+    credentials = credentials_of(site, "anna")
+    async with routing((f"tcp/127.0.0.1:{port}",)):
+        link = Link(site="lab", connect=(f"tls/127.0.0.1:{port}",), credentials=credentials)
+        assert "no router of a secured site" in await refused(link)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")

@@ -11,6 +11,7 @@ from pointit.access.rights import Role
 from pointit.access.site_folder import ROUTER, Identity, SiteFolder, SiteState
 from pointit.cli.finite import Finite
 from pointit.cli.output import json_option, print_json
+from pointit.runtime.credentials import SOON
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.topics import check_name
 
@@ -19,8 +20,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 DEFAULT_DAYS = 365.0
 DEFAULT_PORT = 7447
 DASHBOARD_HZ = 20.0
-SOON = dt.timedelta(days=30)
-"""A certificate that ends sooner is warned of."""
 STANDING: dict[str, Role] = {
     "services": "services",
     "web": "web",

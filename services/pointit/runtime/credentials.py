@@ -28,6 +28,8 @@ LINK = "link.json"
 PASSWORD = "password"  # noqa: S105 - the name of the file
 
 MAX_BYTES = 64 * 1024
+SOON = dt.timedelta(days=30)
+"""Credentials that end sooner are warned of."""
 HANDSHAKE_S = 1.0
 """How long each step of looking for the reason of a refusal may take."""
 
@@ -83,6 +85,16 @@ class Credentials:
                 f"{endpoint}: credentials are for encrypted addresses only, as "
                 f"{' or '.join(self.link.endpoints)}; leave --connect out, or do without --credentials"
             )
+
+    def ending(self, now: dt.datetime) -> str:
+        """Return the sentence that says that they end within 30 days; empty when they do not."""
+        if self.link.password or self.link.valid_until - now >= SOON:
+            return ""
+        name = self.link.name
+        return (
+            f"the credentials of {name} end on {self.link.valid_until:%Y-%m-%d}; have them made anew with "
+            f"`pointit site renew {name}` before, and carry the folder here"
+        )
 
     def settings(self) -> dict[str, Any]:
         """Return what Zenoh's configuration needs; secrets are in it: show it to nobody."""

@@ -194,7 +194,10 @@ class _OfCredentials(click.Option):
 def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: Path | None) -> None:
     if folder is None or ctx.resilient_parsing:
         return
-    credentials = read_credentials(folder, dt.datetime.now(dt.UTC))
+    now = dt.datetime.now(dt.UTC)
+    credentials = read_credentials(folder, now)
+    if ending := credentials.ending(now):
+        click.echo(f"Warning: {ending}", err=True)
     ctx.meta[VARIABLE] = credentials
     os.environ[VARIABLE] = str(credentials.folder)  # for the processes that this one starts
 

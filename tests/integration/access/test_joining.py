@@ -15,6 +15,7 @@ import zenoh
 
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError, ConnectError, NoAnswerError
+from pointit.runtime.bus import AnyTopic
 from pointit.runtime.credentials import read_credentials, refusal
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus
@@ -24,6 +25,7 @@ from pointit.schemas import (
     Done,
     ImuSample,
     Interaction,
+    Message,
     SetBrightness,
     StartLocalization,
     UserProfile,
@@ -280,3 +282,18 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
             ear.hears(MAP.at())
         assert [full.keys.count(key) for key in keys] == [300, 300]
         assert all(thin.keys.count(key) < 100 for key in keys)
+
+
+async def test_states_whose_writers_are_gone_are_kept_for_whoever_may_read_them(
+    site: SiteFolder, buses: dict[str, ZenohBus]
+) -> None:
+    def recall(topic: AnyTopic) -> list[tuple[str, Message]]:
+        return [("anna", UserProfile(stamp_ns=5))] if topic is PROFILE else []
+
+    buses["services"].keep([PROFILE], recall)
+    for name in ("dashboard1", "anna", "operator"):
+        late = await ZenohBus.open(link_of(site, name), patience_s=5)
+        got: list[int] = []
+        late.subscribe(PROFILE, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
+        await until(lambda got=got: got == [5], what=f"the kept state at {name}")  # type: ignore[misc]
+        await late.close()

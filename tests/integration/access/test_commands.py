@@ -42,7 +42,7 @@ async def test_the_variable_does_as_well(site: SiteFolder, commands: Commands) -
     assert "this identity (anna) may not ask pui/tolerance" in ended.sentence
     ended = await commands.pointit("doctor", "--credentials", str(site.identity_folder("operator")))
     assert "pui" in ended.out
-    assert "Warning: the credentials of operator end on" in ended.err  # the site's last 30 days, less a moment
+    assert "Warning: the credentials of operator end on" in ended.err
 
 
 @pytest.mark.parametrize(

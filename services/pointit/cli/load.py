@@ -119,10 +119,10 @@ def command(
     """Drive the wrists of N people and measure latency, drops, CPU and memory.
 
     Each sample goes its real way: pointing makes a ray of it, pui a cursor, selector a hover, led-driver
-    light. A site of its own is started (scenario_3, without simulated people); where --connect or --credentials
-    are given, people join the site that runs there, whose own processes are not measured. The exit code is 0
-    when all was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average beside the
-    figures tells of other work.
+    light. A site of its own is started (scenario_3, without simulated people); with --connect or
+    --credentials, people join the site that runs there, whose own processes are not measured. The exit code
+    is 0 when all was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average
+    beside the figures tells of other work.
 
     Example: pointit load --users 40 --layout users; and how many at most: pointit load --sweep --duration 5
     """

@@ -39,7 +39,8 @@ class Wrist:
 async def beat(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
     """Have every wrist put `rate_hz` samples a second for `duration_s`.
 
-    Who is late catches up, as a device does whose radio was slow; who is late by as much again gives up.
+    What could not be put within a period is left out and so missing from `sent`: put in a burst, samples
+    would take each other's place, and the drops would be this generator's.
     """
     if not wrists:
         await asyncio.sleep(duration_s)
@@ -51,6 +52,5 @@ async def beat(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> No
         wait_s = began_s + turn / per_s - loop.time()
         if wait_s > 0 or turn % len(wrists) == 0:
             await asyncio.sleep(max(0.0, wait_s))
-        if wait_s < -duration_s:
-            return
-        wrists[turn % len(wrists)].put()
+        if wait_s > -1.0 / rate_hz:
+            wrists[turn % len(wrists)].put()

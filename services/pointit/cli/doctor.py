@@ -14,6 +14,7 @@ from pointit.cli.finite import Finite
 from pointit.cli.link import PATIENCE_S, address, joined, quiet, site_options, telling
 from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
 from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.diagnosis.narrowed import is_about, narrowed
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
 from pointit.diagnosis.writers import split
 from pointit.runtime.bus import Bus
@@ -40,15 +41,19 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     show_default=True,
     help="how long to look for somebody who answers, s",
 )
+@click.option("--only", default="", metavar="NAME", help="look at this service or person only")
 @json_option
-def command(*, timeout_s: float, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def command(*, timeout_s: float, only: str, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
     """Say what runs on a site, what is stale, what is wrong and what to do.
 
     It listens for one to three seconds. The exit code is 0 when all is well, 1 when something is wrong (notes
-    about what was wrong once do not count), 130 when Ctrl-C ended it before it knew.
+    about what was wrong once do not count), 130 when Ctrl-C ended it before it knew. With --only it is 1 too
+    when nothing of that name runs.
+
+    Example: pointit doctor --only pui
     """
     quiet()
-    look = _Look()
+    look = _Look(only)
     try:
         run_async(_listen(look, site, connect, timeout_s))
     except ConnectError:
@@ -62,13 +67,17 @@ def command(*, timeout_s: float, as_json: bool, site: str, connect: tuple[str, .
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], site, as_json=as_json)
     if look.seen is None:
         return INTERRUPTED
-    return _show(look.seen, diagnose(look.seen), site, as_json=as_json)
+    findings = diagnose(look.seen)
+    if only:
+        findings = narrowed(findings, look.seen, only)
+    return _show(look.seen, findings, site, only=only, as_json=as_json)
 
 
 class _Look:
-    """Gathers what the bus shows until every service was heard twice."""
+    """Gathers what the bus shows until every service was heard twice, or all that there are of a name."""
 
-    def __init__(self) -> None:
+    def __init__(self, only: str = "") -> None:
+        self._only = only
         self.seen: Observation | None = None
         self._began_s = time.monotonic()
         self._news = asyncio.Event()
@@ -105,7 +114,9 @@ class _Look:
         )
 
     def _is_enough(self) -> bool:
-        return all(len(self._reports.get(instance, ())) >= 2 for instance in self._present)
+        wanted = {each for each in self._present if not self._only or is_about(each, self._only)}
+        heard = all(len(self._reports.get(instance, ())) >= 2 for instance in wanted)
+        return heard and (bool(wanted) or not self._only)
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if present else self._present.discard)(instance)
@@ -136,9 +147,10 @@ ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
 """What a narrow terminal does without."""
 
 
-def _show(seen: Observation, findings: list[Finding], site: str, *, as_json: bool) -> int:
+def _show(seen: Observation, findings: list[Finding], site: str, *, only: str = "", as_json: bool) -> int:
     healthy = is_healthy(findings)
-    instances = sorted(seen.present | seen.expected.keys())
+    there = seen.present | seen.expected.keys()
+    instances = sorted(each for each in there if not only or is_about(each, only))
     if as_json:
         print_json(
             {

@@ -1,0 +1,26 @@
+"""What was found about one service or person, out of all that was found; pure."""
+
+from collections.abc import Sequence
+
+from pointit.diagnosis.observation import Finding, Observation
+from pointit.diagnosis.writers import split
+
+
+def is_about(instance: str, name: str) -> bool:
+    """Return whether `name` is the instance, its service or its person."""
+    return name in (instance, *split(instance))
+
+
+def narrowed(findings: Sequence[Finding], seen: Observation, name: str) -> list[Finding]:
+    """Return the findings about `name`; one more when nothing of that name runs or should run."""
+    if not any(is_about(instance, name) for instance in {*seen.present, *seen.left, *seen.expected}):
+        return [
+            Finding(
+                severity="error",
+                code="absent",
+                service=name,
+                sentence="does not run here",
+                remedy="start it, or see without --only what does",
+            )
+        ]
+    return [finding for finding in findings if is_about(finding.service, name)]

@@ -1,0 +1,23 @@
+"""`pointit doctor --only NAME`: by it a container tells whether it is well."""
+
+import json
+
+from pointit.schemas import ExpectedService
+from tests.integration.cli.test_doctor import expect, findings, pointing_process
+from tests.support.cli_site import Site
+
+
+async def test_what_else_is_wrong_does_not_count(site: Site) -> None:
+    async with pointing_process(site):
+        expect(site, ExpectedService(service="pui"))
+        assert (await site.pointit("doctor")).code == 1
+        ended = await site.pointit("doctor", "--only", "anna", "--json")
+        assert ended.code == 0, ended.out
+        assert [service["instance"] for service in json.loads(ended.out)["services"]] == ["pointing.anna"]
+
+
+async def test_what_does_not_run_is_not_well(site: Site) -> None:
+    async with pointing_process(site):
+        ended = await site.pointit("doctor", "--only", "selector", "--json")
+    assert ended.code == 1
+    assert findings(ended) == [("absent", "selector")]

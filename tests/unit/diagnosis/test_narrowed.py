@@ -1,0 +1,32 @@
+"""What is said of one service or person only."""
+
+from pointit.diagnosis.narrowed import is_about, narrowed
+from pointit.diagnosis.observation import Finding, Observation
+
+
+def found(service: str) -> Finding:
+    return Finding(severity="error", code="silent", service=service, sentence="", remedy="")
+
+
+def test_a_name_is_that_of_an_instance_a_service_or_a_person() -> None:
+    assert is_about("pointing.anna", "pointing.anna")
+    assert is_about("pointing.anna", "pointing")
+    assert is_about("pointing.anna", "anna")
+    assert is_about("pui", "pui")
+    assert not is_about("pointing.anna", "ben")
+    assert not is_about("", "pui")
+
+
+def test_only_what_is_about_the_name_is_left() -> None:
+    seen = Observation(began_s=0.0, now_s=1.0, present=frozenset({"pui", "pointing.anna", "pointing.ben"}))
+    findings = [found(""), found("pui"), found("pointing.anna"), found("pointing.ben")]
+    assert narrowed(findings, seen, "pui") == [findings[1]]
+    assert narrowed(findings, seen, "anna") == [findings[2]]
+    assert narrowed(findings, seen, "pointing") == findings[2:]
+
+
+def test_what_was_there_is_told_of_and_what_never_was_is_absent() -> None:
+    seen = Observation(began_s=0.0, now_s=1.0, left=frozenset({"pui"}))
+    assert narrowed([found("pui")], seen, "pui") == [found("pui")]
+    (finding,) = narrowed([found("pui")], seen, "selector")
+    assert (finding.code, finding.service, finding.severity) == ("absent", "selector", "error")

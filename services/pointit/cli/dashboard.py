@@ -8,7 +8,7 @@ import click
 from pointit.cli import browser
 from pointit.cli.link import site_options
 from pointit.cli.opening import CLOCK_PATIENCE_S
-from pointit.cli.page import EVERYWHERE, PORT, Page, has_extra, missing, page_of
+from pointit.cli.page import EVERYWHERE, PORT, Page, can_be, missing, page_of
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
@@ -54,7 +54,7 @@ def command(
     Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
     """
     setup_logging("warning" if log_level == "info" else log_level)
-    if not has_extra():
+    if not can_be():
         raise missing("pointit dashboard")
     page = page_of(Settings(), asked=_asked(port, host, is_lan=lan))
     check_launches([page.launch()])

@@ -15,20 +15,19 @@ from starlette.websockets import WebSocket
 
 from pointit.bridges.web.access import Access, new_token
 from pointit.bridges.web.app import application
+from pointit.bridges.web.belief import Belief
 from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.desk import Desk, People
-from pointit.bridges.web.ghosts import Deployments, Key, Trackers, of_person, of_service
-from pointit.bridges.web.hub import MOST_KEYS, Hub
+from pointit.bridges.web.hub import MOST_KEYS
 from pointit.bridges.web.lan import Lan
 from pointit.bridges.web.pages import Pages
 from pointit.bridges.web.pairing import Pairing
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
-from pointit.bridges.web.recording import LastMinute, file_name
+from pointit.bridges.web.recording import file_name
 from pointit.bridges.web.serving import Listener, bind
 from pointit.bridges.web.session import Session
-from pointit.bridges.web.status import Sight
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists import Wrists
 from pointit.runtime import ConfigError, Context, RefusedError, Service
@@ -37,15 +36,13 @@ from pointit.schemas import (
     Deployment,
     Environment,
     Feedback,
-    Health,
     Interaction,
     Localization,
     Message,
     UserPose,
     UserProfile,
-    encode,
 )
-from pointit.schemas.topics import OBJECTS, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.registry import SHOWN
 
 log = logging.getLogger(__name__)
@@ -87,19 +84,15 @@ class Web(Service[WebConfig]):
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([config.host])
-        self._hub = Hub()
-        self._last_minute = LastMinute(config.record_s)
+        self._belief = Belief(self.NAME, config.record_s, self._now_s())
         self._writing = asyncio.Lock()
-        self._sight = Sight(self._now_s())
-        self._trackers = Trackers()
-        self._deployments = Deployments(self.NAME)
         self._wrists = Wrists(config)
         self._moving = asyncio.Event()
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         version = importlib.metadata.version("pointit")
         self._pages = Pages(
-            self._hub,
+            self._belief.hub,
             self.bus,
             self._status,
             rate_hz=config.rate_hz,
@@ -127,7 +120,7 @@ class Web(Service[WebConfig]):
             pairing=self._pairing,
             lan=self._lan,
             doors=doors,
-            present=lambda: self._sight.present,
+            present=lambda: self._belief.present,
             changed=self._changed,
         )
         self._desk.phones = self._phones
@@ -206,7 +199,7 @@ class Web(Service[WebConfig]):
         async with self._writing:
             now_ns = self.clock.now_ns()
             output = io.BytesIO()
-            recording = self._last_minute.recording(self.bus.site, now_ns)
+            recording = self._belief.last_minute.recording(self.bus.site, now_ns)
             await asyncio.to_thread(recording.write, output)
         name = file_name(self.bus.site, now_ns)
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
@@ -214,8 +207,7 @@ class Web(Service[WebConfig]):
 
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
-        return self._sight.status(
-            self._deployments.known,
+        return self._belief.status(
             [
                 self._wrists.line(user, page, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
                 for user in self._people.names
@@ -229,22 +221,14 @@ class Web(Service[WebConfig]):
     # What the bus says.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
-        payload = encode(message)
-        is_urgent = topic is STRIPS_FRAME
-        if not self._hub.put(topic, name, payload, urgent=is_urgent):
+        if not self._belief.take(topic, name, message, self.clock.now_ns(), self._now_s()):
             self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
-        self._last_minute.add(topic, name, message, payload, self.clock.now_ns())
-        self._attend(topic, message, name)
-        self._pages.news(now=is_urgent)
+        self._attend(message, name)
+        self._pages.news(now=topic is STRIPS_FRAME)
 
-    def _attend(self, topic: Topic[Any], message: Message, name: str) -> None:
-        """Take what matters to this server itself."""
-        if topic is OBJECTS:
-            self._trackers.heard(name, self._now_s())
-        elif isinstance(message, Health):
-            self._sight.report(name, message, self._now_s())
-        elif isinstance(message, Deployment):
-            self._forget(self._deployments.put(name, message, self._sight.present))
+    def _attend(self, message: Message, name: str) -> None:
+        """Let wrists, phones and pages have what matters to them."""
+        if isinstance(message, Deployment):
             self._changed()
         elif isinstance(message, Environment):
             self._wrists.room(message)
@@ -262,12 +246,8 @@ class Web(Service[WebConfig]):
             self._phones.feedback(name, message)
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._sight.set_present(instance, present, self._now_s())
-        if present:
-            self._deployments.came(self._sight.present)
-        else:
-            self._forget([*of_service(instance, self._sight.present, self._hub.names)])
-            self._forget(self._deployments.over(self._sight.present))
+        self._belief.set_service(instance, present, self._now_s())
+        self._pages.news()
         self._changed()
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -277,14 +257,9 @@ class Web(Service[WebConfig]):
             self._people.go(user)
             self._wrists.forget(user)
             self._phones.forget(user)
-            self._forget([*of_person(user)])
+            self._belief.lose_person(user)
+            self._pages.news()
         self._changed()
-
-    def _forget(self, keys: list[Key]) -> None:
-        for topic, name in keys:
-            self._hub.forget(topic, name)
-            self._last_minute.forget(topic, name)
-        self._pages.news()
 
     # Time.
 
@@ -292,7 +267,8 @@ class Web(Service[WebConfig]):
         while True:
             await asyncio.sleep(TICK_S)
             now_s = self._now_s()
-            self._forget(self._trackers.silent(now_s))
+            self._belief.pass_time(now_s)
+            self._pages.news()
             if now_s - self._malformed_s > QUIET_S:
                 self.bus.clear("pages")
             self._listener.cut_lingering()

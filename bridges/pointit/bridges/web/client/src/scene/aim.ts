@@ -91,7 +91,7 @@ export class Aim {
     if (!hit) return null;
     if (tellsWall) {
       this.normal.copy(hit.face?.normal ?? this.down).transformDirection(hit.object.matrixWorld);
-      this.isWall = Math.abs(this.normal.z) < 0.5;
+      this.isWall = hit.object.userData.isSolid === true && Math.abs(this.normal.z) < 0.5;
     }
     this.at = [hit.point.x, hit.point.y, hit.point.z];
     return this.at;

@@ -8,6 +8,10 @@ import type { Camera } from "../view";
 import type { Stage } from "./stage";
 
 const ROOM_ALONG = unit([0.34, 0.8, -0.62]);
+/** Along which a room is seen that is longer in y than in x. */
+const DEEP_ALONG = unit([-0.8, 0.34, -0.62]);
+/** By how much longer. */
+const DEEP = 1.6;
 const ABOVE_ALONG = unit([0, 0.0002, -1]);
 /** From above almost without perspective. */
 const FOV = { room: 42, top: 12, eyes: 68 } as const;
@@ -112,6 +116,17 @@ export class Cameras {
     return this.stage.camera.position.distanceTo(this.controls.target);
   }
 
+  private get isDeep(): boolean {
+    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    for (const point of this.points) {
+      for (const axis of [0, 1] as const) {
+        low[axis] = Math.min(low[axis]!, point[axis]);
+        high[axis] = Math.max(high[axis]!, point[axis]);
+      }
+    }
+    return high[1]! - low[1]! > DEEP * (high[0]! - low[0]!);
+  }
+
   private go(now: number, atOnce: boolean): void {
     const { camera } = this.stage;
     this.from.position.copy(camera.position);
@@ -140,7 +155,8 @@ export class Cameras {
       return;
     }
     const { width, height } = this.stage;
-    const view = framed(this.points, this.mode === "top" ? ABOVE_ALONG : ROOM_ALONG, (this.to.fov * Math.PI) / 180, width / height);
+    const along = this.mode === "top" ? ABOVE_ALONG : this.isDeep ? DEEP_ALONG : ROOM_ALONG;
+    const view = framed(this.points, along, (this.to.fov * Math.PI) / 180, width / height);
     this.to.position.set(...view.position);
     this.to.target.set(...view.target);
   }

@@ -41,7 +41,7 @@ export class Labels {
   add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = ""): void {
     let label = this.labels.get(key);
     if (!label) {
-      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "" };
+      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "nowhere yet" };
       this.labels.set(key, label);
     }
     label.used = true;

@@ -2,25 +2,18 @@
 
 import type * as THREE from "three";
 import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
-import { cssColor, kindColor, kindLetter } from "../geometry/looks";
-import type { Read3, Vec3 } from "../geometry/vec";
+import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
 import { siteNow, type Site } from "../site";
 import type { Camera, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
-import { Beams } from "./beams";
-import { Belts } from "./belts";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
 import { Labels } from "./labels";
-import { Lamps } from "./lamps";
-import { Marks } from "./marks";
 import { People } from "./people";
-import { Room } from "./room";
 import { Stage } from "./stage";
-import { state } from "./state";
-import { Strips } from "./strips";
-import { Things } from "./things";
+import { counts, state } from "./state";
+import { makeWorld, NOTHING, type World } from "./world";
 
 /** What the scene is told beside what every view is. */
 export interface SceneOptions extends ViewOptions {
@@ -28,28 +21,10 @@ export interface SceneOptions extends ViewOptions {
   onLost?(): void;
 }
 
-/** What is made anew for every map and theme. */
-interface World {
-  readonly kit: Kit;
-  readonly belts: Belts;
-  readonly strips: Strips;
-  readonly lamps: Lamps;
-  readonly room: Room;
-  readonly things: Things;
-  readonly people: People;
-  readonly marks: Marks;
-  readonly beams: Beams;
-  readonly bays: readonly { id: string; at: Vec3 }[];
-}
-
-const NOTHING: Environment = {
-  name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], cylinders: [], lamps: [], links: [],
-  planes: [], spheres: [], strips: [],
-};
 /** Longer than this between two frames nothing has moved, s. */
 const LONGEST_STEP_S = 0.25;
 /** Without a graphics processor, frames between the site's own are left out while these come so often, ms. */
-const OFTEN_MS = 90;
+const OFTEN_MS = 60;
 
 class Scene implements View {
   readonly cameras: readonly Camera[] = ["room", "top", "eyes"];
@@ -79,7 +54,14 @@ class Scene implements View {
   };
 
   constructor(host: HTMLElement, private readonly options: SceneOptions) {
-    this.stage = new Stage(host, () => this.wake(), () => options.onLost?.());
+    this.stage = new Stage(host, () => this.wake(), {
+      away: () => this.tearDown(),
+      back: () => {
+        this.build(this.site?.map ?? NOTHING);
+        this.wake();
+      },
+      lost: () => options.onLost?.(),
+    });
     if (getComputedStyle(host).position === "static") host.style.position = "relative";
     this.labels = new Labels(host);
     this.camera = new Cameras(this.stage, this.isStill, () => this.wake());
@@ -91,7 +73,7 @@ class Scene implements View {
   }
 
   get stats(): { fps: number; renderer: string; software: boolean } {
-    this.stage.measure(performance.now(), false);
+    this.stage.measure(performance.now());
     return this.stage.stats;
   }
 
@@ -154,21 +136,18 @@ class Scene implements View {
     this.options.onAim(this.aim.nudge(right, away, start, this.targets));
   }
 
-  private build(map: Environment): void {
+  private tearDown(): void {
     this.world?.people.dispose();
     this.world?.kit.dispose();
+    this.world = null;
+  }
+
+  private build(map: Environment): void {
+    this.tearDown();
     this.bounds = boundsOf(map);
+    if (this.stage.isLost) return;
     const kit = new Kit(this.stage.stats.software, this.theme);
-    const belts = new Belts(kit, map), strips = new Strips(kit, map), lamps = new Lamps(kit, map);
-    const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;
-    const things = new Things(kit, lines), marks = new Marks(kit), beams = new Beams(kit);
-    const placeOf = (id: string): Read3 | null => lamps.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
-    const people = new People({ kit, marks, beams, labels: this.labels, placeOf }, this.isStill);
-    const bays = map.bays.flatMap(({ id, belt }) => {
-      const line = belts.lines.get(belt);
-      return line ? [{ id, at: line.pointAt(line.length) }] : [];
-    });
-    this.world = { kit, belts, strips, lamps, room: new Room(kit, map, this.bounds), things, people, marks, beams, bays };
+    this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
     this.stage.light(this.theme, this.bounds);
     this.stage.scene.add(kit.group);
     this.dirty = true;
@@ -230,13 +209,7 @@ class Scene implements View {
     if (site.connected) moves = world.belts.run(passed) || moves;
     moves = world.people.draw(site, now, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
     state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
-    for (const bay of world.bays) {
-      const counts = site.conveyor?.bays.filter((each) => each.bay === bay.id) ?? [];
-      this.labels.add(`bay ${bay.id}`, bay.at, 0.22, [
-        { text: /^bay/i.test(bay.id) ? bay.id : `Bay ${bay.id}` },
-        ...counts.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: cssColor(kindColor(kind)) })),
-      ]);
-    }
+    counts(site, world.bays, this.labels);
     return moves;
   }
 
@@ -245,9 +218,7 @@ class Scene implements View {
     this.asked = -1;
     this.aim.dispose();
     this.camera.dispose();
-    this.world?.people.dispose();
-    this.world?.kit.dispose();
-    this.world = null;
+    this.tearDown();
     this.labels.dispose();
     this.stage.dispose();
   }

@@ -11,6 +11,8 @@ const SOFTWARE_RATIO = 0.8;
 const LEAST_RATIO = 0.35;
 /** Slower than this for `PATIENCE_MS`: fewer pixels. */
 const TOO_SLOW_FPS = 12;
+/** The same with a graphics processor. */
+const TOO_SLOW_GPU_FPS = 24;
 const PATIENCE_MS = 3000;
 /** A context that does not come back in this time is lost for good. */
 const LOST_MS = 5000;
@@ -23,6 +25,16 @@ export function rendererName(): string {
   const name = String(gl.getParameter(detail ? detail.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
   gl.getExtension("WEBGL_lose_context")?.loseContext();
   return name;
+}
+
+/** What may become of the graphics context. */
+export interface StageEvents {
+  /** It is gone: whatever it held must be let go. */
+  away(): void;
+  /** It is there again, and empty. */
+  back(): void;
+  /** It does not come back. */
+  lost(): void;
 }
 
 /** Renderer, scene, camera. */
@@ -46,7 +58,7 @@ export class Stage {
   private slowSince = 0;
   private lostTimer = 0;
 
-  constructor(private readonly host: HTMLElement, private readonly changed: () => void, lost: () => void) {
+  constructor(private readonly host: HTMLElement, private readonly changed: () => void, on: StageEvents) {
     const name = rendererName(), software = SOFTWARE.test(name);
     this.stats = { fps: 0, renderer: name, software };
     try {
@@ -75,12 +87,13 @@ export class Stage {
     this.canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
       this.isLost = true;
-      this.lostTimer = window.setTimeout(lost, LOST_MS);
+      on.away();
+      this.lostTimer = window.setTimeout(on.lost, LOST_MS);
     });
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.isLost = false;
       window.clearTimeout(this.lostTimer);
-      this.changed();
+      on.back();
     });
     host.append(this.canvas);
     this.observer = new ResizeObserver(() => this.fit());
@@ -139,21 +152,29 @@ export class Stage {
     this.fog.far = distance + 4 * this.radius + 14;
     this.renderer.render(this.scene, this.camera);
     this.frames.push(now);
-    this.measure(now, busy);
+    this.measure(now);
+    this.adapt(now, busy);
   }
 
-  /** Keep the figures true when nothing is drawn. */
-  measure(now: number, busy: boolean): void {
+  /** Keep the figures true, also when nothing is drawn. */
+  measure(now: number): void {
     while (this.frames.length && this.frames[0]! < now - 1000) this.frames.shift();
     this.stats.fps = this.frames.length;
-    if (!busy || this.stats.fps >= TOO_SLOW_FPS || document.hidden) {
+  }
+
+  /** Ask less of a machine that is too slow for a while: first no shadows, then fewer pixels, step by step. */
+  private adapt(now: number, busy: boolean): void {
+    if (!busy || this.stats.fps >= (this.stats.software ? TOO_SLOW_FPS : TOO_SLOW_GPU_FPS) || document.hidden) {
       this.slowSince = now;
       return;
     }
-    if (now - this.slowSince < PATIENCE_MS || this.ratio <= LEAST_RATIO) return;
+    if (now - this.slowSince < PATIENCE_MS) return;
     this.slowSince = now;
-    this.ratio = Math.max(this.ratio * 0.8, LEAST_RATIO);
-    this.renderer.setPixelRatio(this.ratio);
+    if (this.sun.castShadow) this.sun.castShadow = false;
+    else if (this.ratio > LEAST_RATIO) {
+      this.ratio = Math.max(this.ratio * 0.8, LEAST_RATIO);
+      this.renderer.setPixelRatio(this.ratio);
+    }
   }
 
   dispose(): void {

@@ -1,7 +1,7 @@
 /** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
 
 import { cssColor, kindColor, kindLetter, visibleColor, type Pattern } from "../geometry/looks";
-import type { Read3 } from "../geometry/vec";
+import type { Read3, Vec3 } from "../geometry/vec";
 import type { Site } from "../site";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
@@ -43,6 +43,17 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     const letter = { text: kindLetter(kind) || "?", color: cssColor(kindColor(kind)) };
     labels.add(`thing ${id}`, thing.placed.at, thing.form === "segment" ? 0.06 : 0.2, thing.form === "robot" ? [{ text: id }] : [letter]);
     if (thing.form === "robot") marks.add([thing.placed.at[0], thing.placed.at[1], 0], 0.12, WHITE, { thick: 0.12, alpha: 0.4 }, 0.01);
+  }
+}
+
+/** What came out at each bay, by kind. */
+export function counts(site: Site, bays: readonly { id: string; at: Vec3 }[], labels: Labels): void {
+  for (const { id, at } of bays) {
+    const out = site.conveyor?.bays.filter(({ bay }) => bay === id) ?? [];
+    labels.add(`bay ${id}`, at, 0.22, [
+      { text: /^bay/i.test(id) ? id : `Bay ${id}` },
+      ...out.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: cssColor(kindColor(kind)) })),
+    ]);
   }
 }
 

@@ -4,7 +4,7 @@ import importlib.metadata
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -40,7 +40,7 @@ def config_of(made: Page) -> WebConfig:
 
 
 @contextmanager
-def taken(*ports: int) -> Iterator[None]:
+def taken(*ports: int) -> Generator[None]:
     sockets = [socket.create_server(("127.0.0.1", port)) for port in ports]
     try:
         yield

@@ -13,6 +13,8 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from tests.support.commands import Command
 
+VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
+
 
 @dataclass(frozen=True)
 class SitePage:
@@ -29,11 +31,16 @@ class SitePage:
         parts = urlsplit(self.url)
         return urlunsplit((parts.scheme, parts.netloc, "", "", ""))
 
+    @property
+    def viewer_url(self) -> str:
+        """Return where the page is for who may only look on."""
+        return f"{self.origin}/?token={VIEWER_TOKEN}"
+
     @asynccontextmanager
-    async def operator(self) -> AsyncGenerator["Operator"]:
-        """Open the page's websocket as its operator."""
+    async def operator(self, url: str = "") -> AsyncGenerator["Operator"]:
+        """Open the page's websocket as its operator, or by another link."""
         async with httpx.AsyncClient() as client:
-            answer = await client.get(self.url)
+            answer = await client.get(url or self.url)
             assert answer.is_redirect or answer.is_success, answer.text
         cookie = answer.headers["set-cookie"].partition(";")[0]
         socket = f"{self.origin.replace('http', 'ws', 1)}/ws"
@@ -50,16 +57,26 @@ class Operator:
 
     async def ask(self, **wish: Any) -> dict[str, Any]:
         """Ask, and return the reply."""
+        part = await self._answer(wish)
+        assert not part["error"], part["error"]
+        return dict(part["reply"])
+
+    async def refusal(self, **wish: Any) -> str:
+        """Ask for what is refused, and return why."""
+        part = await self._answer(wish)
+        assert part["reply"] is None, part
+        return str(part["error"])
+
+    async def _answer(self, wish: dict[str, Any]) -> dict[str, Any]:
         number = next(self._ids)
         await self._connection.send(json.dumps({"kind": "ask", "id": number, **wish}))
         while True:
             message = await self._connection.recv()
             if isinstance(message, bytes):
                 continue
-            part = json.loads(message)
+            part: dict[str, Any] = json.loads(message)
             if part["kind"] == "answer" and part["id"] == number:
-                assert not part["error"], part["error"]
-                return dict(part["reply"])
+                return part
 
     async def pair(self, user: str) -> str:
         """Return the address that a QR code has for the phone of `user`, by HTTPS."""

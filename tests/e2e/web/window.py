@@ -76,9 +76,11 @@ class Window:
         page.on("pageerror", lambda error: self.faults.append(str(error)))
         page.on(
             "console",
-            lambda message: self.faults.append(f"{message.type}: {message.text}")
-            if message.type in ("error", "warning")
-            else None,
+            lambda message: (
+                self.faults.append(f"{message.type}: {message.text}")
+                if message.type in ("error", "warning")
+                else None
+            ),
         )
         page.on("requestfailed", lambda request: self.faults.append(f"failed: {request.url}"))
         page.on("request", lambda request: self._judge(request.url, host))
@@ -110,7 +112,10 @@ class Window:
         await self.until(SHOWN, "the site is shown", patience_s)
 
     async def until(self, condition: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
-        """Wait until `condition`, JavaScript, is true, and return it; its policy forbids `wait_for_function`."""
+        """Wait until `condition`, JavaScript, is true, and return it.
+
+        Playwright's own `wait_for_function` evaluates strings within the page, which its policy forbids.
+        """
         deadline_s = time.monotonic() + patience_s
         while not (found := await self.page.evaluate(condition)):
             assert time.monotonic() < deadline_s, f"waited {patience_s} s in vain: {what or condition}"

@@ -149,6 +149,11 @@ class Web(Service[WebConfig]):
             await self._lan.close()
             await self._listener.close()
 
+    @property
+    def port(self) -> int:
+        """Return the port at which it listens."""
+        return self._listener.port
+
     async def _open_lan(self) -> None:
         try:
             log.info("%s", (await self._desk.open_lan())["message"])

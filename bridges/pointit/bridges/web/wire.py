@@ -143,7 +143,9 @@ class Ask(Part):
 
     kind: Literal["ask"] = "ask"
     id: Id
-    key: Annotated[str, Field(max_length=64, description="of the table of requests; empty: a deed is asked")] = ""
+    key: Annotated[
+        str, Field(max_length=64, description="of the table of requests; empty: a deed is asked")
+    ] = ""
     deed: Deed | None = None
     name: Annotated[str, Field(max_length=64, description="user or other placeholder of the key")] = ""
     query: Annotated[dict[str, Any], Field(description="fields of the query")] = {}
@@ -175,5 +177,7 @@ MODELS = (Hello, Status, Answer, Cue, Ack, Ask, AimAt, Turn)
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of all that travels, from which `client/wire.json` and its types come."""
-    _, schema = models_json_schema([(model, "validation") for model in MODELS], ref_template="#/$defs/{model}")
+    _, schema = models_json_schema(
+        [(model, "validation") for model in MODELS], ref_template="#/$defs/{model}"
+    )
     return schema

@@ -12,10 +12,21 @@ from urllib.parse import urlsplit
 
 import httpx
 import msgpack
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 
 SETTLE_S = 1.0
 """The first batches, which bring everything, are not counted."""
+
+
+class Counting(ClientConnection):
+    """A connection that counts what comes in."""
+
+    size = 0
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes of the network."""
+        self.size += len(data)
+        super().data_received(data)
 
 
 @dataclass
@@ -27,6 +38,8 @@ class BarePage:
     batches: int = 0
     size: int = 0
     """Bytes, before the socket's compression."""
+    wire_size: int = 0
+    """Bytes that came over the network."""
     longest_gap_s: float = 0.0
 
     async def look_on(self, url: str, cookie: str, duration_s: float) -> None:
@@ -35,8 +48,13 @@ class BarePage:
         origin: Any = f"{parts.scheme}://{parts.netloc}"
         socket = f"ws://{parts.netloc}/ws"
         async with connect(
-            socket, origin=origin, additional_headers={"Cookie": cookie}, max_size=None
+            socket,
+            origin=origin,
+            additional_headers={"Cookie": cookie},
+            max_size=None,
+            create_connection=Counting,
         ) as connection:
+            assert isinstance(connection, Counting)
             begin_s = time.monotonic() + SETTLE_S
             last_s = begin_s
             while (now_s := time.monotonic()) < begin_s + duration_s:
@@ -48,11 +66,13 @@ class BarePage:
                 batch = msgpack.unpackb(message)
                 await connection.send(json.dumps({"kind": "ack", "n": batch[0], "latency_ms": None}))
                 if now_s < begin_s:
+                    connection.size = 0
                     continue
                 self.longest_gap_s = max(self.longest_gap_s, now_s - last_s)
                 last_s = now_s
                 self._take(len(message), batch[3], now_ns)
             self.longest_gap_s = max(self.longest_gap_s, time.monotonic() - last_s)
+            self.wire_size = connection.size
 
     def _take(self, size: int, states: Sequence[tuple[str, str, bytes | None]], now_ns: int) -> None:
         self.batches += 1
@@ -66,6 +86,7 @@ class BarePage:
         return {
             "batches": self.batches,
             "bytes": self.size,
+            "wire_bytes": self.wire_size,
             "longest_gap_s": self.longest_gap_s,
             "latencies_ms": self.latencies_ms,
         }

@@ -2,18 +2,22 @@
 
 import itertools
 import json
+import re
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 
-from tests.support.commands import Command
+from tests.support.buses import free_port
+from tests.support.commands import Command, Commands
 
 VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
+PAGE = re.compile(r"page: (http://\S+)")
 
 
 @dataclass(frozen=True)
@@ -81,3 +85,18 @@ class Operator:
     async def pair(self, user: str) -> str:
         """Return the address that a QR code has for the phone of `user`, by HTTPS."""
         return str((await self.ask(deed="pair", name=user))["url"])
+
+
+async def running(commands: Commands, *arguments: str, state: Path | None = None) -> SitePage:
+    """Run a scenario with its page, at `--web-port` or any that is free."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    port = () if "--web-port" in arguments else ("--web-port", "0")
+    command = commands.start(
+        *("run", *arguments, *port, "--no-view", "--no-browser", "--listen", endpoint),
+        *("--set", f"web.viewer_token={VIEWER_TOKEN}"),
+        environment={} if state is None else {"POINTIT_STATE": str(state)},
+    )
+    await command.says("page: http")
+    said = PAGE.search("\n".join(command.logged()))
+    assert said is not None, command.err
+    return SitePage(command=command, endpoint=endpoint, url=said[1])

@@ -6,8 +6,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Browser, expect
 
-from tests.e2e.web.conftest import running
-from tests.e2e.web.site import SitePage
+from tests.e2e.web.site import SitePage, running
 from tests.e2e.web.window import Window
 from tests.support.buses import free_port
 from tests.support.commands import Commands

@@ -50,7 +50,7 @@ class PhoneBench:
         self.pairing = Pairing()
         self.warned = Warned()
         self.sent: list[tuple[str, WristSample]] = []
-        self.asked: list[tuple[str, str, Ask]] = []
+        self.asked: list[tuple[str, Ask]] = []
         self.changes = 0
         self.refusal = ""
         host = PhoneHost(
@@ -96,8 +96,8 @@ class PhoneBench:
             proxy=None,
         )
 
-    async def _answer(self, page: str, user: str, ask: Ask) -> Answer:
-        self.asked.append((page, user, ask))
+    async def _answer(self, page: str, ask: Ask) -> Answer:
+        self.asked.append((page, ask))
         if self.refusal:
             raise RefusedError(self.refusal)
         return Answer(id=ask.id, reply={"message": "done"})

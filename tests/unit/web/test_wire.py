@@ -16,7 +16,7 @@ RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Turn] = TypeAdapte
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
 def test_the_clients_schema_is_the_models() -> None:
     assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(wire.json_schema())), (
-        "write wire.json anew from wire.json_schema(), and build the client"
+        "run scripts/page and commit what it writes"
     )
 
 

@@ -3,6 +3,8 @@
 from pointit.bridges.web.wire import Cue
 from pointit.schemas import Feedback, Interaction, Localization
 
+LOST = "somebody else moves your arm now: take it back when you want to"
+
 
 class Cues:
     """One person's cues, and the state that a phone is told that comes later."""
@@ -21,6 +23,10 @@ class Cues:
     def say(self, text: str) -> Cue:
         """Return `text` as a cue."""
         return self.current.model_copy(update={"text": text})
+
+    def loss(self) -> Cue:
+        """Return that somebody else has taken the arm."""
+        return self.say(LOST).model_copy(update={"has_lost_arm": True})
 
     def feedback(self, feedback: Feedback) -> Cue:
         """Return a cue of the bus for the phone."""

@@ -96,6 +96,8 @@ class Lan:
         self._addresses = addresses
         self._listener: Listener | None = None
         self._opening = asyncio.Lock()
+        self.address = ""
+        """At which it listens, or did last."""
         self.url = ""
         """Where the page is, without a path; empty: closed."""
         self.fingerprint = ""
@@ -129,6 +131,7 @@ class Lan:
                 await listener.close()
                 raise
             self._listener = listener
+            self.address = address
             self.url = written(address, listener.port)
             self.fingerprint = certificate.fingerprint
             wanted = self._config.lan_port

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.asks import DEEDS, REQUESTS
+from pointit.bridges.web.asks import greeting
 from pointit.bridges.web.hub import Hub
-from pointit.bridges.web.pace import Latencies
+from pointit.bridges.web.lag import Latencies
 from pointit.bridges.web.session import Host, Session
-from pointit.bridges.web.wire import IN_FLIGHT, Ack, Hello, Role, Status
+from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
 from pointit.runtime.health import ServiceBus
 
 GATHER_S = 0.004
@@ -78,7 +78,8 @@ class Pages:
         self._sessions.add(session)
         self._count_viewers()
         try:
-            await session.run(self._hello(role))
+            hello = greeting(role, version=self._version, site=self._bus.site)
+            await session.run(hello.model_dump_json())
         finally:
             self._sessions.discard(session)
             self._hub.close(session.feed)
@@ -143,15 +144,6 @@ class Pages:
             )
         else:
             self._bus.clear("lag")
-
-    def _hello(self, role: Role) -> str:
-        return Hello(
-            version=self._version,
-            site=self._bus.site,
-            role=role,
-            requests=tuple(request.key for request in REQUESTS[role]),
-            deeds=DEEDS[role],
-        ).model_dump_json()
 
     def _count_viewers(self) -> None:
         self._bus.figure("viewers", float(len(self._sessions)))

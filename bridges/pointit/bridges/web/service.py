@@ -14,15 +14,16 @@ from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.access import Access, new_token
+from pointit.bridges.web.answers import Answers
 from pointit.bridges.web.app import application
 from pointit.bridges.web.belief import Belief
 from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.desk import Desk, People
 from pointit.bridges.web.hub import MOST_KEYS
 from pointit.bridges.web.lan import Lan
 from pointit.bridges.web.pages import Pages
 from pointit.bridges.web.pairing import Pairing
+from pointit.bridges.web.people import People
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
 from pointit.bridges.web.recording import file_name
@@ -113,17 +114,17 @@ class Web(Service[WebConfig]):
         self._phones = Phones(host, self._pairing, bundle)
         app = application(doors, bundle, self._open, self._download, self._phones.routes)
         self._lan = Lan(config, self.bus.site, app)
-        self._desk = Desk(
+        self._answers = Answers(
             self.bus,
             people=self._people,
             wrists=self._wrists,
             pairing=self._pairing,
+            phones=self._phones,
             lan=self._lan,
             doors=doors,
             present=lambda: self._belief.present,
             changed=self._changed,
         )
-        self._desk.phones = self._phones
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
@@ -156,7 +157,7 @@ class Web(Service[WebConfig]):
 
     async def _open_lan(self) -> None:
         try:
-            log.info("%s", (await self._desk.open_lan())["message"])
+            log.info("%s", (await self._answers.open_lan())["message"])
         except RefusedError as error:  # the page is of use on this machine all the same
             log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
             self.bus.warn("lan", f"the page is not open to the local network: {error}")
@@ -169,7 +170,7 @@ class Web(Service[WebConfig]):
 
     async def answer(self, ask: Ask, session: Session) -> Answer:
         """Do what a page asks for."""
-        return await self._desk.answer(session.page, session.role, ask)
+        return await self._answers.answer(session.page, session.role, ask)
 
     def aim(self, aim: AimAt, session: Session) -> None:
         """Point where a page's mouse does."""
@@ -196,8 +197,8 @@ class Web(Service[WebConfig]):
         if self._wrists.close(page):
             self._changed()
 
-    async def _answer_phone(self, page: str, _user: str, ask: Ask) -> Answer:
-        return await self._desk.answer(page, "wrist", ask)
+    async def _answer_phone(self, page: str, ask: Ask) -> Answer:
+        return await self._answers.answer(page, "wrist", ask)
 
     async def _download(self, _request: Request) -> Response:
         """Return the last minute as a file; written in a thread, one at a time."""

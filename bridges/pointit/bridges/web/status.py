@@ -34,7 +34,6 @@ class Sight:
         self._missed_s: dict[str, float] = {}
         """Of who is expected and was never there: since when."""
         self._reports: dict[str, deque[Report]] = {}
-        self.people: set[str] = set()
 
     @property
     def present(self) -> frozenset[str]:

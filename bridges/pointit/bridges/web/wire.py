@@ -25,7 +25,8 @@ Page to server, JSON text, `{"kind": ...}`:
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
 
 A phone speaks `Turn` and `Ask` on `/ws/wrist`, or posts a list of them to `/wrist`; it is answered with
-`Hello`, `Answer`s, and `Cue`s (see `phone`).
+`Hello`, `Answer`s, and `Cue`s (see `phone`). It measures the round trip by an `Ask` for nothing, which is
+refused at once. Its socket is closed with `UNPAIRED` or `REPLACED` where it is not to come back.
 """
 
 from typing import Annotated, Any, Literal
@@ -37,6 +38,9 @@ from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Vec3
 
 IN_FLIGHT = 3
 """Batches that a page may have been sent and not acknowledged."""
+
+UNPAIRED, REPLACED = 4403, 4409
+"""Close codes: this phone is not paired any more; it has another socket."""
 
 Role = Literal["operator", "viewer", "wrist"]
 """May control; looks on; is one person's phone."""
@@ -126,6 +130,9 @@ class Cue(Part):
     text: str = ""
     state: str = ""
     next_step: str = ""
+    has_lost_arm: Annotated[bool, Field(description="somebody else has taken the arm from this phone")] = (
+        False
+    )
 
 
 class Ack(Part):

@@ -71,8 +71,6 @@ class Wrists:
         self._people: dict[str, _Person] = {}
         self._stand = stand_in(Environment(stamp_ns=0, name=""))
         self._middle = middle(Environment(stamp_ns=0, name=""))
-        self.ignored = 0
-        """What pages and phones said of wrists they do not have."""
 
     # What the bus says.
 
@@ -150,7 +148,6 @@ class Wrists:
         """Point where the mouse of `page` does; return whether it has that wrist."""
         person = self._people.get(aim.user)
         if person is None or person.page != page or person.by != "mouse":
-            self.ignored += 1
             return False
         person.arm.aim(aim.at_m)
         return True
@@ -175,7 +172,6 @@ class Wrists:
         if not person.page and page not in person.lost:
             person.page, person.by = page, "phone"
         if person.page != page:
-            self.ignored += 1
             return None
         return self._sample(person, now_ns)
 

@@ -11,7 +11,7 @@ import { Screen } from "./phone/screen";
 import { NoOrientation, objection, sense, type Sensing } from "./phone/sensing";
 import { Taps, type Gesture } from "./phone/taps";
 import { Wake } from "./phone/wake";
-import { asksForDouble, figures, linkWords, pressWords, sentence, stateWords, stepOf, tellsOfLoss } from "./phone/words";
+import { asksForDouble, figures, linkWords, pressWords, sentence, stateWords, stepOf } from "./phone/words";
 
 const CENTRE = "Point at the middle of the room with your arm straight, then tap.";
 const GO_ON = "Stopped, because this page was out of sight. Tap to go on.";
@@ -171,7 +171,7 @@ class Wrist {
       this.cue = part;
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
-      if (tellsOfLoss(part.text)) this.hasArm = false;
+      if (part.has_lost_arm) this.hasArm = false;
       if (part.text) this.screen.say(part.text === part.next_step ? "" : sentence(part.text));
       this.show();
     }

@@ -81,6 +81,10 @@ export interface Ask {
 export interface Cue {
   chime: string;
   haptic_ms: number[];
+  /**
+   * somebody else has taken the arm from this phone
+   */
+  has_lost_arm: boolean;
   kind: "cue";
   next_step: string;
   state: string;

@@ -55,8 +55,3 @@ export function sentence(text: string): string {
 export function asksForDouble(nextStep: string): boolean {
   return /double press/i.test(nextStep);
 }
-
-/** Whether somebody else has taken the arm. */
-export function tellsOfLoss(text: string): boolean {
-  return /somebody else moves your arm/i.test(text);
-}

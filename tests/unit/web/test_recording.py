@@ -5,11 +5,9 @@ import io
 import json
 from typing import Any
 
-import pytest
 from mcap.reader import make_reader
 
 from pointit.bridges.web.recording import LastMinute, file_name
-from pointit.bridges.web.recording_schema import plain_schema
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -21,7 +19,7 @@ from pointit.schemas import (
     UserPose,
     encode,
 )
-from pointit.schemas.topics import CURSOR, FEEDBACK, MAP, POSE, STRIPS_FRAME, TOPICS, Topic
+from pointit.schemas.topics import CURSOR, FEEDBACK, MAP, POSE, STRIPS_FRAME, Topic
 
 START = 1_700_000_000 * NS_PER_S
 
@@ -110,33 +108,6 @@ def test_it_is_bounded_in_number_and_in_bytes() -> None:
     assert [fields["seq"] for _, _, _, fields in read(few, at(5.0))] == [45, 46, 47, 48, 49]
     assert small.bytes <= 1000
     assert 1 <= len(small) < 50
-
-
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
-def test_every_schema_is_one_that_viewers_read(topic: Topic[Any]) -> None:
-    def check(schema: dict[str, Any], where: str) -> None:
-        assert "$ref" not in schema, where
-        assert "anyOf" not in schema, where
-        assert schema["type"] in ("boolean", "string", "number", "integer", "array", "object"), where
-        if schema["type"] == "object":
-            for name, field in schema["properties"].items():
-                check(field, f"{where}.{name}")
-        if schema["type"] == "array":
-            assert schema["items"]["type"] != "array", where
-            check(schema["items"], f"{where}[]")
-
-    schema = plain_schema(topic.message)
-    check(schema, topic.message.__name__)
-    assert set(schema["properties"]) == set(topic.message.model_fields)
-
-
-def test_bytes_are_told_to_be_base64_and_optional_fields_are_plain() -> None:
-    strips = plain_schema(StripsFrame)["properties"]["strips"]["items"]["properties"]
-    assert strips["rgb"]["contentEncoding"] == "base64"
-    point = plain_schema(Cursor)["properties"]["point_m"]
-    assert (point["type"], point["items"]["type"]) == ("array", "number")
-    lines = plain_schema(Environment)["properties"]["strips"]["items"]["properties"]
-    assert "line_m" not in lines  # an array of arrays: viewers would refuse the whole channel
 
 
 def test_the_files_name_says_of_where_and_when_it_is() -> None:

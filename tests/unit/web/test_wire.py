@@ -1,12 +1,15 @@
 """The contract with the client: what its types come from is what the models say."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from pointit.bridges.web import wire
+from pointit.schemas.topics import TOPICS
+from pointit.services.registry import SHOWN
 
 CLIENT = Path(wire.__file__).with_name("client") / "wire.json"
 
@@ -18,6 +21,14 @@ def test_the_clients_schema_is_the_models() -> None:
     assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(wire.json_schema())), (
         "run scripts/page and commit what it writes"
     )
+
+
+@pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
+def test_the_client_takes_every_topic_that_it_is_sent() -> None:
+    text = CLIENT.with_name("src").joinpath("apply.ts").read_text(encoding="utf-8")
+    unseen = re.search(r"type Unseen =(.*?);", text, re.DOTALL)  # tsc sees to all others
+    assert unseen
+    assert set(re.findall(r'"(.+?)"', unseen[1])) == {topic.key for topic in set(TOPICS) - set(SHOWN)}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 /** Requests to the server as promises. */
 
+import type { RequestKey } from "./topics";
 import type { Answer, Ask } from "./wire";
 
 /** What was refused, in one sentence for a person. */
@@ -8,8 +9,8 @@ export class Refusal extends Error {}
 /** Reply fields of a request. */
 export type Reply = Record<string, unknown>;
 
-type Wish = { key: string; name?: string; query?: Record<string, unknown> } | { deed: NonNullable<Ask["deed"]>; name?: string; query?: Record<string, unknown> };
-export type { Wish };
+/** A request of the table, or a deed of the server's own; `name`: the person, where it is about one. */
+export type Wish = ({ key: RequestKey } | { deed: NonNullable<Ask["deed"]> }) & { name?: string; query?: Record<string, unknown> };
 
 /** Milliseconds after which nobody is taken to answer; `run/scenario` takes its time. */
 export const PATIENCE_MS = 5_000;

@@ -4,16 +4,14 @@ import { Keeper } from "./apply";
 import { Asks, type Reply, type Wish } from "./asks";
 import { decodeBatch, numberOf, Pending } from "./batch";
 import { note } from "./log";
+import type { Vec3 } from "./geometry/vec";
 import type { Cursor, StripsFrame } from "./messages";
 import type { Site } from "./site";
 import { LatencyHistory, SiteClock } from "./timing";
 import type { Ack, AimAt, Answer, Ask, Hello, Status } from "./wire";
-import type { Vec3 } from "./view";
 
 /** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
-/** Latencies that `Site.latencies` holds. */
-const LATENCIES = 3600;
 
 export interface ConnectionEvents {
   /** Something came that a frame should show. */
@@ -108,8 +106,6 @@ export class Connection {
       const shownNs = site.sentNs + (now - site.cameAt) * 1e6 * site.speed;
       latency = Math.max(0, (shownNs - this.#capturedNs) / 1e6 / site.speed);
       this.latency.add(now, latency);
-      site.latencies.push(latency);
-      if (site.latencies.length > LATENCIES) site.latencies.splice(0, site.latencies.length - LATENCIES);
     }
     this.#isCatchingUp = document.hidden;
     for (const { n } of this.#unacknowledged.splice(0)) {

@@ -7,20 +7,10 @@ import { byName } from "./format";
 import type { Settings } from "./settings";
 import type { Person, Site } from "./site";
 import type { Toasts } from "./toasts";
+import { SERVERS, type RequestKey } from "./topics";
 import type { Hello } from "./wire";
 
 type Deed = Hello["deeds"][number];
-
-/** Who answers requests, by the first word of their key. */
-const SERVERS: Record<string, { service: string; isPersonal: boolean }> = {
-  conveyor: { service: "conveyor-sim", isPersonal: false },
-  localizer: { service: "localizer", isPersonal: true },
-  selector: { service: "selector", isPersonal: false },
-  pui: { service: "pui", isPersonal: false },
-  leds: { service: "led-driver", isPersonal: false },
-  imu: { service: "imu-bridge", isPersonal: true },
-  profile: { service: "supervisor", isPersonal: true },
-};
 
 export class Desk {
   #chosen = "";
@@ -61,12 +51,11 @@ export class Desk {
   }
 
   /** Whether this page may ask it, and somebody is there to answer. */
-  may(key: string): boolean {
+  may(key: RequestKey): boolean {
     const { site } = this;
     if (!site.connected || !site.hello?.requests.includes(key)) return false;
     if (key === "run/scenario") return this.scenarios.length > 0;
-    const server = SERVERS[key.split("/")[0]!];
-    return server !== undefined && this.isPresent(server.service, server.isPersonal ? this.user : "");
+    return this.isPresent(SERVERS[key]) || this.isPresent(SERVERS[key], this.user);
   }
 
   mayDo(deed: Deed): boolean {

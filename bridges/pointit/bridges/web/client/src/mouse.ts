@@ -1,7 +1,8 @@
 /** The mouse as a person's wrist: taking it, keeping it over a lost connection, giving it back. */
 
 import type { Desk } from "./desk";
-import type { Vec3, View } from "./view";
+import type { Vec3 } from "./geometry/vec";
+import type { View } from "./view";
 
 export class Mouse {
   /** Whose wrist this page wants to have; empty: nobody's. */

@@ -67,8 +67,6 @@ export interface Site {
   sentNs: number;
   speed: number;
   cameAt: number;
-  /** From capture at the wrist to the frame that shows it, ms, of the last minute at most; newest last. */
-  readonly latencies: number[];
   /** Bytes and batches received in the last whole second, events lost since the page was opened. */
   traffic: { bytes: number; batches: number; dropped: number };
   /** Batches or messages that could not be read, frames that could not be drawn; and what was wrong last. */
@@ -83,7 +81,7 @@ export function emptySite(): Site {
   return {
     hello: null, status: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
     objects: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
-    deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0, latencies: [],
+    deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
     traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
   };
 }

@@ -3,9 +3,10 @@
 import { choice } from "./choice";
 import type { Desk } from "./desk";
 import { show, write } from "./dom";
+import type { Vec3 } from "./geometry/vec";
 import { makePlan } from "./plan/plan";
 import { isDark } from "./theme";
-import type { Camera, MakeView, Vec3, View } from "./view";
+import type { Camera, MakeView, View } from "./view";
 
 const CAMERAS: Record<Camera, { label: string; icon: string }> = {
   room: { label: "Room", icon: "cube" }, top: { label: "Top", icon: "map" }, eyes: { label: "Eyes", icon: "eye" },
@@ -69,10 +70,7 @@ export class Stage {
     } catch (error) {
       this.desk.connection.fault(error);
       this.#failures += 1;
-      if (this.#failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") {
-        this.desk.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
-        this.#put(makePlan);
-      }
+      if (this.#failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") this.#giveWay();
     }
   }
 
@@ -99,11 +97,16 @@ export class Stage {
     this.chip.title = renderer;
   }
 
+  #giveWay(): void {
+    this.desk.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
+    this.#put(makePlan);
+  }
+
   #put(make: MakeView): void {
     this.view?.dispose();
     this.view = null;
     this.host.replaceChildren();
-    this.view = make(this.host, { onAim: this.onAim });
+    this.view = make(this.host, { onAim: this.onAim, onLost: () => this.#giveWay() });
     this.theme();
     const { cameras } = this.view;
     this.#cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));

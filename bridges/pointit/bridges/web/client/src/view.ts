@@ -1,8 +1,7 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
+import type { Vec3 } from "./geometry/vec";
 import type { Site } from "./site";
-
-export type Vec3 = [number, number, number];
 
 /** From where a view looks; `eyes` are those of the chosen person. A view may lack some. */
 export type Camera = "room" | "top" | "eyes";
@@ -19,6 +18,8 @@ export interface ViewStats {
 export interface ViewOptions {
   /** Called while the mouse (or a finger, or the arrow keys) points: a place in {W} on what is under it. */
   onAim(at: Vec3): void;
+  /** The view cannot go on (its graphics context is gone and did not come back): another should take over. */
+  onLost(): void;
 }
 
 export interface View {

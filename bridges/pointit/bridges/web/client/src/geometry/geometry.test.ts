@@ -6,7 +6,7 @@ import { DEFAULT_BODY, eyesOf, hangingArm, onRay, pointingArm } from "./body";
 import { boundsOf } from "./bounds";
 import { ellipseOf } from "./ellipse";
 import { framed } from "./framing";
-import { cssColor, kindColor, kindLetter, PATTERN_DASHES } from "./looks";
+import { cssColor, kindColor, kindLetter } from "./looks";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "./motion";
 import { layOut } from "./pixels";
 import { Polyline } from "./polyline";
@@ -172,10 +172,6 @@ test("kinds have a colour and a letter, patterns go round evenly", () => {
   assert.equal(cssColor(kindColor("red")), "#ff1e00");
   assert.equal(kindColor("no such")[0], 200);
   assert.deepEqual([kindLetter("red"), kindLetter(""), kindLetter("  über")], ["R", "", "Ü"]);
-  for (const dashes of Object.values(PATTERN_DASHES)) {
-    const turns = dashes.length ? 1 / dashes.reduce((sum, share) => sum + share, 0) : 1;
-    close([turns], [Math.round(turns)], 1e-9);
-  }
   close([wrapped(3 * Math.PI / 2), wrapped(-7)], [-Math.PI / 2, -7 + 2 * Math.PI], 1e-9);
   const frozen: Read3 = [1, 2, 3];
   assert.equal(dot(frozen, [1, 1, 1]), 6);

@@ -31,9 +31,3 @@ export function visibleColor(color: Rgb, dark: boolean): Rgb {
 export function cssColor(color: Rgb): string {
   return `#${color.map((part) => Math.round(part).toString(16).padStart(2, "0")).join("")}`;
 }
-
-/** Drawn and left out, in turn, as shares of a ring's way round: how a pattern's outline goes; empty: whole. */
-export const PATTERN_DASHES: Readonly<Record<Pattern, readonly number[]>> = {
-  solid: [], dashed: [1 / 12, 1 / 24], dotted: [1 / 48, 1 / 48],
-  striped: [1 / 12, 1 / 36, 1 / 36, 1 / 36], hollow: [], tailed: [1 / 2, 1 / 2],
-};

@@ -2,8 +2,9 @@
 
 import "./plan.css";
 import type { Site } from "../site";
-import type { Camera, MakeView, Vec3, View, ViewOptions, ViewStats } from "../view";
+import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { boundsOf } from "../geometry/bounds";
+import type { Vec3 } from "../geometry/vec";
 import { Frame, grown, scaleBar } from "./frame";
 import { Gestures } from "./gestures";
 import { drawBays, drawBelts, drawFloor, drawSolids } from "./ground";

@@ -2,6 +2,7 @@
 
 import type { Person, Site } from "../site";
 import type { TrackedObject } from "../messages";
+import { byName } from "../format";
 import { stateTitle, thing } from "../words";
 
 export interface Row {
@@ -12,7 +13,7 @@ export interface Row {
 
 /** People in counting order: what they do, what they point at. */
 export function peopleRows(site: Site): Row[] {
-  return [...site.people.values()].sort((a, b) => counting(a.user, b.user)).map((person) => ({
+  return [...site.people.values()].sort((a, b) => byName(a.user, b.user)).map((person) => ({
     key: person.user, name: person.user, text: [whatTheyDo(person), ...whatTheyPointAt(site, person)].join("; "),
   }));
 }
@@ -23,7 +24,7 @@ export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
   const all = [...site.objects.values()].flatMap(({ objects }) => objects);
   const short = shortNames(all.map(({ id }) => id));
-  return all.sort((a, b) => counting(a.id, b.id)).map((object) => {
+  return all.sort((a, b) => byName(a.id, b.id)).map((object) => {
     const owner = owners.get(object.id), holder = holders.get(object.id);
     const state = owner ? `selected by ${owner}` : holder ? `${holder} is about to select it` : "not selected";
     return { key: object.id, name: `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
@@ -80,8 +81,4 @@ function whereItIs(object: TrackedObject): string {
   }
   const [x, y] = object.position_m;
   return `at ${x.toFixed(1)}, ${y.toFixed(1)} m${to}`;
-}
-
-function counting(a: string, b: string): number {
-  return a.localeCompare(b, "en", { numeric: true });
 }

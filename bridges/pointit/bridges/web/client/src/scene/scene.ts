@@ -5,21 +5,15 @@ import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
 import { siteNow, type Site } from "../site";
-import type { Camera, View, ViewOptions } from "../view";
+import type { Camera, MakeView, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
 import { Labels } from "./labels";
 import { People } from "./people";
-import { Stage } from "./stage";
+import { Picture } from "./picture";
 import { counts, state } from "./state";
 import { makeWorld, NOTHING, type World } from "./world";
-
-/** What the scene is told beside what every view is. */
-export interface SceneOptions extends ViewOptions {
-  /** The graphics context is gone and did not come back: another view should take over. */
-  onLost?(): void;
-}
 
 /** Longer than this between two frames nothing has moved, s. */
 const LONGEST_STEP_S = 0.25;
@@ -28,7 +22,7 @@ const OFTEN_MS = 60;
 
 class Scene implements View {
   readonly cameras: readonly Camera[] = ["room", "top", "eyes"];
-  private readonly stage: Stage;
+  private readonly picture: Picture;
   private readonly labels: Labels;
   private readonly camera: Cameras;
   private readonly aim: Aim;
@@ -53,19 +47,19 @@ class Scene implements View {
     things.targets(into);
   };
 
-  constructor(host: HTMLElement, private readonly options: SceneOptions) {
-    this.stage = new Stage(host, () => this.wake(), {
+  constructor(host: HTMLElement, private readonly options: ViewOptions) {
+    this.picture = new Picture(host, () => this.wake(), {
       away: () => this.tearDown(),
       back: () => {
         this.build(this.site?.map ?? NOTHING);
         this.wake();
       },
-      lost: () => options.onLost?.(),
+      lost: () => options.onLost(),
     });
     if (getComputedStyle(host).position === "static") host.style.position = "relative";
     this.labels = new Labels(host);
-    this.camera = new Cameras(this.stage, this.isStill, () => this.wake());
-    this.aim = new Aim(this.stage, () => this.wake(), (dx, dy) => {
+    this.camera = new Cameras(this.picture, this.isStill, () => this.wake());
+    this.aim = new Aim(this.picture, () => this.wake(), (dx, dy) => {
       if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
     });
     this.aim.set(false);
@@ -73,8 +67,8 @@ class Scene implements View {
   }
 
   get stats(): { fps: number; renderer: string; software: boolean } {
-    this.stage.measure(performance.now());
-    return this.stage.stats;
+    this.picture.measure(performance.now());
+    return this.picture.stats;
   }
 
   draw(site: Site): void {
@@ -145,11 +139,11 @@ class Scene implements View {
   private build(map: Environment): void {
     this.tearDown();
     this.bounds = boundsOf(map);
-    if (this.stage.isLost) return;
-    const kit = new Kit(this.stage.stats.software, this.theme);
+    if (this.picture.isLost) return;
+    const kit = new Kit(this.picture.stats.software, this.theme);
     this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
-    this.stage.light(this.theme, this.bounds);
-    this.stage.scene.add(kit.group);
+    this.picture.light(this.theme, this.bounds);
+    this.picture.scene.add(kit.group);
     this.dirty = true;
   }
 
@@ -166,13 +160,13 @@ class Scene implements View {
   private turn(): void {
     this.asked = 0;
     const now = performance.now();
-    if (this.stage.stats.software && now - this.toldAt < OFTEN_MS && !this.dirty) this.ask();
+    if (this.picture.stats.software && now - this.toldAt < OFTEN_MS && !this.dirty) this.ask();
     else if (this.dirty || this.moves) this.frame(now);
   }
 
   private frame(now: number): void {
-    const { world, stage } = this;
-    if (!world || stage.isLost) return;
+    const { world, picture } = this;
+    if (!world || picture.isLost) return;
     const seconds = Math.min((now - this.drawnAt) / 1000, LONGEST_STEP_S);
     this.drawnAt = now;
     this.dirty = false;
@@ -180,18 +174,18 @@ class Scene implements View {
     const isAiming = this.aim.on && this.aim.isOver;
     const turned = this.camera.tick(now, seconds, People.eyes(chosen), chosen?.cursor?.direction ?? null,
       isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null);
-    stage.camera.updateMatrixWorld();
+    picture.camera.updateMatrixWorld();
     this.moves = turned;
-    world.marks.begin(stage.pixel);
-    world.beams.begin(stage.width, stage.height);
+    world.marks.begin(picture.pixel);
+    world.beams.begin(picture.width, picture.height);
     this.labels.begin(this.theme);
     if (this.site) this.moves = this.show(this.site, world, now, seconds) || this.moves;
     const at = this.aim.tick(this.targets, turned && this.camera.mode === "eyes");
     this.aim.mark(world.marks, world.beams, this.site?.people.get(this.pointer)?.cursor?.point_m ?? null, this.theme.dark);
     world.marks.end();
     world.beams.end();
-    this.labels.end(stage.camera, stage.width, stage.height);
-    stage.render(now, this.moves, this.camera.distance);
+    this.labels.end(picture.camera, picture.width, picture.height);
+    picture.render(now, this.moves, this.camera.distance);
     if (this.moves || this.dirty) this.ask();
     if (at) this.options.onAim(at);
   }
@@ -220,9 +214,9 @@ class Scene implements View {
     this.camera.dispose();
     this.tearDown();
     this.labels.dispose();
-    this.stage.dispose();
+    this.picture.dispose();
   }
 }
 
 /** Makes the 3-D scene within `host`. @throws Error with one sentence where there is no WebGL. */
-export const makeScene = (host: HTMLElement, options: SceneOptions): View => new Scene(host, options);
+export const makeScene: MakeView = (host, options) => new Scene(host, options);

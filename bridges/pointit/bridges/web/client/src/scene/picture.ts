@@ -18,7 +18,7 @@ const PATIENCE_MS = 3000;
 const LOST_MS = 5000;
 
 /** What draws here, as WebGL names it. @throws Error when there is no WebGL. */
-export function rendererName(): string {
+function probedRenderer(): string {
   const gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) throw new Error("This browser draws no 3-D pictures: WebGL 2 is missing or switched off.");
   const detail = gl.getExtension("WEBGL_debug_renderer_info");
@@ -28,7 +28,7 @@ export function rendererName(): string {
 }
 
 /** What may become of the graphics context. */
-export interface StageEvents {
+export interface PictureEvents {
   /** It is gone: whatever it held must be let go. */
   away(): void;
   /** It is there again, and empty. */
@@ -38,7 +38,7 @@ export interface StageEvents {
 }
 
 /** Renderer, scene, camera. */
-export class Stage {
+export class Picture {
   readonly scene = new THREE.Scene();
   readonly camera = new THREE.PerspectiveCamera(42, 1, 0.1, 200);
   readonly stats: { fps: number; renderer: string; software: boolean };
@@ -58,8 +58,8 @@ export class Stage {
   private slowSince = 0;
   private lostTimer = 0;
 
-  constructor(private readonly host: HTMLElement, private readonly changed: () => void, on: StageEvents) {
-    const name = rendererName(), software = SOFTWARE.test(name);
+  constructor(private readonly host: HTMLElement, private readonly changed: () => void, on: PictureEvents) {
+    const name = probedRenderer(), software = SOFTWARE.test(name);
     this.stats = { fps: 0, renderer: name, software };
     try {
       this.renderer = new THREE.WebGLRenderer({ antialias: !software, powerPreference: "high-performance" });

@@ -27,6 +27,7 @@ DEVICES = {
     "web": {
         "answers.py",
         "app.py",
+        "guard.py",
         "lan.py",
         "pages.py",
         "people.py",

@@ -20,12 +20,12 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from pointit.bridges.web.app import file_response, refusal
 from pointit.bridges.web.asks import greeting
 from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.cues import Cues
 from pointit.bridges.web.pairing import Pairing, Phone
 from pointit.bridges.web.phone_line import PhoneHost, PhoneLine
+from pointit.bridges.web.responses import file_response, refusal
 from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue
 from pointit.schemas import Feedback, Interaction, Localization, WristSample
 

@@ -1,11 +1,9 @@
 """Reads what onlookers are shown, serves it to pages, and writes what their mice and phones do."""
 
 import asyncio
-import contextlib
 import functools
 import importlib.metadata
 import io
-import ipaddress
 import logging
 from typing import Any, ClassVar
 
@@ -13,6 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
+from pointit.bridges.web import exposure
 from pointit.bridges.web.access import Access, new_token
 from pointit.bridges.web.answers import Answers
 from pointit.bridges.web.app import application
@@ -27,11 +26,11 @@ from pointit.bridges.web.people import People
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
 from pointit.bridges.web.recording import file_name
-from pointit.bridges.web.serving import Listener, bind
+from pointit.bridges.web.serving import Listener, bind, url
 from pointit.bridges.web.session import Session
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import ConfigError, Context, RefusedError, Service
+from pointit.runtime import Context, RefusedError, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     Deployment,
@@ -54,9 +53,6 @@ TICK_S = 1.0
 QUIET_S = 10.0
 """A warning about what pages say goes when they have said nothing wrong for so long."""
 
-LEAST_TOKEN = 8
-"""Characters; a shorter one is guessed."""
-
 
 class Web(Service[WebConfig]):
     """A page in browsers: the scene, controls, health; its mouse or a phone as a person's wrist."""
@@ -67,17 +63,8 @@ class Web(Service[WebConfig]):
 
     @classmethod
     def check(cls, config: WebConfig) -> None:
-        """Refuse to be seen without encryption from elsewhere, and tokens that do not keep anybody out."""
-        if not _is_loopback(config.host):
-            raise ConfigError(
-                f"host: {config.host} can be reached from other machines, and what goes there is not "
-                "encrypted; leave it at 127.0.0.1 and use lan: true, which opens the page by HTTPS"
-            )
-        for name, token in (("operator_token", config.operator_token), ("viewer_token", config.viewer_token)):
-            if token and len(token) < LEAST_TOKEN:
-                raise ConfigError(f"{name}: has {len(token)} characters, use at least {LEAST_TOKEN}")
-        if config.operator_token and config.operator_token == config.viewer_token:
-            raise ConfigError("viewer_token: is the operator's; choose another, or leave it empty")
+        """Refuse what would let anybody in, see `exposure`."""
+        exposure.check(config)
 
     def __init__(self, config: WebConfig, context: Context) -> None:
         super().__init__(config, context)
@@ -138,8 +125,7 @@ class Web(Service[WebConfig]):
         try:
             await self._listener.start()
             shown = f"?token={self._token}" if not self.config.operator_token else ""
-            host = f"[{self.config.host}]" if ":" in self.config.host else self.config.host
-            log.info("the page is at http://%s:%d/%s", host, self._listener.port, shown)
+            log.info("the page is at %s/%s", url("http", self.config.host, self._listener.port), shown)
             if self.config.lan:
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
@@ -302,12 +288,6 @@ class Web(Service[WebConfig]):
 
     def _now_s(self) -> float:
         return self._loop.time()
-
-
-def _is_loopback(host: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return host == "localhost"
 
 
 SERVICE = Web

@@ -56,6 +56,11 @@ def bind(host: str, port: int, option: str) -> socket.socket:
     return listener
 
 
+def url(scheme: str, host: str, port: int) -> str:
+    """Return the address of what listens there, without a path."""
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
+
+
 class Listener:
     """Serves `app` at a bound socket, by TLS where there is a context, from `start` to `close`."""
 

@@ -6,6 +6,7 @@ as slowly as it must, in the quality of one that has it.
 
 import asyncio
 import base64
+import json
 import sys
 import tempfile
 from collections.abc import AsyncGenerator, Callable
@@ -31,8 +32,6 @@ MOST_BYTES = 250_000
 SPEED = "0.25"
 """Of the site: a picture takes its time here, and what it shows should still be so when it is done."""
 ARGUMENTS = ("scenario_4", "--seed", "3", "--speed", SPEED, "--duration", "900", "--lan")
-FRAME_S = 1.0
-"""Longer than a frame of that quality takes without a graphics processor."""
 FINE = """
 for (const kind of [WebGL2RenderingContext]) {
   const asked = kind.prototype.getParameter;
@@ -40,9 +39,11 @@ for (const kind of [WebGL2RenderingContext]) {
     return name === 0x9246 || name === 0x1f01 ? "of a picture" : asked.call(this, name);
   };
 }
+const Socket = window.WebSocket;
+window.WebSocket = class extends Socket { constructor(...all) { super(...all); window.socket = this; } };
 Object.defineProperty(document, "hidden", { get: () => true });  // who is not seen may be slow
 """
-"""Has the page draw with shadows and all pixels although it is slow."""
+"""Has the page draw with shadows and all pixels, slow as it is; where its mouse points it is told, then."""
 
 
 async def photograph() -> None:
@@ -76,8 +77,13 @@ async def by_mouse(browser: Browser, site: SitePage, seen: Onlooker) -> None:
     await window.is_shown(60)
     await window.page.get_by_role("button", name="Point with the mouse").click()
     await expect(window.page.locator("#guide")).to_contain_text("You are the arm now")
-    lens = await window.survey(FRAME_S)
-    await window.follows(lens, "red", half_way(seen, "user1"), 180)
+    is_time = half_way(seen, "user1")
+    async with asyncio.timeout(180):
+        while not is_time():
+            if red := [each for each in seen.objects[-1].objects if each.kind == "red"]:
+                aim = {"kind": "aim", "user": "user1", "at_m": red[0].position_m}
+                await window.page.evaluate(f"window.socket.send({json.dumps(json.dumps(aim))})")
+            await asyncio.sleep(0.05)
     await save(window.page, "window-light.webp")
     await window.page.context.close()
 

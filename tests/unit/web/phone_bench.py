@@ -53,6 +53,7 @@ class PhoneBench:
         self.asked: list[tuple[str, Ask]] = []
         self.changes = 0
         self.refusal = ""
+        self.fault: Exception | None = None
         host = PhoneHost(
             wrists=self.wrists,
             now_ns=self.clock.now_ns,
@@ -98,6 +99,8 @@ class PhoneBench:
 
     async def _answer(self, page: str, ask: Ask) -> Answer:
         self.asked.append((page, ask))
+        if self.fault:
+            raise self.fault
         if self.refusal:
             raise RefusedError(self.refusal)
         return Answer(id=ask.id, reply={"message": "done"})

@@ -13,6 +13,8 @@ import websockets
 from websockets.asyncio.client import ClientConnection
 
 from pointit.bridges.web import phone_line
+from pointit.bridges.web.wire import OWN_FAULT
+from pointit.bridges.web.wrists import STILL_S
 from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
@@ -228,6 +230,34 @@ async def test_posts_that_are_no_lists_are_refused(
     assert bench.sent == []
     assert (await posted(phone))[0]["kind"] == "hello"
     assert bench.warned.sentences == {}
+
+
+@pytest.mark.parametrize("t_ms", [9e12, 9.3e12, 1e15, 1e300])
+async def test_whatever_clock_a_phone_has_the_arm_goes_on(
+    bench: PhoneBench, phone: httpx.AsyncClient, t_ms: float
+) -> None:
+    await posted(phone, TURN)
+    await posted(phone, {**TURN, "t_ms": t_ms})
+    bench.clock.advance(STILL_S)
+    assert len(bench.wrists.step(bench.clock.now_ns())) == 1
+
+
+@pytest.mark.parametrize("item", [{**TURN, "x" * 50_000: 1}, {"kind": "x" * 50_000}])
+async def test_a_long_word_does_not_fill_the_health(
+    bench: PhoneBench, phone: httpx.AsyncClient, item: dict[str, Any]
+) -> None:
+    await posted(phone, item)
+    assert len(bench.warned.sentences["phone of anna"]) < 500
+
+
+async def test_a_fault_is_an_answer_too(
+    bench: PhoneBench, phone: httpx.AsyncClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench.fault = OSError("no more files")
+    (answer,) = await posted(phone, {"kind": "ask", "id": 5, "deed": "press"})
+    assert (answer["id"], answer["error"]) == (5, OWN_FAULT)
+    assert "was not answered" in caplog.text
+    caplog.clear()
 
 
 async def test_the_newer_socket_of_a_phone_replaces_the_older(

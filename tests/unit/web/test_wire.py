@@ -40,6 +40,7 @@ def test_the_client_takes_every_topic_that_it_is_sent() -> None:
         '{"kind":"ask","id":0,"key":"conveyor/set_speed","query":{"speed_mps":1}}',
         '{"kind":"aim","user":"anna","at_m":[1,2.5,0]}',
         '{"kind":"turn","q":[0,0,0,1],"t_ms":12.5}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":9e12}',
     ],
 )
 def test_what_pages_say_is_understood(text: str) -> None:
@@ -62,6 +63,7 @@ def test_what_pages_say_is_understood(text: str) -> None:
         '{"kind":"aim","user":"anna","at_m":[1,2,1e300]}',
         '{"kind":"aim","user":"a/b","at_m":[1,2,3]}',
         '{"kind":"turn","q":[0,0,0,2],"t_ms":0}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":1e13}',
         '{"kind":"ask","id":1,"deed":"explode"}',
     ],
 )

@@ -10,6 +10,7 @@ from starlette.websockets import WebSocket
 
 from pointit.bridges.web import access
 from pointit.bridges.web.access import Access, Asked
+from pointit.bridges.web.wire import OWN_FAULT
 
 log = logging.getLogger(__name__)
 
@@ -65,9 +66,7 @@ class Guard:
         except Exception:
             log.exception("%s failed", scope["path"])
             if not answered and scope["type"] == "http":
-                await PlainTextResponse("a fault of PointIt itself, see its log", 500)(
-                    scope, receive, telling
-                )
+                await PlainTextResponse(OWN_FAULT, 500)(scope, receive, telling)
 
     def _objection(self, scope: Scope, asked: Asked) -> Response | None:
         if not self._doors.is_known_host(asked.host):

@@ -1,6 +1,7 @@
 """One paired phone: what it says, and what waits to be told to it, whichever way it comes for it."""
 
 import asyncio
+import logging
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable
@@ -12,11 +13,13 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pointit.bridges.web.asks import is_offered
 from pointit.bridges.web.pace import Bucket
 from pointit.bridges.web.pairing import Phone
-from pointit.bridges.web.wire import Answer, Ask, Part, Turn
+from pointit.bridges.web.wire import MOST_TOLD, OWN_FAULT, Answer, Ask, Part, Turn
 from pointit.bridges.web.wrists import Wrists
 from pointit.runtime import PointItError
 from pointit.runtime.health import Warnings
 from pointit.schemas import SchemaError, WristSample, explain
+
+log = logging.getLogger(__name__)
 
 MOST_WAITING = 64
 """Messages that wait for a phone; the oldest give way."""
@@ -121,7 +124,7 @@ class PhoneLine:
         self.malformed += 1
         self._host.warnings.warn(
             self._topic,
-            f"the phone of {self.phone.user} has sent what cannot be understood ({what}), "
+            f"the phone of {self.phone.user} has sent what cannot be understood ({what[:MOST_TOLD]}), "
             f"{self.malformed} such messages in all; load its page again",
         )
 
@@ -156,4 +159,7 @@ class PhoneLine:
             answer = await self._host.answer(self.phone.page, own)
         except (PointItError, SchemaError) as error:
             answer = Answer(id=ask.id, error=str(error))
+        except Exception:  # the phone waits for an answer
+            log.exception("a phone asked %s and was not answered", ask.deed or ask.key)
+            answer = Answer(id=ask.id, error=OWN_FAULT)
         self.put(answer)

@@ -42,6 +42,12 @@ IN_FLIGHT = 3
 UNPAIRED, REPLACED = 4403, 4409
 """Close codes: this phone is not paired any more; it has another socket."""
 
+OWN_FAULT = "a fault of PointIt itself, see its log"
+"""What is answered where the answer has failed."""
+
+MOST_TOLD = 200
+"""Characters of what is told in health of a message that is none: it may be a page's own words."""
+
 Role = Literal["operator", "viewer", "wrist"]
 """May control; looks on; is one person's phone."""
 
@@ -52,6 +58,9 @@ Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "centre"]
 """What a page can ask of this server itself: press a person's button; take their wrist with the mouse, give
 it back; let the mouse's arm tremble; pair a phone; open the page to the local network; a phone, held as the
 page says, points ahead."""
+
+LATEST_MS = 9e12
+"""Of a device's clock: as many ns fit 64 bits."""
 
 Id = Annotated[int, Field(ge=0, le=2**53)]
 
@@ -171,7 +180,7 @@ class Turn(Part):
 
     kind: Literal["turn"] = "turn"
     q: QuaternionXyzw
-    t_ms: Annotated[float, Field(ge=0, le=1e15, description="the phone's own clock")]
+    t_ms: Annotated[float, Field(ge=0, le=LATEST_MS, description="the phone's own clock")]
     session: Annotated[int, Field(ge=0, le=2**53)] = 0
     battery: Fraction | None = None
 

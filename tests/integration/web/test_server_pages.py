@@ -2,11 +2,12 @@
 
 import asyncio
 import io
-from typing import Any
+from typing import IO, Any
 
 import pytest
 from mcap.reader import make_reader
 
+from pointit.bridges.web.recording import Recording
 from pointit.runtime import RefusedError
 from pointit.schemas import (
     Cursor,
@@ -306,3 +307,25 @@ async def test_the_last_minute_is_a_file_for_operators() -> None:
         assert CURSOR.at("anna") in topics
         async with server.client(Cookie=await server.cookie(VIEWER)) as client:
             assert (await client.get("/recording.mcap")).status_code == 403
+
+
+async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[int] = []
+    write = Recording.write
+
+    def counted(recording: Recording, output: IO[bytes]) -> int:
+        written.append(1)
+        return write(recording, output)
+
+    monkeypatch.setattr(Recording, "write", counted)
+    async with memory_bench() as bench, serving(bench) as server:
+        for n in range(2000):
+            bench.put(CURSOR, Cursor(stamp_ns=START_NS, seq=n), "anna")
+        await bench.settle()
+        async with server.client(Cookie=await server.cookie()) as client:
+            answers = await asyncio.gather(*(client.get("/recording.mcap") for _ in range(10)))
+            assert {answer.status_code for answer in answers} == {200}
+            assert len(written) < 10
+            before = len(written)
+            assert (await client.get("/recording.mcap")).status_code == 200
+            assert len(written) == before + 1

@@ -38,9 +38,10 @@ class Belief:
         return self._sight.present
 
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int, now_s: float) -> bool:
-        """Take a message, encoded here once for all; return whether there was room for its key."""
+        """Take a message, encoded here once for all; where there is no room for its key, return False."""
         payload = encode(message)
-        has_room = self.hub.put(topic, name, payload, urgent=topic is STRIPS_FRAME)
+        if not self.hub.put(topic, name, payload, urgent=topic is STRIPS_FRAME):
+            return False
         self.last_minute.add(topic, name, message, payload, now_ns)
         if topic is OBJECTS:
             self._trackers.heard(name, now_s)
@@ -48,7 +49,7 @@ class Belief:
             self._sight.report(name, message, now_s)
         elif isinstance(message, Deployment):
             self._forget(self._deployments.put(name, message, self.present))
-        return has_room
+        return True
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
         """Take that `instance` is there, or has left."""

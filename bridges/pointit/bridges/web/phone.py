@@ -71,7 +71,7 @@ class Phones:
 
     def feedback(self, user: str, feedback: Feedback) -> None:
         """Let the phone of `user` chime and vibrate."""
-        self._tell(user, self._cues_of(user).feedback(feedback))
+        self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # of anybody: kept of nobody
 
     def interaction(self, user: str, interaction: Interaction) -> None:
         """Tell the phone of `user` what is next."""

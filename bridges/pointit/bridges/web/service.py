@@ -26,9 +26,10 @@ from pointit.bridges.web.people import People
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
 from pointit.bridges.web.recording import file_name
+from pointit.bridges.web.responses import Pieces
 from pointit.bridges.web.serving import Listener, bind, url
 from pointit.bridges.web.session import Session
-from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Role, Status
+from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists import Wrists
 from pointit.runtime import Context, RefusedError, Service
 from pointit.runtime.service import Scope
@@ -73,7 +74,8 @@ class Web(Service[WebConfig]):
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([config.host])
         self._belief = Belief(self.NAME, config.record_s, self._now_s())
-        self._writing = asyncio.Lock()
+        self._writing: asyncio.Task[tuple[str, bytes]] | None = None
+        """Writes a recording."""
         self._wrists = Wrists(config)
         self._moving = asyncio.Event()
         self._pairing = Pairing()
@@ -132,6 +134,8 @@ class Web(Service[WebConfig]):
                 group.create_task(self._tick(), name="web tick")
                 group.create_task(self._move(), name="web wrists")
         finally:
+            if self._writing is not None:
+                self._writing.cancel()
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
@@ -173,7 +177,8 @@ class Web(Service[WebConfig]):
         self._malformed_s = self._now_s()
         self.bus.warn(
             "pages",
-            f"a page has sent what is no message ({sentence}; {self._malformed} so far); load it again",
+            f"a page has sent what is no message ({sentence[:MOST_TOLD]}; {self._malformed} so far); "
+            "load it again",
         )
 
     async def _open(self, socket: WebSocket, role: Role) -> None:
@@ -187,15 +192,20 @@ class Web(Service[WebConfig]):
         return await self._answers.answer(page, "wrist", ask)
 
     async def _download(self, _request: Request) -> Response:
-        """Return the last minute as a file; written in a thread, one at a time."""
-        async with self._writing:
-            now_ns = self.clock.now_ns()
-            output = io.BytesIO()
-            recording = self._belief.last_minute.recording(self.bus.site, now_ns)
-            await asyncio.to_thread(recording.write, output)
-        name = file_name(self.bus.site, now_ns)
+        """Return the last minute as a file; who asks while one is being written gets that one."""
+        if self._writing is None or self._writing.done():
+            self._writing = self._loop.create_task(self._write(), name="web writes a recording")
+        name, content = await asyncio.shield(self._writing)
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
-        return Response(output.getvalue(), headers=headers, media_type="application/octet-stream")
+        return Pieces(content, headers=headers, media_type="application/octet-stream")
+
+    async def _write(self) -> tuple[str, bytes]:
+        """Return the name and the bytes of a recording; it is written in a thread."""
+        now_ns = self.clock.now_ns()
+        output = io.BytesIO()
+        recording = self._belief.last_minute.recording(self.bus.site, now_ns)
+        await asyncio.to_thread(recording.write, output)
+        return file_name(self.bus.site, now_ns), output.getvalue()
 
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
@@ -215,6 +225,7 @@ class Web(Service[WebConfig]):
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
         if not self._belief.take(topic, name, message, self.clock.now_ns(), self._now_s()):
             self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
+            return
         self._attend(message, name)
         self._pages.news(now=topic is STRIPS_FRAME)
 

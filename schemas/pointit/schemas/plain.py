@@ -31,6 +31,11 @@ class Plain:
         return message.model_dump_json().encode()
 
 
+def channel_name(key: str) -> str:
+    """Return the name of a key's channel: dots would end the name in the paths that panels plot."""
+    return "/" + key.replace(".", "/")
+
+
 def _plain(schema: Schema, definitions: Schema) -> Schema:
     """Return the description of an object with those of its fields that can be described."""
     fields = {name: _field(each, definitions) for name, each in schema.get("properties", {}).items()}

@@ -5,11 +5,11 @@ import re
 from typing import Any
 
 from pointit.bridges.foxglove.scene import PARTS
-from pointit.bridges.foxglove.server import LOG, channel_name, picture_topic
+from pointit.bridges.foxglove.server import LOG, picture_topic
 from pointit.bridges.foxglove.service import LAYOUT
 from pointit.bridges.foxglove.shapes import WORLD
 from pointit.schemas import Health
-from pointit.schemas.plain import Plain
+from pointit.schemas.plain import Plain, channel_name
 from pointit.schemas.topics import TOPICS
 from pointit.services.registry import PROCESSES
 

@@ -130,11 +130,6 @@ class Server:
             self._server.stop()
 
 
-def channel_name(key: str) -> str:
-    """Return the name of a key's channel: dots would end the name in the paths that panels plot."""
-    return "/" + key.replace(".", "/")
-
-
 def picture_topic(part: Part) -> str:
     """Return the channel on which `part` is shown."""
     return "/tf" if part == "frames" else f"/scene/{part}"

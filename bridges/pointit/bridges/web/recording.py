@@ -9,7 +9,7 @@ from typing import IO, Any, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from pointit.schemas import NS_PER_S, Message, decode
-from pointit.schemas.plain import Plain
+from pointit.schemas.plain import Plain, channel_name
 from pointit.schemas.topics import Delivery, Topic
 
 MOST = 60_000
@@ -54,7 +54,7 @@ class Recording:
             key = entry.topic.at(entry.name)
             channel = channels.get(key)
             if channel is None:
-                channel = channels[key] = writer.register_channel(key, "json", schema)
+                channel = channels[key] = writer.register_channel(channel_name(key), "json", schema)
             writer.add_message(
                 channel,
                 log_time=max(entry.stamp_ns, self.began_ns),

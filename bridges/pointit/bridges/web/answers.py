@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from typing import Any, cast
 
 from pointit.bridges.web.access import Access
-from pointit.bridges.web.asks import PATIENCE_S, Call, Press, Tremor, Wish, understood
+from pointit.bridges.web.asks import PATIENCE_S, Call, Pair, Press, Tremor, Wish, understood
 from pointit.bridges.web.lan import Lan
 from pointit.bridges.web.pairing import Pairing, offer
 from pointit.bridges.web.people import People
@@ -111,7 +111,8 @@ class Answers:
                 raise RefusedError(f"this page does not move {user}'s arm: take it first")
             return {"message": f"{user}'s arm trembles by {wish.extras.rms_deg:g}° rms"}
         if wish.deed == "pair":
-            return await self._pair(user)
+            assert isinstance(wish.extras, Pair)  # noqa: S101 - so says `asks`
+            return await (self._unpair(user) if wish.extras.off else self._pair(user))
         return await self._centre(user)
 
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
@@ -131,7 +132,7 @@ class Answers:
         if role == "wrist":
             self._wrists.give(user, page)
         else:
-            self._tell_loser(user, self._wrists.release(user), page)
+            self._tell_loser(user, self._wrists.release(user), page, is_own=True)
         self._changed()
         return {"message": f"{user}'s arm is their own again"}
 
@@ -143,16 +144,24 @@ class Answers:
         self._changed()
         return offer(f"{self._lan.url}/phone?token={token}", self._lan.fingerprint)
 
+    async def _unpair(self, user: str) -> dict[str, Any]:
+        page = self._pairing.unpair(user)
+        if not page:
+            raise RefusedError(f"no phone is paired with {user}")
+        await self._phones.cut(page)
+        self._changed()
+        return {"message": f"no phone is {user}'s wrist any more"}
+
     async def _centre(self, user: str) -> dict[str, Any]:
         query = SetYawOrigin(yaw_rad=self._wrists.ahead(user))
         reply = await self._bus.call(SET_YAW_ORIGIN, query, user)
         self._phones.centred(user)
         return reply.model_dump(mode="json")
 
-    def _tell_loser(self, user: str, loser: str, page: str) -> None:
-        """Tell a phone that has lost the wrist of `user` to `page`; pages see it in their status."""
+    def _tell_loser(self, user: str, loser: str, page: str, *, is_own: bool = False) -> None:
+        """Tell a phone from which `page` has taken the wrist of `user`; pages see it in their status."""
         if loser and loser != page and loser == self._pairing.paired(user, self._now_s()):
-            self._phones.lost(user)
+            self._phones.lost(user, is_own=is_own)
 
     def _now_s(self) -> float:
         return time.monotonic()

@@ -8,6 +8,7 @@ the query's fields. Deeds are this server's own; `name` is the person:
   whoever moves it.
 - `tremor`, `{"rms_deg": number}`: let that arm tremble.
 - `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
+  `{"off": true}`: their phone is not paired any more, nor is a code valid that was shown.
 - `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
 - `centre`: the person's arm points at the middle of the room right now.
 """
@@ -95,11 +96,17 @@ class Tremor(_Extras):
     rms_deg: float = Field(ge=0, le=MOST_TREMOR_DEG)
 
 
+class Pair(_Extras):
+    """A phone is to be paired, or not to be any more."""
+
+    off: bool = False
+
+
 class Plain(_Extras):
     """Nothing more to say."""
 
 
-EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor}
+EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": Pair}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

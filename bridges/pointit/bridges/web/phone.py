@@ -81,9 +81,9 @@ class Phones:
         """Tell the phone of `user` where to point."""
         self._tell(user, self._cues_of(user).localization(progress))
 
-    def lost(self, user: str) -> None:
-        """Tell the phone of `user` that somebody else has taken the wrist from it."""
-        self._tell(user, self._cues_of(user).loss())
+    def lost(self, user: str, *, is_own: bool = False) -> None:
+        """Tell the phone of `user` that the wrist was taken from it; `is_own`: nobody else moves it now."""
+        self._tell(user, self._cues_of(user).loss(is_own=is_own))
 
     def centred(self, user: str) -> None:
         """Tell the phone of `user` what is ahead of it from now on."""

@@ -56,8 +56,8 @@ Mover = Literal["own", "mouse", "phone"]
 
 Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "centre"]
 """What a page can ask of this server itself: press a person's button; take their wrist with the mouse, give
-it back; let the mouse's arm tremble; pair a phone; open the page to the local network; a phone, held as the
-page says, points ahead."""
+it back; let the mouse's arm tremble; pair a phone, or unpair it; open the page to the local network; a phone,
+held as the page says, points ahead."""
 
 LATEST_MS = 9e12
 """Of a device's clock: as many ns fit 64 bits."""
@@ -100,6 +100,13 @@ class FindingLine(Part):
     remedy: str
 
 
+class AssumedPlace(Part):
+    """Where a person is taken to stand."""
+
+    position_m: Annotated[Vec3, Field(description="of their feet in {W}, m")]
+    yaw_rad: Annotated[float, Field(description="azimuth of {H}'s x axis in {W}, rad")]
+
+
 class PersonLine(Part):
     """A person who is there."""
 
@@ -108,6 +115,9 @@ class PersonLine(Part):
     is_mine: Annotated[bool, Field(description="by this very page")] = False
     phone: Annotated[str, Field(description="what a paired phone says of itself; empty: none is paired")] = ""
     battery: Fraction | None = None
+    assumed: Annotated[
+        AssumedPlace | None, Field(description="as long as they have no pose; empty: nobody says where")
+    ] = None
 
 
 class Status(Part):
@@ -139,9 +149,13 @@ class Cue(Part):
     text: str = ""
     state: str = ""
     next_step: str = ""
-    has_lost_arm: Annotated[bool, Field(description="somebody else has taken the arm from this phone")] = (
+    wants_double: Annotated[bool, Field(description="a double press does what the next step asks for")] = (
         False
     )
+    progress: Annotated[
+        Fraction | None, Field(description="of pointing at targets; empty: nothing is to be pointed at")
+    ] = None
+    has_lost_arm: Annotated[bool, Field(description="the arm does not follow this phone any more")] = False
 
 
 class Ack(Part):

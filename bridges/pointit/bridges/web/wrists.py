@@ -7,7 +7,7 @@ from typing import Literal
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.mouse_arm import MouseArm
 from pointit.bridges.web.standing import Standing, middle, stand_in
-from pointit.bridges.web.wire import AimAt, Mover, PersonLine, Turn
+from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn
 from pointit.schemas import (
     NS_PER_S,
     Environment,
@@ -201,7 +201,9 @@ class Wrists:
     def line(self, user: str, page: str, now_ns: int, *, paired: str = "") -> PersonLine:
         """Return what `page` is told of `user`; `paired`: the page id of the phone that is paired."""
         holder, mover = self.holder(user)
-        phone = self._person(user).phones.get(paired) if paired else None
+        person = self._person(user)
+        phone = person.phones.get(paired) if paired else None
+        place = person.standing.assumed
         if not paired:
             said = ""
         elif phone is None:
@@ -214,6 +216,7 @@ class Wrists:
             user=user,
             moved_by=mover,
             is_mine=bool(page) and holder == page,
+            assumed=None if place is None else AssumedPlace(position_m=place[0], yaw_rad=place[1]),
             phone=said,
             battery=None if phone is None else phone.turn.battery,
         )

@@ -135,7 +135,9 @@ class Listener:
         self._state = ServerState()
         self._visits: OrderedDict[Any, _Visit] = OrderedDict()
         """By connection, in the order of coming: those that are no websocket."""
-        self._arriving: OrderedDict[asyncio.Task[None], socket.socket] = OrderedDict()
+        self._arriving: OrderedDict[asyncio.Task[None], None] = OrderedDict()
+        self._at_the_door: socket.socket | None = None
+        """Accepted, and nobody's yet."""
         self._lingering: set[Any] = set()
         self._accepting: asyncio.Task[None] | None = None
 
@@ -179,6 +181,8 @@ class Listener:
         for task in (accepting, *arriving):
             task.cancel()
         await asyncio.gather(accepting, *arriving, return_exceptions=True)
+        if self._at_the_door is not None:
+            self._at_the_door.close()
         self._socket.close()
         state = self._state
         for connection in list(state.connections):
@@ -206,17 +210,19 @@ class Listener:
                 await asyncio.sleep(REST_S)
                 continue
             if len(self._arriving) >= MOST_ARRIVING:
-                next(iter(self._arriving)).cancel()
+                oldest, _ = self._arriving.popitem(last=False)
+                oldest.cancel()
             task = asyncio.create_task(self._let_in(accepted), name=f"port {self.port} lets in")
-            self._arriving[task] = accepted
+            self._arriving[task] = None
             task.add_done_callback(self._arrived)
+            self._at_the_door = accepted
+            await asyncio.sleep(0)  # it begins; of many that wait at once the next is not taken before
 
     def _arrived(self, task: asyncio.Task[None]) -> None:
-        accepted = self._arriving.pop(task)
-        if task.cancelled():
-            accepted.close()
+        self._arriving.pop(task, None)
 
     async def _let_in(self, accepted: socket.socket) -> None:
+        self._at_the_door = None
         loop = asyncio.get_running_loop()
         with contextlib.suppress(OSError):  # gone again, or no TLS, or too slow at it: it is closed then
             _, connection = await loop.connect_accepted_socket(

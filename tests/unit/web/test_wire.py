@@ -25,7 +25,7 @@ def test_the_clients_schema_is_the_models() -> None:
 
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
 def test_the_client_takes_every_topic_that_it_is_sent() -> None:
-    text = CLIENT.with_name("src").joinpath("apply.ts").read_text(encoding="utf-8")
+    text = CLIENT.with_name("src").joinpath("site", "apply.ts").read_text(encoding="utf-8")
     unseen = re.search(r"type Unseen =(.*?);", text, re.DOTALL)  # tsc sees to all others
     assert unseen
     assert set(re.findall(r'"(.+?)"', unseen[1])) == {topic.key for topic in set(TOPICS) - set(SHOWN)}

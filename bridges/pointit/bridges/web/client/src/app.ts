@@ -5,7 +5,7 @@
  */
 
 import "./app.css";
-import { Connection } from "./connection";
+import { Connection } from "./site/connection";
 import { Desk } from "./desk";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
@@ -26,7 +26,7 @@ import { tuningPart } from "./panel/tuning";
 import { makeScenario } from "./scenario";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
-import { emptySite, type Happened, type Site } from "./site";
+import { emptySite, type Happened, type Site } from "./site/site";
 import { chime } from "./sound";
 import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";

@@ -1,11 +1,11 @@
 /** What controls work with: the site, what this page may ask, and for whom. */
 
-import type { Reply, Wish } from "./asks";
-import { Refusal } from "./asks";
-import type { Connection } from "./connection";
+import type { Reply, Wish } from "./site/asks";
+import { Refusal } from "./site/asks";
+import type { Connection } from "./site/connection";
 import { byName } from "./format";
 import type { Settings } from "./settings";
-import type { Person, Site } from "./site";
+import type { Person, Site } from "./site/site";
 import type { Toasts } from "./toasts";
 import { SERVERS, type RequestKey } from "./topics";
 import type { Hello } from "./wire";
@@ -13,7 +13,7 @@ import type { Hello } from "./wire";
 type Deed = Hello["deeds"][number];
 
 export class Desk {
-  #chosen = "";
+  private chosen = "";
 
   constructor(
     readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
@@ -24,7 +24,7 @@ export class Desk {
   /** Whom controls are about: the chosen person, else the one this page moves, else the first. */
   get user(): string {
     const { people } = this.site;
-    if (people.has(this.#chosen)) return this.#chosen;
+    if (people.has(this.chosen)) return this.chosen;
     return this.mine?.user ?? [...people.keys()].sort(byName)[0] ?? "";
   }
 
@@ -41,7 +41,7 @@ export class Desk {
   }
 
   choose(user: string): void {
-    this.#chosen = user;
+    this.chosen = user;
     this.changed();
   }
 

@@ -1,7 +1,7 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
 import type { Vec3 } from "./geometry/vec";
-import type { Site } from "./site";
+import type { Site } from "./site/site";
 
 /** From where a view looks; `eyes` are those of the chosen person. A view may lack some. */
 export type Camera = "room" | "top" | "eyes";

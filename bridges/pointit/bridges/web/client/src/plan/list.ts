@@ -1,7 +1,7 @@
 /** The plan as a list: for those who do not see it, and for those who select by the keyboard alone. */
 
 import { write } from "../dom";
-import type { Site } from "../site";
+import type { Site } from "../site/site";
 import { lampRows, objectRows, peopleRows, type Row } from "./sentences";
 
 /** The list is told anew no more often than this, ms: a screen reader must come to its end. */

@@ -1,7 +1,7 @@
 /** Tracked objects in the plan: their kind by colour and letter, whose they are by pattern and name. */
 
 import type { TrackedObject } from "../messages";
-import { siteNow, type Site } from "../site";
+import { siteNow, type Site } from "../site/site";
 import { cssColor, kindColor, kindLetter } from "../geometry/looks";
 import type { Lanes } from "./lanes";
 import { inkOn, signOf } from "./signs";

@@ -1,6 +1,6 @@
 /** People in the plan: body, arm, ray, cursor, the gauge of what they hover, how unsure their place is. */
 
-import type { Person, Site } from "../site";
+import type { Person, Site } from "../site/site";
 import type { Vec3 } from "../geometry/vec";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Environment, Hover, Strip, TrackedObject } from "../messages";
 import { Polyline } from "../geometry/polyline";
-import { emptyPerson, emptySite } from "../site";
+import { emptyPerson, emptySite } from "../site/site";
 import { Frame, grown, scaleBar } from "./frame";
 import { Lanes } from "./lanes";
 import { facing, rayEnd } from "./people";

@@ -1,7 +1,7 @@
 /** The plan: the site from above as SVG. For browsers without WebGL, and, with its list, for everybody. */
 
 import "./plan.css";
-import type { Site } from "../site";
+import type { Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { boundsOf } from "../geometry/bounds";
 import type { Vec3 } from "../geometry/vec";

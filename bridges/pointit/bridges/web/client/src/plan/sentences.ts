@@ -1,6 +1,6 @@
 /** The plan in words: what there is to know of people, objects and lamps, one short line each. */
 
-import type { Person, Site } from "../site";
+import type { Person, Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { stateTitle, thing } from "../words";

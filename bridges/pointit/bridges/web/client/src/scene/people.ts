@@ -1,6 +1,6 @@
 /** People: where they stand and how surely, where they point, and what they are asked to point at. */
 
-import type { Person, Site } from "../site";
+import type { Person, Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { cssColor, visibleColor, type Pattern } from "../geometry/looks";

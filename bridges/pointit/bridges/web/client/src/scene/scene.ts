@@ -4,7 +4,7 @@ import type * as THREE from "three";
 import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
-import { siteNow, type Site } from "../site";
+import { siteNow, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
 import { Cameras } from "./cameras";

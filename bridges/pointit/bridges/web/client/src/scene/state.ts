@@ -2,7 +2,7 @@
 
 import { cssColor, kindColor, kindLetter, visibleColor, type Pattern } from "../geometry/looks";
 import type { Read3, Vec3 } from "../geometry/vec";
-import type { Site } from "../site";
+import type { Site } from "../site/site";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 import type { Thing, Things } from "./things";

@@ -4,9 +4,9 @@ import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
 import { note } from "./log";
 import { emptyPerson, type Happened, type Person, type Site } from "./site";
-import type { Topics } from "./topics";
-import type { Status } from "./wire";
-import { eventLine } from "./words";
+import type { Topics } from "../topics";
+import type { Status } from "../wire";
+import { eventLine } from "../words";
 
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
@@ -93,7 +93,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
 /** Keeps a site up to date. */
 export class Keeper {
   /** Everybody of whom something is known; `site.people` has those who are there. */
-  readonly #known = new Map<string, Person>();
+  private readonly known = new Map<string, Person>();
 
   constructor(readonly site: Site) {}
 
@@ -145,17 +145,17 @@ export class Keeper {
   /** Nothing is known any more: the first batch of a new connection tells all that is true. */
   clear(): void {
     const { site } = this;
-    this.#known.clear();
+    this.known.clear();
     for (const all of [site.people, site.objects, site.lamps, site.health, site.deployments]) all.clear();
     Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
   }
 
   /** The person called `user`, new if not known yet. */
   person(user: string): Person {
-    let found = this.#known.get(user);
+    let found = this.known.get(user);
     if (!found) {
       found = emptyPerson(user);
-      this.#known.set(user, found);
+      this.known.set(user, found);
     }
     return found;
   }

@@ -3,8 +3,8 @@
 import type {
   ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, Interaction, LampColor, Localization,
   Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile,
-} from "./messages";
-import type { Hello, PersonLine, Status } from "./wire";
+} from "../messages";
+import type { Hello, PersonLine, Status } from "../wire";
 
 /** All that is known of one person. */
 export interface Person {

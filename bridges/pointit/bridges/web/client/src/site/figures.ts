@@ -1,7 +1,7 @@
 /** Figures of the whole site out of each service's own account. */
 
-import type { Health } from "./messages";
-import type { Topics } from "./topics";
+import type { Health } from "../messages";
+import type { Topics } from "../topics";
 
 export interface Rates {
   imu: number | null;

@@ -2,11 +2,13 @@
 
 import asyncio
 import io
+import threading
 from typing import IO, Any
 
 import pytest
 from mcap.reader import make_reader
 
+from pointit.bridges.web import answers, pairing
 from pointit.bridges.web.recording import Recording
 from pointit.runtime import RefusedError
 from pointit.schemas import (
@@ -261,7 +263,14 @@ async def test_the_middle_of_the_room_is_ahead() -> None:
         assert len(yaws) == 1
 
 
-async def test_a_phone_is_paired_over_the_local_network_only() -> None:
+async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn_by: list[bool] = []
+
+    def drawn(url: str, fingerprint: str) -> dict[str, Any]:
+        drawn_by.append(threading.current_thread() is threading.main_thread())
+        return pairing.offer(url, fingerprint)
+
+    monkeypatch.setattr(answers, "offer", drawn)
     async with (
         memory_bench() as bench,
         serving(bench, lan_address="127.0.0.1", lan_port=0) as server,
@@ -277,6 +286,7 @@ async def test_a_phone_is_paired_over_the_local_network_only() -> None:
         offer = (await page.ask(deed="pair", name="anna"))["reply"]
         assert offer["url"].startswith(opened["reply"]["url"] + "/phone?token=")
         assert offer["qr_svg"].startswith("<svg")
+        assert drawn_by == [False]
         await until(lambda: "paired" in page.person("anna")["phone"])
 
 

@@ -1,5 +1,6 @@
 """Answers what pages and phones ask for: requests go to their servers, deeds are done here."""
 
+import asyncio
 import time
 from collections.abc import Callable, Collection
 from typing import Any, cast
@@ -60,6 +61,7 @@ class Answers:
         self._doors = doors
         self._present = present
         self._changed = changed
+        self._drawing = asyncio.Lock()
 
     async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
         """Do what is asked for.
@@ -142,7 +144,9 @@ class Answers:
         token, replaced = self._pairing.pair(user, self._now_s())
         await self._phones.cut(replaced)
         self._changed()
-        return offer(f"{self._lan.url}/phone?token={token}", self._lan.fingerprint)
+        url = f"{self._lan.url}/phone?token={token}"
+        async with self._drawing:  # takes 20 ms; whoever asks again and again costs the others nothing
+            return await asyncio.to_thread(offer, url, self._lan.fingerprint)
 
     async def _unpair(self, user: str) -> dict[str, Any]:
         page = self._pairing.unpair(user)

@@ -9,19 +9,16 @@ import base64
 import json
 import sys
 import tempfile
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 from playwright.async_api import Browser, Page, expect
 
-from pointit.schemas import Hover
-from pointit.schemas.topics import HOVER
 from tests.e2e.web.phone import PhonePage
 from tests.e2e.web.site import SitePage, running
 from tests.e2e.web.window import Window
-from tests.support.bench import until
 from tests.support.browser import chromium, installed
 from tests.support.commands import Commands, Onlooker, onlooker
 
@@ -31,6 +28,8 @@ QUALITY = 88
 MOST_BYTES = 250_000
 SPEED = "0.25"
 """Of the site: a picture takes its time here, and what it shows should still be so when it is done."""
+DWELL_S = 3.0
+"""Till an object is selected, that a slow picture is in time."""
 ARGUMENTS = ("scenario_4", "--seed", "3", "--speed", SPEED, "--duration", "900", "--lan")
 FINE = """
 for (const kind of [WebGL2RenderingContext]) {
@@ -44,6 +43,13 @@ window.WebSocket = class extends Socket { constructor(...all) { super(...all); w
 Object.defineProperty(document, "hidden", { get: () => true });  // who is not seen may be slow
 """
 """Has the page draw with shadows and all pixels, slow as it is; where its mouse points it is told, then."""
+SHOWS_GAUGE = """(() => {
+  const value = document.querySelector("#guide progress[data-shown]")?.value ?? 0;
+  const text = document.querySelector("#guide").textContent;
+  return text.includes("Red package: stay on it") && value > 0.15 && value < 0.6;
+})()"""
+SHOWS_SELECTING = """[...window.pointit.site.people.values()].some(
+  ({ hover }) => hover?.action === "select" && hover.progress > 0.25 && hover.progress < 0.6)"""
 
 
 async def photograph() -> None:
@@ -56,8 +62,8 @@ async def photograph() -> None:
         async with run("--users", "1") as site, onlooker(site.endpoint) as seen:
             await by_mouse(browser, site, seen)
             await by_phone(browser, site)
-        async with run("--users", "2") as site, onlooker(site.endpoint) as seen:
-            await two_people(browser, site, seen)
+        async with run("--users", "2") as site:
+            await two_people(browser, site)
 
 
 @asynccontextmanager
@@ -66,7 +72,11 @@ async def run(*arguments: str) -> AsyncGenerator[SitePage]:
     with tempfile.TemporaryDirectory() as folder:
         commands, state = Commands(Path(folder)), Path(folder) / "state"
         try:
-            yield await running(commands, *ARGUMENTS, *arguments, "--set", "web.lan_port=0", state=state)
+            site = await running(commands, *ARGUMENTS, *arguments, "--set", "web.lan_port=0", state=state)
+            async with onlooker(site.endpoint) as seen, site.operator() as operator:
+                await seen.hears("selector")
+                await operator.ask(key="selector/method", query={"dwell_s": DWELL_S})
+            yield site
         finally:
             commands.kill_all()
 
@@ -77,23 +87,23 @@ async def by_mouse(browser: Browser, site: SitePage, seen: Onlooker) -> None:
     await window.is_shown(60)
     await window.page.get_by_role("button", name="Point with the mouse").click()
     await expect(window.page.locator("#guide")).to_contain_text("You are the arm now")
-    is_time = half_way(seen, "user1")
+    await window.page.wait_for_timeout(3000)  # nothing is left of what the simulated person did
     async with asyncio.timeout(180):
-        while not is_time():
+        while not await window.page.evaluate(SHOWS_GAUGE):
             if red := [each for each in seen.objects[-1].objects if each.kind == "red"]:
                 aim = {"kind": "aim", "user": "user1", "at_m": red[0].position_m}
                 await window.page.evaluate(f"window.socket.send({json.dumps(json.dumps(aim))})")
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(0.02)
     await save(window.page, "window-light.webp")
     await window.page.context.close()
 
 
-async def two_people(browser: Browser, site: SitePage, seen: Onlooker) -> None:
+async def two_people(browser: Browser, site: SitePage) -> None:
     """Dark: two simulated people, one of them half-way through a selection."""
     window = await Window.open(browser, site.url, size=SIZE, theme="dark", scripts=(FINE,))
     await window.is_shown(60)
     await window.page.wait_for_timeout(3000)
-    await until(half_way(seen, "user1", "user2"), 180, "a selection")
+    await window.until(SHOWS_SELECTING, "a selection", 180)
     await save(window.page, "window-dark.webp")
     await window.page.context.close()
 
@@ -110,20 +120,6 @@ async def by_phone(browser: Browser, site: SitePage) -> None:
     await phone.page.wait_for_timeout(1500)
     await save(phone.page, "window-phone.webp", scale=2)
     await phone.page.context.close()
-
-
-def half_way(seen: Onlooker, *users: str) -> Callable[[], bool]:
-    """Return what tells whether one of `users` is in the midst of selecting something red."""
-    newest: dict[str, Hover] = {}
-    seen.bus.subscribe(HOVER, lambda hover, user: newest.__setitem__(user, hover))
-
-    def is_half_way(hover: Hover) -> bool:
-        kinds = {thing.id: thing.kind for thing in seen.objects[-1].objects}
-        return kinds.get(hover.object_id) == "red" and hover.action == "select" and 0.3 < hover.progress < 0.6
-
-    return lambda: (
-        bool(seen.objects) and any(is_half_way(hover) for user, hover in newest.items() if user in users)
-    )
 
 
 async def save(page: Page, name: str, scale: int = 1) -> None:

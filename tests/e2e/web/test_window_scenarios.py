@@ -26,6 +26,8 @@ SCENARIOS = {
 }
 """In the order in which they are run; titles as the page has them."""
 
+LOOKS = 5
+"""A machine that does ten other things draws late."""
 LIT = """() => {
   const { site } = window.pointit;
   const strips = site.strips?.strips ?? [];
@@ -63,6 +65,11 @@ class Picture:
             white=int((region.min(axis=1) > 0.97).sum()),
         )
 
+    def shows(self, scenario: str) -> bool:
+        """Return whether there is as much to see as there should be."""
+        is_lit = self.white > 100 if scenario == "scenario_2" else self.strong > 60
+        return self.colors > 60 and self.contrast > 0.04 and is_lit
+
 
 def folder(tmp_path: Path) -> Path:
     """Return where the pictures go."""
@@ -97,15 +104,18 @@ async def test_each_scenario_is_run_from_the_page_and_seen(
         if scenario in ("scenario_3", "scenario_4"):
             await window.until(f"({LIT})().objects > 0", f"something moves in {scenario}", 25)
         canvas = page.locator("#view canvas")
-        await page.wait_for_timeout(1500)  # the camera's way to the new room
         path = folder(tmp_path) / f"{scenario}.png"
-        await page.screenshot(path=path)
-        box = await canvas.bounding_box()
-        assert box is not None
-        # without what lies over the scene: the card at the top, cameras and toasts at the bottom
-        seen = Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
-        assert seen.colors > 60, (scenario, seen, lit)
-        assert seen.contrast > 0.04, (scenario, seen, lit)
-        assert seen.white > 100 if scenario == "scenario_2" else seen.strong > 60, (scenario, seen, lit)
+        seen: Picture | None = None
+        for _ in range(LOOKS):
+            await page.wait_for_timeout(1500)  # the camera's way to the new room
+            await page.screenshot(path=path)
+            box = await canvas.bounding_box()
+            assert box is not None
+            # without what lies over the scene: the card at the top, cameras and toasts at the bottom
+            seen = Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
+            if seen.shows(scenario):
+                break
+        else:
+            pytest.fail(f"{scenario}: there is too little to see: {seen}, {lit}")
     assert window.faults == []
     assert await window.violations() == []

@@ -64,7 +64,7 @@ const connection = new Connection(site, {
 });
 const desk = new Desk(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(desk, () => stage.view);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), desk, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "progress", "guide", "cameras", "toasts", "chip"].map(at), desk, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });

@@ -3,6 +3,7 @@
 import { choice } from "./choice";
 import type { Desk } from "./desk";
 import { show, write } from "./dom";
+import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import { makePlan } from "./plan/plan";
 import { isDark } from "./theme";
@@ -33,12 +34,13 @@ export class Stage {
   /**
    * @param host where the view is drawn.
    * @param chip where is said how it is drawn, when that matters.
+   * @param cards what else may lie over the view.
    * @param onAim the mouse points there, {W}.
    * @param onNew a new view is there.
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly desk: Desk, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly desk: Desk, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     cameras.append(this.cameras.element);
@@ -91,10 +93,18 @@ export class Stage {
     if (!view) return;
     if (this.camera === "eyes" && this.user !== this.desk.user) this.look("eyes");
     this.cameras.set(this.camera);
+    view.keepClear?.(this.covered());
     const { software, renderer } = view.stats;
     show(this.chip, software);
     write(this.chip, software ? "Light mode: no graphics processor" : "");
     this.chip.title = renderer;
+  }
+
+  /** What lies over the view, px. */
+  private covered(): Rect[] {
+    const { left, top } = this.host.getBoundingClientRect();
+    return this.cards.map((card) => card.getBoundingClientRect()).filter(({ width }) => width > 0)
+      .map(({ x, y, width, height }) => ({ x: x - left, y: y - top, width, height }));
   }
 
   private giveWay(): void {

@@ -1,5 +1,6 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
+import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import type { Site } from "./site/site";
 
@@ -29,6 +30,8 @@ export interface View {
   draw(site: Site): void;
   setTheme(dark: boolean): void;
   setCamera(camera: Camera, user: string): void;
+  /** Put no label there: cards lie over these parts of the view, px. A view that begins below them has no need of it. */
+  keepClear?(covered: readonly Rect[]): void;
   /** While on, moving over the view aims (a cross-hair shows, dragging still turns the camera); `user`: whose arm. */
   setPointing(on: boolean, user: string): void;
   /** Move the aimed-at place by so many metres to the right of the view and up (away) in it; for arrow keys. */

@@ -1,6 +1,6 @@
 /** The plan in words: what there is to know of people, objects and lamps, one short line each. */
 
-import type { Person, Site } from "../site/site";
+import { standingOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { stateTitle, thing } from "../words";
@@ -14,7 +14,7 @@ export interface Row {
 /** People in counting order: what they do, what they point at. */
 export function peopleRows(site: Site): Row[] {
   return [...site.people.values()].sort((a, b) => byName(a.user, b.user)).map((person) => ({
-    key: person.user, name: person.user, text: [whatTheyDo(person), ...whatTheyPointAt(site, person)].join("; "),
+    key: person.user, name: person.user, text: [whatTheyDo(person), ...whereTheyStand(person), ...whatTheyPointAt(site, person)].join("; "),
   }));
 }
 
@@ -61,6 +61,11 @@ function whatTheyDo(person: Person): string {
   const search = person.localization;
   const isSearching = person.interaction?.state === "localizing" && search?.phase === "sampling" && search.target_id;
   return isSearching ? `${state}, pointing at ${search.target_id}, ${Math.round(search.progress * 100)} %` : state;
+}
+
+function whereTheyStand(person: Person): string[] {
+  const stands = standingOf(person);
+  return !stands ? ["where they stand is not known"] : stands.isAssumed ? ["their place is yet to be found"] : [];
 }
 
 function whatTheyPointAt(site: Site, person: Person): string[] {

@@ -2,9 +2,10 @@
 
 import type * as THREE from "three";
 import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
+import type { Rect } from "../geometry/placing";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
-import { siteNow, type Site } from "../site/site";
+import { siteNow, standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
 import { Cameras } from "./cameras";
@@ -98,7 +99,7 @@ class Scene implements View {
   /** How many people are to be seen. */
   private posedOf(site: Site): number {
     let count = 0;
-    for (const { pose } of site.people.values()) if (pose) count++;
+    for (const person of site.people.values()) if (standingOf(person)) count++;
     return count;
   }
 
@@ -114,6 +115,12 @@ class Scene implements View {
     if (camera === "eyes" && direction && (this.camera.mode !== "eyes" || this.camera.user !== user)) this.camera.face(direction);
     this.camera.set(camera, user);
     this.camera.setPointing(this.aim.on);
+    this.wake();
+  }
+
+  keepClear(covered: readonly Rect[]): void {
+    if (JSON.stringify(covered) === JSON.stringify(this.labels.covered)) return;
+    this.labels.covered = covered;
     this.wake();
   }
 

@@ -34,13 +34,13 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     if (!dark) marks.add(thing.placed.at, radius * 1.06, [20, 25, 32], { faces: true, thick: 0.34, alpha: 0.4 }, up);
     marks.add(thing.placed.at, radius, shown, { faces: true, thick: 0.28, progress: hover.progress }, up);
     if (hover.taken_by && hover.action === "refuse") {
-      labels.add(`taken ${user}`, thing.placed.at, up + 0.16, [{ text: `taken by ${hover.taken_by}` }], cssColor(color));
+      labels.add(`taken ${user}`, thing.placed.at, up + 0.16, [{ text: `taken by ${hover.taken_by}` }], cssColor(color), 1);
     }
   }
   for (const thing of things.byId.values()) {
     if (thing.form === "package") continue;
     const { kind, id } = thing.object;
-    const letter = { text: kindLetter(kind) || "?", color: cssColor(kindColor(kind)) };
+    const letter = { text: kindLetter(kind) || "?", color: kindColor(kind) };
     labels.add(`thing ${id}`, thing.placed.at, thing.form === "segment" ? 0.06 : 0.2, thing.form === "robot" ? [{ text: id }] : [letter]);
     if (thing.form === "robot") marks.add([thing.placed.at[0], thing.placed.at[1], 0], 0.12, WHITE, { thick: 0.12, alpha: 0.4 }, 0.01);
   }
@@ -52,8 +52,8 @@ export function counts(site: Site, bays: readonly { id: string; at: Vec3 }[], la
     const out = site.conveyor?.bays.filter(({ bay }) => bay === id) ?? [];
     labels.add(`bay ${id}`, at, 0.22, [
       { text: /^bay/i.test(id) ? id : `Bay ${id}` },
-      ...out.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: cssColor(kindColor(kind)) })),
-    ]);
+      ...out.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: kindColor(kind) })),
+    ], "", 1);
   }
 }
 

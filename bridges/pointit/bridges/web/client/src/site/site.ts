@@ -94,6 +94,28 @@ export function emptyPerson(user: string): Person {
   };
 }
 
+/** A cursor that is older says nothing of now, ms: that wrist is not heard. */
+const HEARD_MS = 800;
+
+/** Whether the cursor of `person` is one of `now` (`performance.now()`). */
+export function isHeard(person: Person, now: number): boolean {
+  return person.cursor !== null && now - person.cursorAt < HEARD_MS;
+}
+
+/** Where a person's feet are ({W}, m) and the azimuth of {H}'s x axis, rad. */
+export interface Standing {
+  position_m: [number, number, number];
+  yaw_rad: number;
+  /** There is no pose: this is where they are taken to stand. */
+  isAssumed: boolean;
+}
+
+/** Where `person` stands; nothing where nobody knows. */
+export function standingOf({ pose, line }: Person): Standing | null {
+  const known = pose ?? line?.assumed;
+  return known ? { position_m: known.position_m, yaw_rad: known.yaw_rad, isAssumed: !pose } : null;
+}
+
 /** Now in the site's time, ns, as well as it is known. */
 export function siteNow(site: Site): number {
   return site.sentNs + (performance.now() - site.cameAt) * 1e6 * site.speed;

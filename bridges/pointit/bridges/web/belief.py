@@ -48,6 +48,8 @@ class Belief:
         elif isinstance(message, Health):
             self._sight.report(name, message, now_s)
         elif isinstance(message, Deployment):
+            if self._deployments.is_another(message):
+                self._sight.begin_anew(now_s)
             self._forget(self._deployments.put(name, message, self.present))
         return True
 

@@ -139,8 +139,8 @@ class Pages:
         if p95_ms is not None and p95_ms > SLOW_MS:
             self._bus.warn(
                 "lag",
-                f"pages show what was {p95_ms:.0f} ms ago (95th percentile); is this machine or theirs "
-                "overloaded, or the network slow?",
+                f"pages show what was {p95_ms:.0f} ms ago (95th percentile): this machine or theirs is busy, "
+                "or the network slow; the plan instead of the scene is lighter for a machine without graphics",
             )
         else:
             self._bus.clear("lag")

@@ -85,6 +85,7 @@ export class Picture {
     this.scene.fog = this.fog;
     this.scene.add(this.sky, this.sun, this.sun.target);
     this.canvas.addEventListener("webglcontextlost", (event) => {
+      if (!this.canvas.isConnected) return; // `dispose` loses it too, and is told of it later
       event.preventDefault();
       this.isLost = true;
       on.away();

@@ -83,6 +83,7 @@ def page_of(
     below: Mapping[str, Any] | None = None,
     asked: Mapping[str, Any] | None = None,
     places: Mapping[str, Mapping[str, Any]] | None = None,
+    option: str = "--web-port",
 ) -> Page:
     """Return the page, with tokens of its own, at ports that are free now.
 
@@ -91,6 +92,7 @@ def page_of(
         below: what a scenario says of it.
         asked: what options of the command line say of it.
         places: by user, where people are taken to stand.
+        option: of the command line, which another port is chosen with.
 
     Raises:
         ConfigError: a parameter is wrong.
@@ -104,9 +106,7 @@ def page_of(
     sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
     layers = layers_of(PAGE, sources, chosen)
     config = layers.build(WebConfig)
-    ports = {
-        "port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option="--web-port")
-    }
+    ports = {"port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option=option)}
     if config.lan:
         is_asked = "lan_port" in layers.values
         ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")

@@ -13,13 +13,13 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import bare_chain, cores, our_chain, startup, users
+from benchmarks import bare_chain, cores, our_chain, page, startup, users
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.process import SWITCH_INTERVAL_S
 from pointit.runtime.state import VARIABLE
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "startup", "cores")
+PARTS = ("latency", "users", "startup", "cores", "page")
 ROUNDS = 3
 """Baseline and ours take turns, so that both see the same machine."""
 
@@ -69,7 +69,7 @@ def free_endpoint() -> str:
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
 @click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
 def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...]) -> None:
-    """Measure speed as ratios to bare Zenoh in the same run; takes about two minutes."""
+    """Measure speed as ratios to bare Zenoh in the same run; takes about four minutes."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     # services keep what they must not lose: not among what this machine's user keeps
     os.environ[VARIABLE] = click.get_current_context().with_resource(tempfile.TemporaryDirectory())
@@ -97,6 +97,10 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
             core, room, us, times = row["core"], row["map"], row["us"], row.get("times_ours", 1.0)
             ratio = f", {times} x ours" if times != 1.0 else ""
             console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
+    if "page" in wanted:
+        console.print("page: browsers and bare clients of a run …")
+        result["page"] = asyncio.run(page.measure(max(duration, page.LEAST_S)))
+        console.print(page_table(result["page"]))
     result["after"] = machine()
     console.print(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
@@ -142,6 +146,31 @@ def users_table(rows: list[dict[str, Any]]) -> Table:
             f"{row['users_per_core']:.0f}",
             f"{row['delivered']:.1%}",
             f"{age['p99_ms']:.2f}" if age else "-",
+        )
+    return table
+
+
+def page_table(page_result: dict[str, Any]) -> Table:
+    """Return what the page costs and how old what it shows is, as a table."""
+    table = Table(title=f"Page of {page_result['scenario']}, {page_result['duration_s']:.0f} s each")
+    for column in ("who looks on", "run's CPU", "the page's", "to page p50 / p95 / p99 ms", "light p99 ms"):
+        table.add_column(column, justify="left" if column == "who looks on" else "right")
+    rows = [
+        ("no page", page_result["without_page"]),
+        ("nobody", page_result["nobody_looks_on"]),
+        *((f"{row['clients']} bare clients", row) for row in page_result["clients"]),
+        ("nobody", page_result["nobody_looks_on_again"]),
+        *((f"browser, {row['view']}, {row['fps']} frames/s", row) for row in page_result.get("browser", [])),
+    ]
+    for name, row in rows:
+        age = row.get("capture_to_client_ms") or row.get("capture_to_frame_ms")
+        light_ms = row["wrist_to_light_ms"]["p99"]
+        table.add_row(
+            name,
+            f"{row['cpu_share_of_a_core']:.1%}",
+            f"{row['cost_of_page']:.1%}" if "cost_of_page" in row else "",
+            f"{age['p50']:.1f} / {age['p95']:.1f} / {age['p99']:.1f}" if age else "",
+            f"{light_ms:.1f}" if light_ms is not None else "-",
         )
     return table
 

@@ -25,10 +25,12 @@ DEVICES = {
     "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py"},
     "led-driver": {"expander.py"},
     "web": {
+        "answers.py",
         "app.py",
-        "desk.py",
+        "guard.py",
         "lan.py",
         "pages.py",
+        "people.py",
         "phone.py",
         "phone_line.py",
         "serving.py",

@@ -102,22 +102,22 @@ def test_an_old_python_is_no_python(machine: Machine) -> None:
     assert "needs Python 3.11 or newer" in done.stderr
 
 
-def test_the_demo_installs_once_and_runs_scenario_3(machine: Machine) -> None:
+def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     assert machine.run("demo").returncode == 0
-    install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}"
+    install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}[web]"
     assert machine.calls == [
         f"python -m venv {machine.root}/.venv",
         "python -m pip --version",
         install,
-        "pointit run scenario_3",
+        "pointit run scenario_4",
     ]
     assert machine.run("demo", "--duration", "20").returncode == 0
-    assert machine.calls == ["pointit run scenario_3 --duration 20"]
+    assert machine.calls == ["pointit run scenario_4 --duration 20"]
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
     assert machine.run("demo").returncode == 0
-    assert machine.calls[1:] == [install, "pointit run scenario_3"]
+    assert machine.calls[1:] == [install, "pointit run scenario_4"]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_tests_need_more_than_the_demo_and_the_demo_less(machine: Machine) -> No
         file.write("# changed\n")
     machine.run("test")
     machine.run("demo")
-    assert machine.calls == ["pointit run scenario_3"]
+    assert machine.calls == ["pointit run scenario_4"]
 
 
 def test_a_moved_checkout_is_installed_again(machine: Machine, tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_a_moved_checkout_is_installed_again(machine: Machine, tmp_path: Path) -
     machine.run("demo")
     machine.root = machine.root.rename(tmp_path / "elsewhere")
     machine.run("demo")
-    assert machine.calls[-2].endswith(f"-e {machine.root}")
+    assert machine.calls[-2].endswith(f"-e {machine.root}[web]")
 
 
 def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
@@ -166,8 +166,8 @@ def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
     assert machine.calls == [
         f"uv venv --quiet --python {machine.bin}/python3 {machine.root}/.venv",
         f"python -m venv {machine.root}/.venv",
-        f"uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}",
-        "pointit run scenario_3",
+        f"uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]",
+        "pointit run scenario_4",
     ]
 
 
@@ -187,7 +187,7 @@ def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) ->
     assert done.stderr.startswith("no route to the index\n")
     assert "could not be installed" in done.stderr
     assert machine.run("demo").returncode == 0
-    assert machine.calls[-1] == "pointit run scenario_3"
+    assert machine.calls[-1] == "pointit run scenario_4"
 
 
 def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:

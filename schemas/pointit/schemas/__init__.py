@@ -25,6 +25,7 @@ from pointit.schemas.environment import (
 )
 from pointit.schemas.errors import DecodeError, KeyNameError, SchemaError
 from pointit.schemas.person import (
+    WRIST_PATIENCE_S,
     BodyMeasures,
     ButtonEvent,
     ImuSample,
@@ -84,6 +85,7 @@ from pointit.schemas.system import (
 __all__ = [
     "FARTHEST",
     "NS_PER_S",
+    "WRIST_PATIENCE_S",
     "AddPackage",
     "AddPackageReply",
     "Anchor",

@@ -140,6 +140,23 @@ class Environment(Message):
     clouds: Many[Cloud] = ()
 
 
+KIND_COLORS: dict[str, Rgb] = {
+    "red": (255, 30, 0),
+    "green": (0, 158, 80),
+    "blue": (0, 80, 220),
+    "yellow": (240, 200, 20),
+    "orange": (230, 120, 0),
+    "purple": (190, 80, 170),
+}
+"""How kinds of objects are shown, on strips and by every viewer, unless a configuration says otherwise.
+
+Near Okabe and Ito's colours, told apart by colour-blind people; more saturated, as LEDs wash out.
+"""
+
+OTHER_COLOR: Rgb = (200, 200, 200)
+"""Of any other kind."""
+
+
 class TrackedObject(Part):
     """A thing whose place is known: a package, a segment, a robot."""
 

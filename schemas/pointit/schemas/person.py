@@ -6,6 +6,12 @@ from pydantic import Field
 
 from pointit.schemas.base import Count, Extent, Fraction, Message, Ns, Part, QuaternionXyzw, Real, Rgb, Vec3
 
+WRIST_PATIENCE_S = 1.0
+"""A page has a person's wrist until it has sent no `WristSample` for so long, wall seconds.
+
+Whoever else moves that wrist says nothing meanwhile; all take the same time, or two would move it at once.
+"""
+
 
 class ImuSample(Message):
     """Orientation of the arm: rotates vectors of the arm frame (x along the arm to the finger) into {H}.

@@ -197,7 +197,7 @@ class Hover(Message):
 class Interaction(Message):
     """Where the person is in the interaction's life cycle (paper, §II-D), and what they should do next."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     state: Literal["idle", "localizing", "pointing"]
     next_step: Annotated[str, Field(description="one sentence for the person")] = ""
@@ -205,6 +205,13 @@ class Interaction(Message):
     ahead: Annotated[
         Many[str], Field(description="who is to be localized first, in turn; empty: nobody, or no wish to be")
     ] = ()
+    is_unsure: Annotated[
+        bool,
+        Field(
+            description="the person's direction has become uncertain: a double press, then pointing at a "
+            "lamp once, sets it right"
+        ),
+    ] = False
 
 
 class Feedback(Message):

@@ -8,7 +8,7 @@ import click
 from pointit.cli import browser
 from pointit.cli.link import site_options
 from pointit.cli.opening import CLOCK_PATIENCE_S
-from pointit.cli.page import EVERYWHERE, PORT, Page, has_extra, missing, page_of
+from pointit.cli.page import EVERYWHERE, PORT, Page, can_be, missing, page_of
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
@@ -48,15 +48,15 @@ def command(
 ) -> int:
     """Open the page of a site that runs elsewhere: a `pointit run` on another machine, or on this one.
 
-    It joins the site, prints the address of the page, and serves it until Ctrl-C. The site goes on when the
-    page ends, and the page waits for the site when that ends or is not there yet.
+    It joins the site, as soon as somebody answers there, prints the address of the page, and serves it until
+    Ctrl-C. The site goes on when the page ends, and the page waits for the site when that ends.
 
     Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
     """
     setup_logging("warning" if log_level == "info" else log_level)
-    if not has_extra():
+    if not can_be():
         raise missing("pointit dashboard")
-    page = page_of(Settings(), asked=_asked(port, host, is_lan=lan))
+    page = page_of(Settings(), asked=_asked(port, host, is_lan=lan), option="--port")
     check_launches([page.launch()])
     return run_async(_serve(page, link_of(site, connect), is_open=not no_browser, view_only=view_only))
 

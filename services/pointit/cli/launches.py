@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from pointit.cli.extras import load
 from pointit.cli.person_options import REALISTIC, Pose, body_of
 from pointit.cli.scenario import Place, Scenario
 from pointit.cli.settings import Settings, layers_of
@@ -203,6 +204,6 @@ def _launch(
         raise ConfigError(f"{scenario.source}: {scope}: {error.args[0]}") from error
     if row.scope != scope:
         raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
-    service = row.load()
+    service = load(row)
     named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
     return Launch(service=service, config=layers_of(name, named, choices).build(service.CONFIG), user=user)

@@ -20,13 +20,14 @@ def services() -> Section:
                 "name": row.name,
                 "scope": row.scope,
                 "about": row.about,
+                "extra": row.extra,
                 "reads": [topic.key for topic in row.reads],
                 "writes": [topic.key for topic in row.writes],
                 "serves": [request.key for request in row.serves],
             }
             for row in PROCESSES
         ),
-        roomy=frozenset({"reads", "writes", "serves"}),
+        roomy=frozenset({"extra", "reads", "writes", "serves"}),
     )
 
 

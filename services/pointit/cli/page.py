@@ -1,7 +1,5 @@
 """The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
 
-import importlib.metadata
-import re
 import secrets
 import socket
 from collections.abc import Callable, Iterable, Mapping
@@ -9,17 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.bridges.web.config import WebConfig
+from pointit.cli.extras import has_extra, load, remedy
 from pointit.cli.launches import PAGE
 from pointit.cli.settings import Settings, layers_of, service_of
 from pointit.runtime import AnyService, ConfigError, Launch, ListenError
 from pointit.services import registry
 
-REMEDY = 'the page needs `pip install "pointit[web]"`'
+REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """What is said where the extra is not installed."""
-
-NAME = re.compile(r"[\w.-]+")
-OF_EXTRA = re.compile(rf"extra\s*==\s*['\"]{registry.process(PAGE).extra}['\"]")
-"""In a requirement of the distribution (PEP 508)."""
 
 PORT = 8090
 LAN_PORT = 8443
@@ -46,7 +41,7 @@ class NumberedLaunch(Launch):
 
 
 def _load() -> type[AnyService]:
-    service: type[AnyService] = registry.process(PAGE).load()
+    service: type[AnyService] = load(registry.process(PAGE))
     return service
 
 
@@ -77,17 +72,9 @@ class Page:
         return NumberedLaunch(service=self.load(), config=self.config, number=number)
 
 
-def has_extra() -> bool:
+def can_be() -> bool:
     """Return whether what a page needs is installed; none of it is loaded."""
-    for requirement in importlib.metadata.requires("pointit") or ():
-        named = NAME.match(requirement)
-        if named is None or not OF_EXTRA.search(requirement):
-            continue
-        try:
-            importlib.metadata.version(named[0])
-        except importlib.metadata.PackageNotFoundError:
-            return False
-    return True
+    return has_extra(registry.process(PAGE).extra)
 
 
 def page_of(
@@ -96,6 +83,7 @@ def page_of(
     below: Mapping[str, Any] | None = None,
     asked: Mapping[str, Any] | None = None,
     places: Mapping[str, Mapping[str, Any]] | None = None,
+    option: str = "--web-port",
 ) -> Page:
     """Return the page, with tokens of its own, at ports that are free now.
 
@@ -104,6 +92,7 @@ def page_of(
         below: what a scenario says of it.
         asked: what options of the command line say of it.
         places: by user, where people are taken to stand.
+        option: of the command line, which another port is chosen with.
 
     Raises:
         ConfigError: a parameter is wrong.
@@ -117,9 +106,7 @@ def page_of(
     sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
     layers = layers_of(PAGE, sources, chosen)
     config = layers.build(WebConfig)
-    ports = {
-        "port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option="--web-port")
-    }
+    ports = {"port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option=option)}
     if config.lan:
         is_asked = "lan_port" in layers.values
         ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")

@@ -12,7 +12,7 @@ from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
 from pointit.cli.launches import PAGE, Choices, user_launches
 from pointit.cli.newcomer import USUAL, look_round
-from pointit.cli.page import REMEDY, Page, has_extra, is_asked_of_page, missing, page_of
+from pointit.cli.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
 from pointit.cli.plan import Plan
 from pointit.cli.program import Program, places, staged
 from pointit.cli.run_options import page_options, shared_options
@@ -190,7 +190,7 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
             if is_given:
                 raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
         return None, []
-    if not has_extra():
+    if not can_be():
         asked["--set web."] = is_asked_of_page(choices.settings)
         for option, is_given in asked.items():
             if is_given:

@@ -1,9 +1,10 @@
-"""`pointit service NAME`: the same as `python -m pointit.services.NAME`."""
+"""`pointit service NAME`: the same as `python -m` with its module."""
 
 from collections.abc import Callable
 
 import click
 
+from pointit.cli.extras import load
 from pointit.cli.lazy import Entry, LazyGroup
 from pointit.cli.list import services
 from pointit.cli.output import Section, json_option, show
@@ -12,7 +13,7 @@ from pointit.services.registry import PROCESSES, Process
 
 
 def _loader(row: Process) -> Callable[[], click.Command]:
-    return lambda: service_command(row.load())
+    return lambda: service_command(load(row))
 
 
 @click.command(

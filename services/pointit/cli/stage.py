@@ -4,6 +4,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Sequence
+from typing import cast
 
 from pointit.cli.cast import Cast
 from pointit.cli.monitor import Monitor
@@ -209,5 +210,5 @@ def _lines(cast: Cast | None) -> list[Line]:
 def _sentence(error: BaseException) -> str:
     """Return what an error says; of several, the first."""
     while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
+        error = cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
     return str(error) or type(error).__name__

@@ -2,16 +2,22 @@
 
 import itertools
 import json
+import re
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 
-from tests.support.commands import Command
+from tests.support.buses import free_port
+from tests.support.commands import Command, Commands
+
+VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
+PAGE = re.compile(r"page: (http://\S+)")
 
 
 @dataclass(frozen=True)
@@ -29,11 +35,16 @@ class SitePage:
         parts = urlsplit(self.url)
         return urlunsplit((parts.scheme, parts.netloc, "", "", ""))
 
+    @property
+    def viewer_url(self) -> str:
+        """Return where the page is for who may only look on."""
+        return f"{self.origin}/?token={VIEWER_TOKEN}"
+
     @asynccontextmanager
-    async def operator(self) -> AsyncGenerator["Operator"]:
-        """Open the page's websocket as its operator."""
+    async def operator(self, url: str = "") -> AsyncGenerator["Operator"]:
+        """Open the page's websocket as its operator, or by another link."""
         async with httpx.AsyncClient() as client:
-            answer = await client.get(self.url)
+            answer = await client.get(url or self.url)
             assert answer.is_redirect or answer.is_success, answer.text
         cookie = answer.headers["set-cookie"].partition(";")[0]
         socket = f"{self.origin.replace('http', 'ws', 1)}/ws"
@@ -50,17 +61,42 @@ class Operator:
 
     async def ask(self, **wish: Any) -> dict[str, Any]:
         """Ask, and return the reply."""
+        part = await self._answer(wish)
+        assert not part["error"], part["error"]
+        return dict(part["reply"])
+
+    async def refusal(self, **wish: Any) -> str:
+        """Ask for what is refused, and return why."""
+        part = await self._answer(wish)
+        assert part["reply"] is None, part
+        return str(part["error"])
+
+    async def _answer(self, wish: dict[str, Any]) -> dict[str, Any]:
         number = next(self._ids)
         await self._connection.send(json.dumps({"kind": "ask", "id": number, **wish}))
         while True:
             message = await self._connection.recv()
             if isinstance(message, bytes):
                 continue
-            part = json.loads(message)
+            part: dict[str, Any] = json.loads(message)
             if part["kind"] == "answer" and part["id"] == number:
-                assert not part["error"], part["error"]
-                return dict(part["reply"])
+                return part
 
     async def pair(self, user: str) -> str:
         """Return the address that a QR code has for the phone of `user`, by HTTPS."""
         return str((await self.ask(deed="pair", name=user))["url"])
+
+
+async def running(commands: Commands, *arguments: str, state: Path | None = None) -> SitePage:
+    """Run a scenario with its page, at `--web-port` or any that is free."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    port = () if "--web-port" in arguments else ("--web-port", "0")
+    command = commands.start(
+        *("run", *arguments, *port, "--no-view", "--no-browser", "--listen", endpoint),
+        *("--set", f"web.viewer_token={VIEWER_TOKEN}"),
+        environment={} if state is None else {"POINTIT_STATE": str(state)},
+    )
+    await command.says("page: http")
+    said = PAGE.search("\n".join(command.logged()))
+    assert said is not None, command.err
+    return SitePage(command=command, endpoint=endpoint, url=said[1])

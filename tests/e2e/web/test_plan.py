@@ -53,6 +53,8 @@ async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, site:
 async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, site: SitePage) -> None:
     page, faults = await opened(browser, site.url)
     await expect(page.locator("svg.plan-map")).to_be_visible(timeout=15_000)
+    # the plan is there before anything is known of the site: who may be pointed as, too
+    await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=15_000)
     events: list[SelectionEvent] = []
     async with onlooker(site.endpoint) as seen:
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))

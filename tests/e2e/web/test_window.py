@@ -1,6 +1,7 @@
 """The page in a browser: what a newcomer sees first, and how they select a package with the mouse."""
 
-import re
+import os
+import time
 
 import pytest
 from playwright.async_api import Browser, expect
@@ -16,6 +17,35 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 
 USER = "user1"
 FIRST_SCREEN_S = 3.0
+OPENINGS = 3
+"""The fastest counts: what else runs on this machine is not the page's fault."""
+
+
+def patience() -> float:
+    """Return how many times as long things take on this machine now, by how many wait for its cores."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
+async def test_the_first_screen_comes_fast_and_clean(browser: Browser, site: SitePage) -> None:
+    took_s: list[float] = []
+    for _ in range(OPENINGS):
+        began_s = time.monotonic()
+        window = await Window.open(browser, site.url)
+        await window.is_shown()
+        took_s.append(time.monotonic() - began_s)
+        await expect(window.page.locator("#pill-text")).to_have_text("Live")
+        await expect(window.page.get_by_text("Bay 1", exact=True)).to_be_visible()
+        await expect(window.page.get_by_role("button", name="Point with the mouse")).to_be_visible()
+        renderer = await window.page.evaluate("window.pointit.stats.renderer")
+        assert any(name in renderer for name in ("SwiftShader", "llvmpipe")), renderer
+        await expect(window.page.locator("#chip")).to_have_text("Light mode: no graphics processor")
+        await expect(window.page.locator("#chip")).to_be_visible()
+        assert await window.page.evaluate("window.pointit.site.faults.count") == 0
+        assert await window.violations() == []
+        assert window.faults == []
+        assert "token" not in window.page.url
+        await window.page.context.close()
+    assert min(took_s) < FIRST_SCREEN_S * patience(), took_s
 
 
 async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, site: SitePage) -> None:
@@ -24,8 +54,8 @@ async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser,
     await window.is_shown()
     events: list[SelectionEvent] = []
 
-    def of_user(what: str) -> list[SelectionEvent]:
-        return [event for event in events if event.event == what and event.user == USER]
+    def selected() -> list[SelectionEvent]:
+        return [event for event in events if event.event == "selected" and event.user == USER]
 
     async with onlooker(site.endpoint) as seen:
         await page.get_by_role("button", name="Point with the mouse").click()
@@ -33,14 +63,12 @@ async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser,
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
         lens = await window.survey()
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
-        await window.follows(lens, "red", lambda: bool(of_user("selected")), 45)
-        assert of_user("selected")[0].kind == "red"
-        assert of_user("selected")[0].cause == "dwell"
+        await window.follows(lens, "red", lambda: bool(selected()), 45)
+        assert (selected()[0].kind, selected()[0].cause) == ("red", "dwell")
         await expect(page.locator("#guide")).to_contain_text("You selected a red package!")
         await page.get_by_role("button", name="Give back").click()
         await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
         events.clear()
-        await until(lambda: bool(of_user("selected")), 40, "the simulated person goes on selecting")
+        await until(lambda: bool(selected()), 40, "the simulated person goes on selecting")
     assert window.faults == []
     assert await window.violations() == []
-    _ = re, FIRST_SCREEN_S

@@ -57,7 +57,7 @@ def plan_of(
     scenario = read_scenario(name)
     choices = Choices(settings=settings)
     program = Program.beginning_with(name, name, scenario, choices)
-    return Plan(
+    plan = Plan(
         name=name,
         scenario=name,
         launches=staged(scenario, Choices(), people),
@@ -66,8 +66,8 @@ def plan_of(
         scenarios=tuple(program.sources),
         another=program.plan,
         page=replace(page_of(Settings(), asked={"port": 0}), load=lambda: service),
-        **({"duration_s": None} | said),
     )
+    return replace(plan, **said)
 
 
 @dataclass

@@ -17,6 +17,7 @@ from websockets.asyncio.client import ClientConnection
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.service import Web
+from pointit.bridges.web.wire import UNPAIRED
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime import Context, WallClock
@@ -268,6 +269,31 @@ async def test_the_mouse_takes_over_and_the_phone_is_told() -> None:
         await until(lambda: site.person["moved_by"] == "phone")
 
 
+async def test_an_operator_gives_the_arm_back_and_the_phone_is_told_that_it_is_the_persons_own() -> None:
+    async with room() as site, phone(site) as socket:
+        await socket.send(turn(held(0.0)))
+        await until(lambda: site.person["moved_by"] == "phone")
+        assert (await site.ask("give"))["error"] == ""
+        cue = await heard(socket, "cue")
+        while not cue["has_lost_arm"]:
+            cue = await heard(socket, "cue")
+        assert "your own again" in cue["text"]
+        assert "somebody else" not in cue["text"]
+        await until(lambda: site.person["moved_by"] == "own")
+
+
+async def test_a_phone_is_unpaired() -> None:
+    async with room() as site, phone(site) as socket:
+        await socket.send(turn(held(0.0)))
+        await until(lambda: site.person["moved_by"] == "phone")
+        assert (await site.ask("pair", off=True))["error"] == ""
+        async with asyncio.timeout(5.0):
+            await socket.wait_closed()
+        assert socket.close_code == UNPAIRED
+        await until(lambda: site.person["phone"] == "" and site.person["moved_by"] == "own")
+        assert "no phone is paired" in (await site.ask("pair", off=True))["error"]
+
+
 async def test_nothing_is_paired_while_the_local_network_is_closed() -> None:
     async with room() as site:
         assert "open it to the local network first" in (await site.ask("pair"))["error"]
@@ -292,4 +318,4 @@ async def test_the_last_minute_is_downloaded_as_a_recording() -> None:
         topics = {
             channel.topic for _, channel, _ in make_reader(io.BytesIO(response.content)).iter_messages()
         }
-        assert {"map", "users/anna/profile", "users/anna/pose"} <= topics
+        assert {"/map", "/users/anna/profile", "/users/anna/pose"} <= topics

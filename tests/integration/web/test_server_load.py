@@ -7,6 +7,7 @@ import json
 import os
 import socket
 
+import psutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -77,16 +78,23 @@ async def shows(page: Page, count: int) -> None:
     await until(lambda: page.states.get((STRIPS_FRAME.key, ""), {}).get("seq") == count)
 
 
+@pytest.fixture
+def tight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have what is sent to who reads nothing stay in the server, not in the system."""
+
+    def bind(host: str, port: int, option: str) -> socket.socket:
+        bound = listener.bind(host, port, option)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        return bound
+
+    monkeypatch.setattr(service, "bind", bind)
+
+
+@pytest.mark.usefixtures("tight")
 async def test_a_page_that_reads_nothing_is_cut_and_costs_nobody_anything(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def tight(host: str, port: int, option: str) -> socket.socket:
-        bound = listener.bind(host, port, option)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)  # what is sent to it stays in the server
-        return bound
-
     monkeypatch.setattr(listener, "PING_S", 0.5)
-    monkeypatch.setattr(service, "bind", tight)
     async with memory_bench() as bench, serving(bench) as server:
         reports = bench.collect(HEALTH, "web")
         stalled = await raw_page(server)
@@ -135,6 +143,14 @@ async def test_a_page_that_asks_too_much_is_refused_and_is_told_on() -> None:
         await until(lambda: (CURSOR.key, "anna") in page.states)
 
 
+def connected(server: Server) -> int:
+    """Return how many connections the server's end still has."""
+    port = int(server.host.rpartition(":")[2])
+    connections = psutil.Process().net_connections(kind="tcp")
+    return sum(each.status == psutil.CONN_ESTABLISHED and each.laddr.port == port for each in connections)
+
+
+@pytest.mark.usefixtures("tight")
 async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
     async with memory_bench() as bench:
         loop = asyncio.get_running_loop()
@@ -152,8 +168,10 @@ async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
             for count in range(10):
                 light(bench, count)
                 await asyncio.sleep(0.01)
+            assert connected(server) >= 4
             began_s = loop.time()
         assert loop.time() - began_s < 1.0
+        await until(lambda: connected(server) == 0, what="every connection to end, read or not")
         for page in sockets:
             with contextlib.suppress(ConnectionClosed):
                 async for _ in page:

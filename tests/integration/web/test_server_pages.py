@@ -2,11 +2,14 @@
 
 import asyncio
 import io
-from typing import Any
+import threading
+from typing import IO, Any
 
 import pytest
 from mcap.reader import make_reader
 
+from pointit.bridges.web import answers, pairing
+from pointit.bridges.web.recording import Recording
 from pointit.runtime import RefusedError
 from pointit.schemas import (
     Cursor,
@@ -21,6 +24,7 @@ from pointit.schemas import (
     StripsFrame,
     TrackedObjects,
 )
+from pointit.schemas.plain import channel_name
 from pointit.schemas.topics import (
     BUTTON,
     CURSOR,
@@ -259,7 +263,14 @@ async def test_the_middle_of_the_room_is_ahead() -> None:
         assert len(yaws) == 1
 
 
-async def test_a_phone_is_paired_over_the_local_network_only() -> None:
+async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn_by: list[bool] = []
+
+    def drawn(url: str, fingerprint: str) -> dict[str, Any]:
+        drawn_by.append(threading.current_thread() is threading.main_thread())
+        return pairing.offer(url, fingerprint)
+
+    monkeypatch.setattr(answers, "offer", drawn)
     async with (
         memory_bench() as bench,
         serving(bench, lan_address="127.0.0.1", lan_port=0) as server,
@@ -275,6 +286,7 @@ async def test_a_phone_is_paired_over_the_local_network_only() -> None:
         offer = (await page.ask(deed="pair", name="anna"))["reply"]
         assert offer["url"].startswith(opened["reply"]["url"] + "/phone?token=")
         assert offer["qr_svg"].startswith("<svg")
+        assert drawn_by == [False]
         await until(lambda: "paired" in page.person("anna")["phone"])
 
 
@@ -303,6 +315,28 @@ async def test_the_last_minute_is_a_file_for_operators() -> None:
         assert answer.status_code == 200
         assert "attachment" in answer.headers["content-disposition"]
         topics = {channel.topic for _, channel, _ in make_reader(io.BytesIO(answer.content)).iter_messages()}
-        assert CURSOR.at("anna") in topics
+        assert channel_name(CURSOR.at("anna")) in topics
         async with server.client(Cookie=await server.cookie(VIEWER)) as client:
             assert (await client.get("/recording.mcap")).status_code == 403
+
+
+async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[int] = []
+    write = Recording.write
+
+    def counted(recording: Recording, output: IO[bytes]) -> int:
+        written.append(1)
+        return write(recording, output)
+
+    monkeypatch.setattr(Recording, "write", counted)
+    async with memory_bench() as bench, serving(bench) as server:
+        for n in range(2000):
+            bench.put(CURSOR, Cursor(stamp_ns=START_NS, seq=n), "anna")
+        await bench.settle()
+        async with server.client(Cookie=await server.cookie()) as client:
+            answers = await asyncio.gather(*(client.get("/recording.mcap") for _ in range(10)))
+            assert {answer.status_code for answer in answers} == {200}
+            assert len(written) < 10
+            before = len(written)
+            assert (await client.get("/recording.mcap")).status_code == 200
+            assert len(written) == before + 1

@@ -1,15 +1,19 @@
 """The front page, the lazy groups, and what a typo gets."""
 
+import importlib
 import importlib.metadata
 import subprocess
 import sys
+from dataclasses import replace
 
 import click
 import pytest
 from click.testing import CliRunner
 
+from pointit.cli.extras import load
 from pointit.cli.lazy import Entry, LazyGroup
 from pointit.cli.main import COMMANDS, EXAMPLES, command
+from pointit.runtime import ConfigError
 from pointit.services.registry import process
 
 
@@ -112,6 +116,26 @@ def test_a_services_help_is_that_of_its_module() -> None:
     own_words, module_words = (text.partition("[OPTIONS]")[2].split() for text in (own, module))
     own_words.remove("-h,")  # the short form is the front's
     assert own_words == module_words
+
+
+def test_a_bridge_is_run_like_any_service() -> None:
+    code, text = invoke("service", "web", "--help")
+    assert code == 0
+    assert "--operator-token" in text
+    assert "--user" not in text
+
+
+def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = process("web")
+
+    def lacks(module: str) -> object:
+        raise ModuleNotFoundError(f"No module named {module!r}", name="starlette.routing")
+
+    monkeypatch.setattr(importlib, "import_module", lacks)
+    with pytest.raises(ConfigError, match=r'^web needs `pip install "pointit\[web\]"`$'):
+        load(row)
+    with pytest.raises(ModuleNotFoundError):  # that is nothing that can be installed
+        load(replace(row, extra=""))
 
 
 def test_underscores_do_for_hyphens() -> None:

@@ -58,9 +58,11 @@ def test_list_shows_what_each_service_reads_writes_and_serves() -> None:
         shown = rows[row.name]
         assert shown["scope"] == row.scope
         assert shown["about"] == row.about
+        assert shown["extra"] == row.extra
         assert shown["reads"] == [topic.key for topic in row.reads]
         assert shown["writes"] == [topic.key for topic in row.writes]
         assert shown["serves"] == [request.key for request in row.serves]
+    assert {"web", "foxglove"} <= rows.keys()  # bridges are processes too
     text = invoke("list")
     assert all(row.about in text for row in PROCESSES)
 

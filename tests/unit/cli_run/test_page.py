@@ -4,7 +4,7 @@ import importlib.metadata
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -40,7 +40,7 @@ def config_of(made: Page) -> WebConfig:
 
 
 @contextmanager
-def taken(*ports: int) -> Iterator[None]:
+def taken(*ports: int) -> Generator[None]:
     sockets = [socket.create_server(("127.0.0.1", port)) for port in ports]
     try:
         yield
@@ -140,7 +140,7 @@ def test_what_was_set_by_hand_is_checked_before_the_start() -> None:
 
 
 def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert page.has_extra()
+    assert page.can_be()
     find = importlib.metadata.version
 
     def without(name: str) -> str:
@@ -149,8 +149,8 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
         return find(name)
 
     monkeypatch.setattr(importlib.metadata, "version", without)
-    assert not page.has_extra()
-    script = "import sys, pointit.cli.run, pointit.cli.page as p; p.has_extra(); print(*sys.modules)"
+    assert not page.can_be()
+    script = "import sys, pointit.cli.run, pointit.cli.page as p; p.can_be(); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
     )
@@ -180,7 +180,7 @@ def test_other_machines_too(name: str) -> None:
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
     for module in ("pointit.cli.run", "pointit.cli.dashboard"):
-        monkeypatch.setattr(f"{module}.has_extra", lambda: has_extra)
+        monkeypatch.setattr(f"{module}.can_be", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception
 

@@ -4,12 +4,13 @@ import json
 import re
 from typing import Any
 
-from pointit.bridges.foxglove.outlet import LOG, picture_topic
-from pointit.bridges.foxglove.plain import Plain, channel_name
 from pointit.bridges.foxglove.scene import PARTS
+from pointit.bridges.foxglove.server import LOG, picture_topic
 from pointit.bridges.foxglove.service import LAYOUT
 from pointit.bridges.foxglove.shapes import WORLD
-from pointit.schemas.topics import HEALTH, TOPICS
+from pointit.schemas import Health
+from pointit.schemas.plain import Plain, channel_name
+from pointit.schemas.topics import TOPICS
 from pointit.services.registry import PROCESSES
 
 layout: dict[str, Any] = json.loads(LAYOUT.read_text(encoding="utf-8"))
@@ -44,7 +45,7 @@ def test_the_log_and_a_topic_are_shown() -> None:
 
 
 def test_plots_are_of_fields_of_services_that_there_are() -> None:
-    fields = Plain(HEALTH).schema["properties"]
+    fields = Plain(Health).schema["properties"]
     names = {row.name for row in PROCESSES if row.scope == "site"}
     plots = [config for name, config in panels.items() if name.startswith("Plot!")]
     assert len(plots) == 2
@@ -58,3 +59,8 @@ def test_plots_are_of_fields_of_services_that_there_are() -> None:
             assert found["field"] == "keys"
             assert found["rest"] == '[:]{direction=="out"}.rate_hz'
             assert {"direction", "rate_hz"} <= set(fields["keys"]["items"]["properties"])
+
+
+def test_dots_would_end_a_topic_in_a_path() -> None:
+    assert channel_name("users/anna/cursor") == "/users/anna/cursor"
+    assert channel_name("health/pointing.anna") == "/health/pointing/anna"

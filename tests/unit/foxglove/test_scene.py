@@ -73,8 +73,8 @@ def facts(entity: dict[str, Any]) -> dict[str, str]:
 def test_a_package_stands_on_its_belt_along_it() -> None:
     (entity,) = shown(scene((objects(PACKAGE), "plant")), "objects").values()
     (cube,) = entity["cubes"]
-    assert cube["size"] == pytest.approx({"x": 0.4, "y": 0.3, "z": 0.25})
-    assert cube["pose"]["position"] == pytest.approx({"y": 1.0, "z": 1.125})
+    assert cube["size"] == pytest.approx({"x": 0.4, "y": 0.75 * 0.4, "z": 0.6 * 0.4})
+    assert cube["pose"]["position"] == pytest.approx({"y": 1.0, "z": 1.12})
     assert cube["pose"]["orientation"] == pytest.approx({"z": math.sqrt(0.5), "w": math.sqrt(0.5)})
     assert cube["color"] == pytest.approx({"r": 1.0, "a": 0.85})
     assert facts(entity) == {"id": "7", "kind": "red", "bay": "3"}
@@ -97,7 +97,7 @@ def test_who_has_a_package_is_its_outline_and_its_words() -> None:
     assert owner["thickness"] > hover["thickness"]
     assert len(owner["points"]) == 24
     lengths = {round(length, 6) for length in edge_lengths(owner)}
-    assert lengths == {0.42, 0.32, 0.27}
+    assert lengths == {0.42, 0.32, 0.26}
     assert entity["texts"][0]["text"] == "anna\nbert 25%"
     assert facts(entity)["selected by"] == "anna"
     assert facts(entity)["hovered by bert"] == "25% deselect"

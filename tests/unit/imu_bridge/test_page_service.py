@@ -13,7 +13,16 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime import RefusedError, WallClock
 from pointit.runtime.state import StateFile
-from pointit.schemas import ButtonEvent, Health, ImuSample, SetMounting, SetYawOrigin, WristSample
+from pointit.schemas import (
+    NS_PER_S,
+    WRIST_PATIENCE_S,
+    ButtonEvent,
+    Health,
+    ImuSample,
+    SetMounting,
+    SetYawOrigin,
+    WristSample,
+)
 from pointit.schemas.topics import (
     BUTTON,
     HEALTH,
@@ -24,14 +33,13 @@ from pointit.schemas.topics import (
     WRIST,
 )
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
-from pointit.services.imu_bridge.config import ImuBridgeConfig, PageConfig, SerialConfig, SimulatedConfig
+from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig, SimulatedConfig
 from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings
 from pointit.services.imu_bridge.service import ImuBridge
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.pty_device import pty_device
 
 ANNA = "anna"
-PATIENCE = PageConfig(patience_s=0.3)
 STILL = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0, elevation_deg=-10)
 AHEAD = rotation.from_azimuth_elevation(0.7, 0.2)
 
@@ -80,7 +88,7 @@ def is_by_page(sample: ImuSample, turned: Quaternion = AHEAD) -> bool:
 async def site(**config: Any) -> AsyncGenerator[Site]:
     async with memory_bench(WallClock()) as bench:
         here = Site(bench)
-        bench.start(ImuBridge, ImuBridgeConfig(page=PATIENCE, **config), user=ANNA)
+        bench.start(ImuBridge, ImuBridgeConfig(**config), user=ANNA)
         await bench.settle()
         yield here
 
@@ -101,7 +109,7 @@ async def test_the_own_device_is_held_back_while_a_page_has_the_wrist_and_goes_o
             last_ns = here.samples[-1].stamp_ns
         await until(lambda: not is_by_page(here.samples[-1]), what="the device again")
         back = next(sample for sample in here.samples[began:] if not is_by_page(sample))
-        assert back.stamp_ns - last_ns >= 0.3e9
+        assert back.stamp_ns - last_ns >= WRIST_PATIENCE_S * NS_PER_S
         assert [sample.seq for sample in here.samples] == list(range(1, len(here.samples) + 1))
         assert {sample.yaw_epoch for sample in here.samples} == {0}
 
@@ -180,13 +188,13 @@ async def test_a_simulated_person_beside_it_has_the_number_0() -> None:
         here.bench.bus.announce(SERVICE_ALIVE, "user-sim.ben").close()
         async with here.held(device="phone"):
             assert here.samples[-1].yaw_epoch == 1
-        await asyncio.sleep(0.4)
+        await asyncio.sleep(WRIST_PATIENCE_S + 0.1)
         async with here.held():
             assert (await some_more(here.samples, is_by_page)).yaw_epoch == 0
         token.close()
         async with here.held(device="phone"):
             await some_more(here.samples, lambda sample: sample.yaw_epoch == 1)
-        await asyncio.sleep(0.4)
+        await asyncio.sleep(WRIST_PATIENCE_S + 0.1)
         async with here.held():
             assert (await some_more(here.samples, is_by_page)).yaw_epoch == 1  # nobody else has moved it
 
@@ -217,7 +225,7 @@ async def test_the_phones_mounting_is_measured_kept_used_again_and_forgotten(sou
         assert reply.message == "the mounting is as configured (phone)"
         assert file.read() is None
         if source == "simulated":  # the device's own is another one
-            await asyncio.sleep(0.4)
+            await asyncio.sleep(WRIST_PATIENCE_S + 0.1)
             await here.bench.bus.call(SET_MOUNTING, own, ANNA)
             kept = file.read()
             assert kept is not None

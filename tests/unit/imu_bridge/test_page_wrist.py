@@ -27,8 +27,8 @@ def at(time_s: float) -> int:
 class Hand:
     """A page at a time in seconds, as it comes to a bridge at once unless told otherwise."""
 
-    def __init__(self, patience_s: float = 1.0) -> None:
-        self.page = PageWrist(patience_s, MOUNTINGS["phone"], itertools.count(1))
+    def __init__(self) -> None:
+        self.page = PageWrist(MOUNTINGS["phone"], itertools.count(1))
         self.home: int | None = 0
 
     def send(
@@ -72,7 +72,7 @@ def test_a_mouses_arm_is_taken_as_it_is_and_a_phone_points_with_its_top() -> Non
 
 
 def test_it_has_the_wrist_until_its_patience_is_over() -> None:
-    hand = Hand(1.0)
+    hand = Hand()
     assert not hand.page.has_wrist(at(0.0))
     hand.send(0.0)
     assert hand.page.has_wrist(at(1.0))

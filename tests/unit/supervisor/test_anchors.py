@@ -178,9 +178,11 @@ def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
     cycle.begin(0)
     cycle.pose(*known(1, 0.1))
     assert shown(cycle.button(*press(2))).next_step == sentences.POINT
-    assert shown(cycle.pose(*known(3, 0.21))).next_step == sentences.POINT_AT_LAMP
+    unsure = shown(cycle.pose(*known(3, 0.21)))
+    assert (unsure.next_step, unsure.is_unsure) == (sentences.POINT_AT_LAMP, True)
     assert cycle.pose(*known(4, 0.22)) == []  # said already
-    assert shown(cycle.pose(*known(5, 0.05))).next_step == sentences.POINT
+    sure = shown(cycle.pose(*known(5, 0.05)))
+    assert (sure.next_step, sure.is_unsure) == (sentences.POINT, False)
     assert cycle.pose(*known(6, 0.5, "external")) == []  # a tracker's is not ours to set right
 
 

@@ -50,9 +50,10 @@ class PhoneBench:
         self.pairing = Pairing()
         self.warned = Warned()
         self.sent: list[tuple[str, WristSample]] = []
-        self.asked: list[tuple[str, str, Ask]] = []
+        self.asked: list[tuple[str, Ask]] = []
         self.changes = 0
         self.refusal = ""
+        self.fault: Exception | None = None
         host = PhoneHost(
             wrists=self.wrists,
             now_ns=self.clock.now_ns,
@@ -96,8 +97,10 @@ class PhoneBench:
             proxy=None,
         )
 
-    async def _answer(self, page: str, user: str, ask: Ask) -> Answer:
-        self.asked.append((page, user, ask))
+    async def _answer(self, page: str, ask: Ask) -> Answer:
+        self.asked.append((page, ask))
+        if self.fault:
+            raise self.fault
         if self.refusal:
             raise RefusedError(self.refusal)
         return Answer(id=ask.id, reply={"message": "done"})

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtensionOID
 
 from pointit.bridges.web.certificate import LEFT, VALID, Certificate, obtain
 from pointit.runtime import ConfigError
@@ -92,6 +95,41 @@ def test_a_damaged_file_is_made_anew_and_said(tmp_path: Path, name: str, content
     assert again.fingerprint != first.fingerprint
     assert str(tmp_path) in again.warning
     assert made(tmp_path).warning == ""
+
+
+def test_what_only_openssl_finds_is_damage_too(tmp_path: Path) -> None:
+    first = made(tmp_path)
+    with first.certificate.open("ab") as file:
+        file.write(b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n")
+    again = made(tmp_path)
+    assert "damaged" in again.warning
+    ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(again.certificate, again.key)
+
+
+def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
+    first = made(tmp_path)
+    key = serialization.load_pem_private_key(first.key.read_bytes(), None)
+    assert isinstance(key, ec.EllipticCurvePrivateKey)
+    name = x509.Name([])
+    spoiled = (
+        x509.CertificateBuilder(name, name, key.public_key(), 1, NOW, NOW + VALID)
+        .add_extension(
+            x509.UnrecognizedExtension(ExtensionOID.SUBJECT_ALTERNATIVE_NAME, b"\5\0"), critical=False
+        )
+        .sign(key, hashes.SHA256())
+    )
+    first.certificate.write_bytes(spoiled.public_bytes(serialization.Encoding.PEM))
+    assert "damaged" in made(tmp_path).warning
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes in the file system are POSIX's")
+@pytest.mark.timeout(10)
+def test_a_pipe_in_its_place_is_not_waited_for(tmp_path: Path) -> None:
+    first = made(tmp_path)
+    first.certificate.unlink()
+    os.mkfifo(first.certificate)
+    assert made(tmp_path).warning != ""
+    assert first.certificate.is_file()
 
 
 def test_another_ones_key_or_one_that_others_read_is_not_used(tmp_path: Path) -> None:

@@ -107,3 +107,17 @@ def test_one_scenario_replaces_another_and_no_persons_part() -> None:
     assert replaced == [(DEPLOYMENT, "scenario_3")]
     assert set(deployments.known) == {"anna", "scenario_4"}
     assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), set()) == []
+
+
+def test_another_scenario_is_told_from_the_same_again() -> None:
+    def scenario(name: str) -> Deployment:
+        return Deployment(stamp_ns=0, name="run", scenario=name)
+
+    deployments = Deployments("web")
+    assert not deployments.is_another(scenario("scenario_4"))
+    deployments.put("run", scenario("scenario_4"), [])
+    assert not deployments.is_another(scenario("scenario_4"))
+    assert not deployments.is_another(scenario(""))  # one person's part
+    assert deployments.is_another(scenario("scenario_1"))
+    deployments.over([])
+    assert deployments.is_another(scenario("scenario_1")), "it ended before the other began"

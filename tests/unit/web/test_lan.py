@@ -12,7 +12,8 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.lan import Lan, choose_address, found_addresses, is_reachable, written
+from pointit.bridges.web.lan import Lan, choose_address, found_addresses, is_reachable
+from pointit.bridges.web.serving import url
 from pointit.runtime import ConfigError, RefusedError
 from pointit.runtime.state import site_folder
 
@@ -67,8 +68,8 @@ def test_which_address_is_taken() -> None:
 
 
 def test_how_addresses_are_written() -> None:
-    assert written("10.0.0.7", 8443) == "https://10.0.0.7:8443"
-    assert written("fd00::5", 8443) == "https://[fd00::5]:8443"
+    assert url("https", "10.0.0.7", 8443) == "https://10.0.0.7:8443"
+    assert url("https", "fd00::5", 8443) == "https://[fd00::5]:8443"
 
 
 async def test_the_page_is_served_by_a_certificate_that_proves_itself() -> None:

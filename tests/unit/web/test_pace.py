@@ -1,10 +1,10 @@
-"""How much passes, and how old it is."""
+"""How much passes."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.pace import LATENCIES_S, Bucket, Latencies
+from pointit.bridges.web.pace import Bucket
 
 
 def test_a_bucket_lets_a_burst_pass_and_then_its_rate() -> None:
@@ -35,14 +35,3 @@ def test_a_clock_that_goes_back_gives_nothing() -> None:
     assert bucket.take(100.0)
     assert not bucket.take(0.0)
     assert not bucket.take(100.0)
-
-
-def test_the_quantile_is_one_of_the_values_and_forgets() -> None:
-    latencies = Latencies()
-    assert latencies.p95_ms(0.0) is None
-    for value in range(1, 101):
-        latencies.add(float(value), 1.0)
-    assert latencies.p95_ms(1.0) == 95.0
-    latencies.add(7.0, 2.0)
-    assert latencies.p95_ms(1.5 + LATENCIES_S) == 7.0
-    assert latencies.p95_ms(3.0 + LATENCIES_S) is None

@@ -13,6 +13,8 @@ import websockets
 from websockets.asyncio.client import ClientConnection
 
 from pointit.bridges.web import phone_line
+from pointit.bridges.web.wire import OWN_FAULT
+from pointit.bridges.web.wrists import STILL_S
 from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
@@ -120,13 +122,13 @@ async def test_what_a_phone_asks_is_done_for_its_own_person(
         await greeted(socket)
         await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
         assert await heard(socket) == {"kind": "answer", "id": 7, "reply": {"message": "done"}, "error": ""}
-        _, user, ask = bench.asked[0]
-        assert (user, ask.name, ask.deed) == ("anna", "anna", "press")
+        _, ask = bench.asked[0]
+        assert (ask.name, ask.deed) == ("anna", "press")
         await socket.send(
             json.dumps({"kind": "ask", "id": 8, "key": "localizer/{user}/start", "name": "ben"})
         )
         assert (await heard(socket))["error"] == ""
-        assert (bench.asked[1][2].key, bench.asked[1][2].name) == ("localizer/{user}/start", "anna")
+        assert (bench.asked[1][1].key, bench.asked[1][1].name) == ("localizer/{user}/start", "anna")
         bench.refusal = "the localizer is busy"
         await socket.send(json.dumps({"kind": "ask", "id": 9, "deed": "press"}))
         assert (await heard(socket))["error"] == "the localizer is busy"
@@ -230,6 +232,34 @@ async def test_posts_that_are_no_lists_are_refused(
     assert bench.warned.sentences == {}
 
 
+@pytest.mark.parametrize("t_ms", [9e12, 9.3e12, 1e15, 1e300])
+async def test_whatever_clock_a_phone_has_the_arm_goes_on(
+    bench: PhoneBench, phone: httpx.AsyncClient, t_ms: float
+) -> None:
+    await posted(phone, TURN)
+    await posted(phone, {**TURN, "t_ms": t_ms})
+    bench.clock.advance(STILL_S)
+    assert len(bench.wrists.step(bench.clock.now_ns())) == 1
+
+
+@pytest.mark.parametrize("item", [{**TURN, "x" * 50_000: 1}, {"kind": "x" * 50_000}])
+async def test_a_long_word_does_not_fill_the_health(
+    bench: PhoneBench, phone: httpx.AsyncClient, item: dict[str, Any]
+) -> None:
+    await posted(phone, item)
+    assert len(bench.warned.sentences["phone of anna"]) < 500
+
+
+async def test_a_fault_is_an_answer_too(
+    bench: PhoneBench, phone: httpx.AsyncClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench.fault = OSError("no more files")
+    (answer,) = await posted(phone, {"kind": "ask", "id": 5, "deed": "press"})
+    assert (answer["id"], answer["error"]) == (5, OWN_FAULT)
+    assert "was not answered" in caplog.text
+    caplog.clear()
+
+
 async def test_the_newer_socket_of_a_phone_replaces_the_older(
     bench: PhoneBench, phone: httpx.AsyncClient
 ) -> None:
@@ -269,6 +299,7 @@ async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
         line = next(iter(bench.phones._lines.values()))
         await until(lambda: line.dropped > 0)
+        assert "were dropped" in bench.warned.sentences["phone of anna"]
         assert len(bench.sent) < 1500
 
 
@@ -308,4 +339,6 @@ async def test_two_people_have_two_phones(bench: PhoneBench, phone: httpx.AsyncC
         assert [user for user, _ in bench.sent] == ["anna", "ben"]
         bench.phones.lost("ben")
         assert await posted(phone, TURN) == []
-        assert "somebody else" in (await posted(other, TURN))[0]["text"]
+        (cue,) = await posted(other, TURN)
+        assert cue["has_lost_arm"]
+        assert "somebody else" in cue["text"]

@@ -5,23 +5,24 @@ import io
 import json
 from typing import Any
 
-import pytest
 from mcap.reader import make_reader
 
+from pointit.bridges.foxglove.service import LAYOUT
 from pointit.bridges.web.recording import LastMinute, file_name
-from pointit.bridges.web.recording_schema import plain_schema
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
     Environment,
     Feedback,
+    Health,
     Message,
+    Selection,
     StripFrame,
     StripsFrame,
     UserPose,
     encode,
 )
-from pointit.schemas.topics import CURSOR, FEEDBACK, MAP, POSE, STRIPS_FRAME, TOPICS, Topic
+from pointit.schemas.topics import CURSOR, FEEDBACK, HEALTH, MAP, POSE, SELECTION, STRIPS_FRAME, Topic
 
 START = 1_700_000_000 * NS_PER_S
 
@@ -64,7 +65,7 @@ def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
         minute, STRIPS_FRAME, StripsFrame(stamp_ns=at(3.0), strips=(StripFrame(id="s", rgb=b"\xff\xfe\x00"),))
     )
     first, second, third = read(minute, at(4.0))
-    assert first[:3] == ("users/anna/cursor", Cursor.schema_name(), at(1.0))
+    assert first[:3] == ("/users/anna/cursor", Cursor.schema_name(), at(1.0))
     assert first[3]["point_m"] == [1.0, 2.0, 3.0]
     assert first[3]["stamp_ns"] == at(1.0)
     assert first[3]["origin_m"] is None
@@ -82,21 +83,21 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
         add(minute, CURSOR, cursor(float(second)), "anna")
     found = read(minute, at(30.0))
     assert [(topic, when) for topic, _, when, _ in found[:3]] == [
-        ("map", at(20.0)),
-        ("users/anna/pose", at(20.0)),
-        ("users/anna/cursor", at(20.0)),
+        ("/map", at(20.0)),
+        ("/users/anna/pose", at(20.0)),
+        ("/users/anna/cursor", at(20.0)),
     ]
     assert found[0][3]["name"] == "lab"
     assert len(found) == 13
     minute.forget(POSE, "anna")
-    assert "users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(30.0))}
+    assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(30.0))}
 
 
 def test_what_is_old_goes_even_when_nothing_comes() -> None:
     minute = LastMinute(10.0)
     add(minute, CURSOR, cursor(1.0), "anna")
     add(minute, MAP, Environment(stamp_ns=at(1.0), name="lab"))
-    assert [topic for topic, _, _, _ in read(minute, at(60.0))] == ["map"]
+    assert [topic for topic, _, _, _ in read(minute, at(60.0))] == ["/map"]
     assert (len(minute), minute.bytes) == (0, 0)
     assert read(LastMinute(60.0), at(0.0)) == []
 
@@ -112,31 +113,26 @@ def test_it_is_bounded_in_number_and_in_bytes() -> None:
     assert 1 <= len(small) < 50
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
-def test_every_schema_is_one_that_viewers_read(topic: Topic[Any]) -> None:
-    def check(schema: dict[str, Any], where: str) -> None:
-        assert "$ref" not in schema, where
-        assert "anyOf" not in schema, where
-        assert schema["type"] in ("boolean", "string", "number", "integer", "array", "object"), where
-        if schema["type"] == "object":
-            for name, field in schema["properties"].items():
-                check(field, f"{where}.{name}")
-        if schema["type"] == "array":
-            assert schema["items"]["type"] != "array", where
-            check(schema["items"], f"{where}[]")
-
-    schema = plain_schema(topic.message)
-    check(schema, topic.message.__name__)
-    assert set(schema["properties"]) == set(topic.message.model_fields)
-
-
-def test_bytes_are_told_to_be_base64_and_optional_fields_are_plain() -> None:
-    strips = plain_schema(StripsFrame)["properties"]["strips"]["items"]["properties"]
-    assert strips["rgb"]["contentEncoding"] == "base64"
-    point = plain_schema(Cursor)["properties"]["point_m"]
-    assert (point["type"], point["items"]["type"]) == ("array", "number")
-    lines = plain_schema(Environment)["properties"]["strips"]["items"]["properties"]
-    assert "line_m" not in lines  # an array of arrays: viewers would refuse the whole channel
+def test_layouts_made_for_live_viewers_fit_a_recording() -> None:
+    """The panels of `layout.json` that read topics name them as they are recorded."""
+    minute = LastMinute(60.0)
+    for user in ("anna", "ben"):
+        add(minute, CURSOR, cursor(1.0), user)
+    add(minute, SELECTION, Selection(stamp_ns=at(1.0)))
+    for service in ("pui", "selector", "led-driver", "conveyor-sim", "pointing.anna"):
+        add(minute, HEALTH, Health(stamp_ns=at(1.0), service=service, instance=service, pid=1), service)
+    recorded = {topic for topic, _, _, _ in read(minute, at(2.0))}
+    assert {"/users/anna/cursor", "/users/ben/cursor", "/health/pointing/anna"} <= recorded
+    panels = json.loads(LAYOUT.read_text(encoding="utf-8"))["configById"]
+    plotted = {
+        path["value"].split('"')[1]
+        for name, panel in panels.items()
+        if name.startswith("Plot!")
+        for path in panel["paths"]
+    }
+    assert len(plotted) == 4
+    shown = {panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")}
+    assert plotted | shown <= recorded
 
 
 def test_the_files_name_says_of_where_and_when_it_is() -> None:

@@ -27,10 +27,13 @@ def test_the_newest_pose_counts_then_the_configured_place_then_the_room() -> Non
     standing = Standing(Place(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0))
     assert standing.at[0] == (1.0, 2.0, 0.0)
     assert standing.at[1] == pytest.approx(math.pi / 2)
+    assert standing.assumed == standing.at
     standing.pose(pose(3.0))
+    assert standing.assumed is None
     standing.pose(pose(4.0, 0.5))
     assert standing.at == ((4.0, 0.0, 0.0), 0.5)
     unknown = Standing()
+    assert unknown.assumed is None
     unknown.room(((7.0, 7.0, 0.0), 1.0))
     assert unknown.at == ((7.0, 7.0, 0.0), 1.0)
 

@@ -63,6 +63,25 @@ def test_who_has_left_long_ago_and_is_not_expected_is_forgotten(sight: Sight) ->
     assert status.findings == ()
 
 
+def test_who_left_with_the_scenario_before_is_not_missed(sight: Sight) -> None:
+    def missed(now_s: float) -> list[str]:
+        heard(sight, "web", now_s)
+        status = told(sight, now_s)
+        assert {line.instance for line in status.services} >= {name for _, name in codes(status)}
+        return [name for _, name in codes(status)]
+
+    for instance in ("selector", "pui"):
+        sight.set_present(instance, True, 9.0)
+        sight.set_present(instance, False, 10.0)
+    assert missed(10.1) == ["pui", "selector"]
+    sight.begin_anew(10.2)
+    assert missed(10.3) == []
+    for began_s, left_s in ((10.4, 11.0), (13.0, 14.0)):  # one that was late, and one of the new scenario
+        sight.set_present("led-driver", True, began_s)
+        sight.set_present("led-driver", False, left_s)
+        assert missed(left_s + 0.1) == ([] if left_s == 11.0 else ["led-driver"])
+
+
 def test_who_is_expected_is_missed_for_ever(sight: Sight) -> None:
     sight.set_present("pui", True, 1.0)
     sight.set_present("pui", False, 2.0)

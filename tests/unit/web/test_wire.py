@@ -1,12 +1,15 @@
 """The contract with the client: what its types come from is what the models say."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from pointit.bridges.web import wire
+from pointit.schemas.topics import TOPICS
+from pointit.services.registry import SHOWN
 
 CLIENT = Path(wire.__file__).with_name("client") / "wire.json"
 
@@ -16,8 +19,16 @@ RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Turn] = TypeAdapte
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
 def test_the_clients_schema_is_the_models() -> None:
     assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(wire.json_schema())), (
-        "write wire.json anew from wire.json_schema(), and build the client"
+        "run scripts/page and commit what it writes"
     )
+
+
+@pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
+def test_the_client_takes_every_topic_that_it_is_sent() -> None:
+    text = CLIENT.with_name("src").joinpath("site", "apply.ts").read_text(encoding="utf-8")
+    unseen = re.search(r"type Unseen =(.*?);", text, re.DOTALL)  # tsc sees to all others
+    assert unseen
+    assert set(re.findall(r'"(.+?)"', unseen[1])) == {topic.key for topic in set(TOPICS) - set(SHOWN)}
 
 
 @pytest.mark.parametrize(
@@ -29,6 +40,7 @@ def test_the_clients_schema_is_the_models() -> None:
         '{"kind":"ask","id":0,"key":"conveyor/set_speed","query":{"speed_mps":1}}',
         '{"kind":"aim","user":"anna","at_m":[1,2.5,0]}',
         '{"kind":"turn","q":[0,0,0,1],"t_ms":12.5}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":9e12}',
     ],
 )
 def test_what_pages_say_is_understood(text: str) -> None:
@@ -51,6 +63,7 @@ def test_what_pages_say_is_understood(text: str) -> None:
         '{"kind":"aim","user":"anna","at_m":[1,2,1e300]}',
         '{"kind":"aim","user":"a/b","at_m":[1,2,3]}',
         '{"kind":"turn","q":[0,0,0,2],"t_ms":0}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":1e13}',
         '{"kind":"ask","id":1,"deed":"explode"}',
     ],
 )

@@ -79,7 +79,6 @@ def test_the_last_that_takes_wins_and_the_other_is_named(wrists: Wrists) -> None
     assert wrists.take("anna", "page1", "mouse") == ""
     assert wrists.take("anna", "page2", "mouse") == "page1"
     assert not aim(wrists, "page1")
-    assert wrists.ignored == 1
     assert aim(wrists, "page2")
     assert not wrists.give("anna", "page1")
     assert wrists.give("anna", "page2")
@@ -184,6 +183,10 @@ def test_tremor_is_of_who_has_the_arm(wrists: Wrists) -> None:
 def test_what_people_are_told_of_a_wrist(wrists: Wrists) -> None:
     line = wrists.line("anna", "page1", START)
     assert (line.moved_by, line.is_mine, line.phone, line.battery) == ("own", False, "", None)
+    assert line.assumed is not None
+    assert line.assumed.position_m == (1.0, 0.0, 0.0)
+    assert line.assumed.yaw_rad == pytest.approx(math.radians(30.0))
+    assert wrists.line("ben", "page1", START).assumed is None
     wrists.take("anna", "page1", "mouse")
     assert wrists.line("anna", "page1", START).is_mine
     assert wrists.line("anna", "page1", START, paired="phone1").phone == "paired, not heard yet"

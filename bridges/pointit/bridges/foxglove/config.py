@@ -4,16 +4,7 @@ from pydantic import Field
 
 from pointit.runtime.config import Config
 from pointit.schemas.base import Rgb
-
-KIND_COLORS: dict[str, Rgb] = {
-    "red": (213, 60, 30),
-    "green": (0, 158, 115),
-    "blue": (0, 114, 178),
-    "yellow": (240, 228, 66),
-    "orange": (230, 159, 0),
-    "purple": (204, 121, 167),
-}
-"""Near Okabe and Ito's colours, told apart by colour-blind people."""
+from pointit.schemas.environment import KIND_COLORS
 
 
 class FoxgloveConfig(Config):

@@ -13,19 +13,23 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Hover, Selection, TrackedObject
 from pointit.schemas.base import Rgb
+from pointit.schemas.environment import OTHER_COLOR
 
 LIFETIME_S = 2.0
 """A viewer that missed that something left shows it no longer."""
 
-SHARE_OF_BELT = 0.6
-"""How wide a package is; nobody says so."""
-HIGH_M = 0.25
-"""A package is no higher."""
-SEGMENT_M = 0.05
-"""How thick a segment of a strip is."""
+# As the page has them in `web/client/src/geometry/looks.ts`: the bus tells lengths only.
+PACKAGE_WIDE = (0.75, 0.1, 0.34)
+"""Width of a package, by its length: share, least and most, m."""
+PACKAGE_HIGH = (0.6, 0.1, 0.26)
+"""Height of a package likewise."""
+SEGMENT = (0.07, 0.06)
+"""Width and height of a segment of a strip, m."""
+USUAL_LENGTH_M = 0.12
+"""Length of what is on a line and tells none."""
 ROBOT_M = 0.3
-"""Diameter of what has no length."""
-SHORTEST_M = 0.02
+"""Diameter of what is on no line and has no length."""
+
 SELECTED_PIXELS, HOVERED_PIXELS, RESERVED_PIXELS = 4.0, 2.0, 1.0
 MOVES_MPS = 0.05
 
@@ -86,7 +90,7 @@ class Looks:
     def _entity(
         self, name: str, item: TrackedObject, claims: Claims, colors: Mapping[str, Rgb], now_ns: int
     ) -> Drawn:
-        rgb = self._kind_colors.get(item.kind, shapes.GREY)
+        rgb = self._kind_colors.get(item.kind, OTHER_COLOR)
         facts = {"id": item.id, "kind": item.kind}
         if item.bay:
             facts["bay"] = item.bay
@@ -126,13 +130,15 @@ class Looks:
 
     def _box(self, item: TrackedObject) -> tuple[Polyline | None, Vec3]:
         """Return the line that the object is on, none: it is on none; and its length, width and height."""
-        length_m = max(item.length_m, SHORTEST_M)
+        length_m = item.length_m or USUAL_LENGTH_M
         if item.surface == "belt" and item.surface_id in self._lines.belts:
-            line, belt = self._lines.belts[item.surface_id]
-            width_m = SHARE_OF_BELT * belt.width_m
-            return line, (length_m, width_m, min(HIGH_M, width_m))
+            width_m, height_m = (
+                min(max(share * length_m, least_m), most_m)
+                for share, least_m, most_m in (PACKAGE_WIDE, PACKAGE_HIGH)
+            )
+            return self._lines.belts[item.surface_id][0], (length_m, width_m, height_m)
         if item.surface == "strip" and item.surface_id in self._lines.strips:
-            return self._lines.strips[item.surface_id][0], (length_m, SEGMENT_M, SEGMENT_M)
+            return self._lines.strips[item.surface_id][0], (length_m, *SEGMENT)
         diameter_m = item.length_m or ROBOT_M
         return None, (diameter_m, diameter_m, diameter_m)
 

@@ -23,7 +23,7 @@ SIGMAS = 2.0
 SMALLEST_M = 5e-3
 """An ellipse whose longer half-axis is shorter is not drawn: the place is known."""
 FREE_RAY_M = 4.0
-"""A ray that meets nothing is drawn so long."""
+"""A ray that meets nothing is drawn so long, as in the page (`looks.ts`)."""
 CURSOR_M = 0.08
 TORSO_M, HEAD_M, ARM_M, RAY_M = 0.34, 0.22, 0.07, 0.012
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)

@@ -13,12 +13,12 @@ from foxglove import Channel
 
 from pointit.bridges.foxglove.chronicle import Chronicle, Line
 from pointit.bridges.foxglove.config import FoxgloveConfig
-from pointit.bridges.foxglove.outlet import LOG, Outlet, picture_topic
-from pointit.bridges.foxglove.plain import Plain, channel_name
 from pointit.bridges.foxglove.scene import PARTS, Scene
+from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime import Context, Service, Subscription
 from pointit.runtime.service import Scope
 from pointit.schemas import Environment, Message
+from pointit.schemas.plain import Plain, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
 from pointit.services.registry import SHOWN
 
@@ -64,9 +64,9 @@ class Foxglove(Service[FoxgloveConfig]):
         self._scene = Scene(config.kind_colors, config.forget_s)
         self._chronicle = Chronicle()
         self._loop = asyncio.get_running_loop()
-        self._plains = {topic.key: Plain(topic) for topic in SHOWN}
+        self._plains = {topic.key: Plain(topic.message) for topic in SHOWN}
         self._mirrored: dict[str, _Mirrored] = {}
-        self._outlet = Outlet(self._hand_over, self._on_viewer)
+        self._server = Server(self._hand_over, self._on_viewer)
         self._timer: asyncio.TimerHandle | None = None
         self._fading: asyncio.TimerHandle | None = None
         self._sent_s = 0.0
@@ -86,14 +86,14 @@ class Foxglove(Service[FoxgloveConfig]):
             ListenError: the address is taken, or not ours.
         """
         config = self.config
-        address = self._outlet.open(f"PointIt {self.bus.site}", config.host, config.port)
+        address = self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
         try:
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
             if config.host not in LOOPBACK:
                 log.warning("whoever reaches %s sees everything that happens at this site", address)
             await asyncio.Event().wait()
         finally:
-            self._outlet.close()
+            self._server.close()
 
     def _subscribe(self, topic: Topic[Any]) -> Subscription:
         return self.bus.subscribe(topic, functools.partial(self._on_message, topic))
@@ -107,7 +107,7 @@ class Foxglove(Service[FoxgloveConfig]):
         self._rest_timer = self.bus.call_later(LOOK_S, self._rest)
 
     def _rest(self) -> None:
-        if self._outlet.viewers.any:
+        if self._server.viewers.any:
             return
         for subscription in self._fast:
             subscription.close()
@@ -133,7 +133,7 @@ class Foxglove(Service[FoxgloveConfig]):
                 self.bus.warn("keys", f"only {MAX_CHANNELS} keys are shown; end what writes so many")
                 return
             plain = self._plains[topic.key]
-            channel = self._outlet.channel(channel_name(key), plain.schema)
+            channel = self._server.channel(channel_name(key), plain.schema)
             mirrored = _Mirrored(channel, plain, topic, name, message)
             self._mirrored[key] = mirrored
         mirrored.message, mirrored.is_new = message, True
@@ -152,9 +152,9 @@ class Foxglove(Service[FoxgloveConfig]):
             self.bus.clear("map")
 
     def _say(self, lines: Sequence[Line]) -> None:
-        if self._outlet.viewers.of(LOG):
+        if self._server.viewers.of(LOG):
             for line in lines:
-                self._outlet.say(line)
+                self._server.say(line)
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present:
@@ -181,7 +181,7 @@ class Foxglove(Service[FoxgloveConfig]):
         if not begins:
             return
         if topic == LOG:
-            is_first = self._outlet.viewers.of(LOG) == 1
+            is_first = self._server.viewers.of(LOG) == 1
             chronicle = self._chronicle
             # others would read the whole history again, so they get what matters of it
             self._say(tuple(chronicle.history) if is_first else chronicle.standing(self.clock.now_ns()))
@@ -196,7 +196,7 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def _wish(self) -> None:
         """Have what is new sent as soon as the rate allows, if anybody looks on."""
-        if self._timer is None and self._outlet.viewers.any:
+        if self._timer is None and self._server.viewers.any:
             since_s = self._loop.time() - self._sent_s
             self._timer = self.bus.call_later(max(0.0, 1.0 / self.config.rate_hz - since_s), self._show)
 
@@ -206,8 +206,8 @@ class Foxglove(Service[FoxgloveConfig]):
         self._sent_s = now_s
         self._scene.forget(now_s)
         for part in PARTS:
-            if part in self._scene.changed and self._outlet.viewers.of(picture_topic(part)):
-                self._outlet.show(part, self._scene.draw(part, now_ns), now_ns)
+            if part in self._scene.changed and self._server.viewers.of(picture_topic(part)):
+                self._server.show(part, self._scene.draw(part, now_ns), now_ns)
         for mirrored in self._mirrored.values():
             if mirrored.is_new:
                 self._send(mirrored)

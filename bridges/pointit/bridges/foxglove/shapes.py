@@ -32,7 +32,6 @@ from pointit.schemas.base import Rgb
 WORLD = "world"
 """The frame {W}."""
 
-GREY: Rgb = (130, 130, 135)
 WHITE: Rgb = (255, 255, 255)
 
 Places = NDArray[np.float64]

@@ -1,33 +1,21 @@
-"""What is at which path, and who is let through: the ASGI application of the page's listeners."""
+"""What is at which path: the ASGI application of the page's listeners."""
 
-import logging
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from html import escape
-from typing import Any
 
 from starlette.applications import Starlette
-from starlette.datastructures import Headers
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web import access
 from pointit.bridges.web.access import Access, Asked
 from pointit.bridges.web.bundle import Bundle
+from pointit.bridges.web.guard import Guard, asked_of
+from pointit.bridges.web.responses import file_response, refusal
 from pointit.bridges.web.wire import Role
-
-log = logging.getLogger(__name__)
-
-MOST_BODY = 64 * 1024
-"""Bytes that may be posted."""
-
-REFUSED = """<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>PointIt</title>
-<h1>{title}</h1><p>{sentence}</p></html>
-"""
 
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
 <meta http-equiv="refresh" content="0;url=/"><p><a href="/">Go on to the page</a></p></html>
@@ -41,12 +29,6 @@ BARRED = "Too many wrong links came from your address: wait a minute, then open 
 
 OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
 Download = Callable[[Request], Awaitable[Response]]
-
-
-def asked_of(connection: HTTPConnection) -> Asked:
-    """Return what of a request matters for access; `Guard` has put it there."""
-    asked: Asked = connection.scope["pointit.asked"]
-    return asked
 
 
 def application(
@@ -120,105 +102,3 @@ class _Page:
         if self._doors.is_barred(asked.address, now_s):
             return refusal(429, "Not now", BARRED)
         return refusal(403, "This page is not open to everybody", NOT_ADMITTED)
-
-
-def refusal(status: int, title: str, sentence: str) -> Response:
-    """Return a page of one sentence that says why not."""
-    return HTMLResponse(
-        REFUSED.format(title=escape(title), sentence=escape(sentence)),
-        status,
-        headers={"Cache-Control": "no-store"},
-    )
-
-
-def file_response(request: Request, bundle: Bundle, name: str) -> Response:
-    """Return a file of the bundle; nothing but a word when the browser has the very same already."""
-    file = bundle.file(name)
-    if file is None:
-        if name == "index.html":
-            return refusal(
-                503, "The page is not built", "Build it: npm run build in bridges/pointit/bridges/web/client."
-            )
-        return PlainTextResponse("there is no such file", 404)
-    headers = {"ETag": file.etag, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
-    if file.etag in request.headers.get("if-none-match", ""):
-        return Response(status_code=304, headers=headers)
-    content = file.content
-    if file.compressed and "gzip" in request.headers.get("accept-encoding", ""):
-        content, headers["Content-Encoding"] = file.compressed, "gzip"
-    return Response(content, headers=headers, media_type=file.media_type)
-
-
-class Guard:
-    """Lets nothing through that another site or name had a hand in, and puts the headers on all answers."""
-
-    def __init__(self, app: ASGIApp, doors: Access) -> None:
-        """Stand before `app`."""
-        self._app = app
-        self._doors = doors
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request or websocket."""
-        if scope["type"] not in ("http", "websocket"):
-            return
-        asked = _asked(scope)
-        scope["pointit.asked"] = asked
-        answered = False
-
-        async def telling(message: Message) -> None:
-            nonlocal answered
-            if message["type"] in ("http.response.start", "websocket.http.response.start"):
-                answered = True
-                own = {name.lower() for name, _ in message.get("headers", ())}
-                more = [
-                    (name.lower().encode(), value.encode()) for name, value in access.headers(asked).items()
-                ]
-                message["headers"] = [*message.get("headers", ()), *(h for h in more if h[0] not in own)]
-            elif message["type"] in ("websocket.accept", "websocket.close"):
-                answered = True
-            await send(message)
-
-        response = self._objection(scope, asked)
-        try:
-            if response is None:
-                await self._app(scope, receive, telling)
-            elif scope["type"] == "http":
-                await response(scope, receive, telling)
-            else:
-                await WebSocket(scope, receive, telling).send_denial_response(response)
-        except OSError:
-            pass  # the client has gone
-        except Exception:
-            log.exception("%s failed", scope["path"])
-            if not answered and scope["type"] == "http":
-                await PlainTextResponse("a fault of PointIt itself, see its log", 500)(
-                    scope, receive, telling
-                )
-
-    def _objection(self, scope: Scope, asked: Asked) -> Response | None:
-        if not self._doors.is_known_host(asked.host):
-            return PlainTextResponse(
-                "this is no address of the page; open the link that PointIt has printed", 403
-            )
-        is_posted = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
-        if (scope["type"] == "websocket" or is_posted) and not self._doors.is_own_origin(asked):
-            return PlainTextResponse("only a page of this very server may do that", 403)
-        if is_posted:
-            length = Headers(scope=scope).get("content-length", "")
-            if not length.isdecimal() or len(length) > 9 or int(length) > MOST_BODY:
-                return PlainTextResponse(f"at most {MOST_BODY} bytes are taken, and their number first", 413)
-        return None
-
-
-def _asked(scope: dict[str, Any] | Scope) -> Asked:
-    connection = HTTPConnection(scope)
-    headers = connection.headers
-    return Asked(
-        scheme="https" if scope["scheme"] in ("https", "wss") else "http",
-        host=headers.get("host", ""),
-        address=connection.client.host if connection.client else "",
-        origin=headers.get("origin", ""),
-        site=headers.get("sec-fetch-site", ""),
-        destination=headers.get("sec-fetch-dest", ""),
-        cookies=connection.cookies,
-    )

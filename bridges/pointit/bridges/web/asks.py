@@ -8,6 +8,7 @@ the query's fields. Deeds are this server's own; `name` is the person:
   whoever moves it.
 - `tremor`, `{"rms_deg": number}`: let that arm tremble.
 - `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
+  `{"off": true}`: their phone is not paired any more, nor is a code valid that was shown.
 - `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
 - `centre`: the person's arm points at the middle of the room right now.
 """
@@ -18,7 +19,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pointit.bridges.web.wire import Ask, Deed, Role
+from pointit.bridges.web.wire import Ask, Deed, Hello, Role
+from pointit.bridges.web.wrists import MOST_TREMOR_DEG
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Query, explain
 from pointit.schemas.topics import (
@@ -91,14 +93,20 @@ class Press(_Extras):
 class Tremor(_Extras):
     """How much an arm trembles."""
 
-    rms_deg: float = Field(ge=0, le=5)
+    rms_deg: float = Field(ge=0, le=MOST_TREMOR_DEG)
+
+
+class Pair(_Extras):
+    """A phone is to be paired, or not to be any more."""
+
+    off: bool = False
 
 
 class Plain(_Extras):
     """Nothing more to say."""
 
 
-EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor}
+EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": Pair}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +127,19 @@ class Wish:
     extras: BaseModel
 
 
+def is_offered(ask: Ask, role: Role) -> bool:
+    """Return whether pages of this role may ask for that, whatever the rest of it says."""
+    if ask.deed is not None:
+        return ask.deed in DEEDS[role]
+    return any(ask.key == request.key for request in REQUESTS[role])
+
+
+def greeting(role: Role, *, version: str, site: str, user: str = "") -> Hello:
+    """Return what a page of this role is greeted with; `user`: whose wrist a phone is."""
+    requests = tuple(request.key for request in REQUESTS[role])
+    return Hello(version=version, site=site, role=role, requests=requests, deeds=DEEDS[role], user=user)
+
+
 def understood(ask: Ask, role: Role) -> Call | Wish:
     """Return what is asked for.
 
@@ -131,7 +152,7 @@ def understood(ask: Ask, role: Role) -> Call | Wish:
     if request is None:
         raise RefusedError(f"pages cannot ask for {ask.key!r}; they can ask for {_listed(OPERATORS)}")
     if request not in REQUESTS[role]:
-        raise RefusedError(ONLY_LOOKS_ON)
+        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {ask.key!r}")
     if request.placeholder:
         check_name(ask.name, request.placeholder)
     elif ask.name:

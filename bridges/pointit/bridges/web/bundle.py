@@ -12,6 +12,9 @@ STATIC = Path(__file__).with_name("static")
 MOST_BYTES = 8 * 1024 * 1024
 """Of a file; a longer one is not served."""
 
+MOST_FILES = 256
+"""Kept in memory; where upper and lower case are the same, one file has many names."""
+
 PLAIN_BYTES = 1024
 """A shorter file is not worth compressing."""
 
@@ -67,6 +70,8 @@ class Bundle:
         except OSError:
             self._files.pop(name, None)
             return None
+        if len(self._files) >= MOST_FILES:
+            self._files.clear()
         file = self._files[name] = _file(path, content, version)
         return file
 

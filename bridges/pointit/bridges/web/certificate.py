@@ -7,6 +7,8 @@ beside the QR code for whoever wants to compare before they go on.
 import datetime as dt
 import ipaddress
 import os
+import ssl
+import stat
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,16 +67,18 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
     warning = ""
     try:
         kept = _read(*files)
+        fits = _fits(kept, names, wanted, now)
     except FileNotFoundError:
-        kept = None
-    except (OSError, ValueError, TypeError, UnsupportedAlgorithm) as error:
-        reason = (error.strerror or str(error)) if isinstance(error, OSError) else "it is damaged"
+        kept, fits = None, False
+    except (OSError, ValueError, TypeError, UnsupportedAlgorithm, x509.DuplicateExtension) as error:
+        is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
+        reason = "it is damaged" if is_read else str(getattr(error, "strerror", "") or error)
         warning = (
             f"{folder}: the page's certificate could not be used ({reason}); a new one was made, "
             "which browsers warn of again"
         )
-        kept = None
-    if kept is None or not _fits(kept, names, wanted, now):
+        kept, fits = None, False
+    if kept is None or not fits:
         key = ec.generate_private_key(ec.SECP256R1())
         kept = _sign(key, names, wanted, now)
         _keep(files[1], _pem(key), 0o600)
@@ -93,9 +97,12 @@ def _read(certificate: Path, key: Path) -> x509.Certificate:
     """Return what is kept.
 
     Raises:
-        OSError: it cannot be read; FileNotFoundError: there is none.
+        OSError: it cannot be read; FileNotFoundError: there is none; ssl.SSLError: TLS cannot use it.
         ValueError, TypeError, UnsupportedAlgorithm: it is no certificate with its key.
     """
+    for path in (certificate, key):
+        if not stat.S_ISREG(path.stat().st_mode):  # to open a pipe waits for somebody to write
+            raise ValueError(f"{path} is no file")
     with certificate.open("rb") as file:
         found = x509.load_pem_x509_certificate(file.read(MAX_BYTES))
     with key.open("rb") as file:
@@ -104,6 +111,8 @@ def _read(certificate: Path, key: Path) -> x509.Certificate:
         raise ValueError("the key is another one's")
     if os.name == "posix" and key.stat().st_mode & 0o077:
         raise ValueError("others could read the key")
+    # what follows in the file is not read here, and OpenSSL may want more of a key
+    ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
     return found
 
 

@@ -80,9 +80,15 @@ class Deployments:
     def __init__(self, own: str) -> None:
         """Know none; `own` is the service that looks, which may outlive what it was started with."""
         self._own = own
+        self._scenario = ""
+        """That runs, or ran last."""
         self._began: set[str] = set()
         """Those of which some service has been there."""
         self.known: dict[str, Deployment] = {}
+
+    def is_another(self, deployment: Deployment) -> bool:
+        """Return whether `deployment` begins another scenario than the one that ran last."""
+        return bool(deployment.scenario) and self._scenario not in ("", deployment.scenario)
 
     def put(self, name: str, deployment: Deployment, present: Collection[str]) -> list[Key]:
         """Take one; return those that it replaces: a site runs one scenario at a time."""
@@ -92,6 +98,7 @@ class Deployments:
             if other != name and known.scenario and deployment.scenario
         ]
         self.known[name] = deployment
+        self._scenario = deployment.scenario or self._scenario
         self._began.discard(name)
         self.came(present)
         return [self._drop(other) for other in over]

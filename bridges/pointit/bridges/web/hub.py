@@ -63,8 +63,6 @@ class Hub:
         """Events so far, those that have fallen out of the ring too."""
         self._gone = 0
         self._feeds: set[Feed] = set()
-        self.refused = 0
-        """Messages of keys beyond `most_keys`."""
 
     def put(self, topic: Topic[Any], name: str, payload: bytes, *, urgent: bool = False) -> bool:
         """Take a message of `topic` at `name`; return whether there was room for its key.
@@ -79,7 +77,6 @@ class Hub:
         if (topic.key, name) not in self._entries and len(self._entries) >= self._most_keys:
             self._drop_gone()
             if len(self._entries) >= self._most_keys:
-                self.refused += 1
                 return False
         self._set(news)
         if urgent:

@@ -11,7 +11,7 @@ from starlette.types import ASGIApp
 
 from pointit.bridges.web.certificate import obtain
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.serving import Listener, bind
+from pointit.bridges.web.serving import Listener, bind, url
 from pointit.runtime import ConfigError, ListenError, RefusedError
 from pointit.runtime.state import site_folder
 
@@ -73,11 +73,6 @@ def choose_address(configured: str, found: list[str]) -> str:
     return str(parsed)
 
 
-def written(address: str, port: int) -> str:
-    """Return the URL of a page there, without a path."""
-    return f"https://[{address}]:{port}" if ":" in address else f"https://{address}:{port}"
-
-
 class Lan:
     """The page's door to the local network: closed until `open`."""
 
@@ -96,6 +91,8 @@ class Lan:
         self._addresses = addresses
         self._listener: Listener | None = None
         self._opening = asyncio.Lock()
+        self.address = ""
+        """At which it listens, or did last."""
         self.url = ""
         """Where the page is, without a path; empty: closed."""
         self.fingerprint = ""
@@ -129,7 +126,8 @@ class Lan:
                 await listener.close()
                 raise
             self._listener = listener
-            self.url = written(address, listener.port)
+            self.address = address
+            self.url = url("https", address, listener.port)
             self.fingerprint = certificate.fingerprint
             wanted = self._config.lan_port
             moved = wanted and listener.port != wanted

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.asks import DEEDS, REQUESTS
+from pointit.bridges.web.asks import greeting
 from pointit.bridges.web.hub import Hub
-from pointit.bridges.web.pace import Latencies
+from pointit.bridges.web.lag import Latencies
 from pointit.bridges.web.session import Host, Session
-from pointit.bridges.web.wire import IN_FLIGHT, Ack, Hello, Role, Status
+from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
 from pointit.runtime.health import ServiceBus
 
 GATHER_S = 0.004
@@ -78,7 +78,8 @@ class Pages:
         self._sessions.add(session)
         self._count_viewers()
         try:
-            await session.run(self._hello(role))
+            hello = greeting(role, version=self._version, site=self._bus.site)
+            await session.run(hello.model_dump_json())
         finally:
             self._sessions.discard(session)
             self._hub.close(session.feed)
@@ -138,20 +139,11 @@ class Pages:
         if p95_ms is not None and p95_ms > SLOW_MS:
             self._bus.warn(
                 "lag",
-                f"pages show what was {p95_ms:.0f} ms ago (95th percentile); is this machine or theirs "
-                "overloaded, or the network slow?",
+                f"pages show what was {p95_ms:.0f} ms ago (95th percentile): this machine or theirs is busy, "
+                "or the network slow; the plan instead of the scene is lighter for a machine without graphics",
             )
         else:
             self._bus.clear("lag")
-
-    def _hello(self, role: Role) -> str:
-        return Hello(
-            version=self._version,
-            site=self._bus.site,
-            role=role,
-            requests=tuple(request.key for request in REQUESTS[role]),
-            deeds=DEEDS[role],
-        ).model_dump_json()
 
     def _count_viewers(self) -> None:
         self._bus.figure("viewers", float(len(self._sessions)))

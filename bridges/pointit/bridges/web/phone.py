@@ -20,12 +20,13 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from pointit.bridges.web.app import file_response, refusal
+from pointit.bridges.web.asks import greeting
 from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.cues import Cues
 from pointit.bridges.web.pairing import Pairing, Phone
-from pointit.bridges.web.phone_line import DEEDS, REQUESTS, PhoneHost, PhoneLine
-from pointit.bridges.web.wire import Cue, Hello
+from pointit.bridges.web.phone_line import PhoneHost, PhoneLine
+from pointit.bridges.web.responses import file_response, refusal
+from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue
 from pointit.schemas import Feedback, Interaction, Localization, WristSample
 
 MOST_ITEMS = 64
@@ -36,13 +37,7 @@ POST_PATIENCE_S = 0.1
 
 COOKIE_S = 12 * 3600
 
-UNPAIRED = 4403
-"""Close code: this phone is not paired any more."""
-REPLACED = 4409
-"""Close code: the phone has another socket."""
-
 NOT_PAIRED = "This phone is not paired, or not any more: have the page show a new QR code and scan it."
-LOST = "somebody else moves your arm now: take it back when you want to"
 CENTRED = "ahead is the middle of the room now"
 
 _posted: TypeAdapter[list[dict[str, Any]]] = TypeAdapter(
@@ -76,7 +71,7 @@ class Phones:
 
     def feedback(self, user: str, feedback: Feedback) -> None:
         """Let the phone of `user` chime and vibrate."""
-        self._tell(user, self._cues_of(user).feedback(feedback))
+        self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # of anybody: kept of nobody
 
     def interaction(self, user: str, interaction: Interaction) -> None:
         """Tell the phone of `user` what is next."""
@@ -86,9 +81,9 @@ class Phones:
         """Tell the phone of `user` where to point."""
         self._tell(user, self._cues_of(user).localization(progress))
 
-    def lost(self, user: str) -> None:
-        """Tell the phone of `user` that somebody else has taken the wrist from it."""
-        self._tell(user, self._cues_of(user).say(LOST))
+    def lost(self, user: str, *, is_own: bool = False) -> None:
+        """Tell the phone of `user` that the wrist was taken from it; `is_own`: nobody else moves it now."""
+        self._tell(user, self._cues_of(user).loss(is_own=is_own))
 
     def centred(self, user: str) -> None:
         """Tell the phone of `user` what is ahead of it from now on."""
@@ -200,15 +195,8 @@ class Phones:
     def _greet(self, line: PhoneLine) -> None:
         """Tell a phone that begins anew who it is, and how things stand."""
         line.clear()
-        hello = Hello(
-            version=self._host.version,
-            site=self._host.site,
-            role="wrist",
-            requests=REQUESTS,
-            deeds=DEEDS,
-            user=line.phone.user,
-        )
-        line.put(hello)
+        host = self._host
+        line.put(greeting("wrist", version=host.version, site=host.site, user=line.phone.user))
         line.put(self._cues_of(line.phone.user).current)
 
     def _tell(self, user: str, cue: Cue | None) -> None:

@@ -1,6 +1,7 @@
 """One paired phone: what it says, and what waits to be told to it, whichever way it comes for it."""
 
 import asyncio
+import logging
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable
@@ -9,17 +10,16 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from pointit.bridges.web.asks import is_offered
 from pointit.bridges.web.pace import Bucket
 from pointit.bridges.web.pairing import Phone
-from pointit.bridges.web.wire import Answer, Ask, Deed, Part, Turn
+from pointit.bridges.web.wire import MOST_TOLD, OWN_FAULT, Answer, Ask, Part, Turn
 from pointit.bridges.web.wrists import Wrists
 from pointit.runtime import PointItError
 from pointit.runtime.health import Warnings
 from pointit.schemas import SchemaError, WristSample, explain
-from pointit.schemas.topics import CANCEL_LOCALIZATION, START_LOCALIZATION
 
-DEEDS: tuple[Deed, ...] = ("press", "take", "give", "centre")
-REQUESTS: tuple[str, ...] = (START_LOCALIZATION.key, CANCEL_LOCALIZATION.key)
+log = logging.getLogger(__name__)
 
 MOST_WAITING = 64
 """Messages that wait for a phone; the oldest give way."""
@@ -46,9 +46,9 @@ class PhoneHost:
     """The site's time."""
     send: Callable[[str, WristSample], None]
     """Publishes a sample of a person's wrist."""
-    answer: Callable[[str, str, Ask], Awaitable[Answer]]
-    """Does what the phone with this page id asks for this person: one of `DEEDS` or `REQUESTS`, with the
-    person's name in it; raises a `PointItError` or `SchemaError` that says why not."""
+    answer: Callable[[str, Ask], Awaitable[Answer]]
+    """Does what the phone with this page id asks for, which names its person; raises a `PointItError` or
+    `SchemaError` that says why not."""
     changed: Callable[[], None]
     """Is told when who moves what may have changed."""
     warnings: Warnings
@@ -98,6 +98,11 @@ class PhoneLine:
         """Take a message, JSON or its object; return the sample of the wrist that it makes, if any."""
         if not self._bucket.take(time.monotonic()):
             self.dropped += 1
+            self._host.warnings.warn(
+                self._topic,
+                f"the phone of {self.phone.user} says more than {RATE_HZ:.0f} things a second, "
+                f"{self.dropped} were dropped in all; load its page again",
+            )
             return None
         try:
             said = _said.validate_python(item) if isinstance(item, dict) else _said.validate_json(item)
@@ -119,7 +124,7 @@ class PhoneLine:
         self.malformed += 1
         self._host.warnings.warn(
             self._topic,
-            f"the phone of {self.phone.user} has sent what cannot be understood ({what}), "
+            f"the phone of {self.phone.user} has sent what cannot be understood ({what[:MOST_TOLD]}), "
             f"{self.malformed} such messages in all; load its page again",
         )
 
@@ -143,7 +148,7 @@ class PhoneLine:
         return sample
 
     async def _ask(self, ask: Ask) -> None:
-        if (ask.deed not in DEEDS) if ask.deed is not None else (ask.key not in REQUESTS):
+        if not is_offered(ask, "wrist"):
             self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
             return
         if ask.deed == "centre" and self._host.wrists.holder(self.phone.user)[0] != self.phone.page:
@@ -151,7 +156,10 @@ class PhoneLine:
             return
         own = ask.model_copy(update={"name": self.phone.user})
         try:
-            answer = await self._host.answer(self.phone.page, self.phone.user, own)
+            answer = await self._host.answer(self.phone.page, own)
         except (PointItError, SchemaError) as error:
             answer = Answer(id=ask.id, error=str(error))
+        except Exception:  # the phone waits for an answer
+            log.exception("a phone asked %s and was not answered", ask.deed or ask.key)
+            answer = Answer(id=ask.id, error=OWN_FAULT)
         self.put(answer)

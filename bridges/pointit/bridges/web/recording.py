@@ -1,6 +1,5 @@
 """The last minute of the site as a recording that Foxglove and Lichtblick open: MCAP with JSON messages."""
 
-import base64
 import itertools
 import json
 from collections import deque
@@ -9,8 +8,8 @@ from typing import IO, Any, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
-from pointit.bridges.web.recording_schema import plain_schema
 from pointit.schemas import NS_PER_S, Message, decode
+from pointit.schemas.plain import Plain, channel_name
 from pointit.schemas.topics import Delivery, Topic
 
 MOST = 60_000
@@ -43,25 +42,23 @@ class Recording:
         writer = Writer(output, compression=CompressionType.ZSTD)
         writer.start(profile="", library="pointit")
         writer.add_metadata("pointit", {"site": self.site})
-        schemas: dict[str, int] = {}
+        kinds: dict[type[Message], tuple[Plain, int]] = {}
         channels: dict[str, int] = {}
         for entry in self.entries:
             kind: type[Message] = entry.topic.message
-            schema = schemas.get(kind.__name__)
-            if schema is None:
-                text = json.dumps(plain_schema(kind)).encode()
-                schema = writer.register_schema(kind.schema_name(), "jsonschema", text)
-                schemas[kind.__name__] = schema
+            if kind not in kinds:
+                plain = Plain(kind)
+                text = json.dumps(plain.schema).encode()
+                kinds[kind] = plain, writer.register_schema(kind.schema_name(), "jsonschema", text)
+            plain, schema = kinds[kind]
             key = entry.topic.at(entry.name)
             channel = channels.get(key)
             if channel is None:
-                channel = channels[key] = writer.register_channel(key, "json", schema)
-            fields = decode(kind, entry.payload).model_dump()
-            data = json.dumps(fields, default=_base64, separators=(",", ":")).encode()
+                channel = channels[key] = writer.register_channel(channel_name(key), "json", schema)
             writer.add_message(
                 channel,
                 log_time=max(entry.stamp_ns, self.began_ns),
-                data=data,
+                data=plain.text(decode(kind, entry.payload)),
                 publish_time=entry.stamp_ns,
                 sequence=entry.seq % 2**32,
             )
@@ -113,12 +110,6 @@ class LastMinute:
         self.bytes -= len(entry.payload)
         if entry.topic.delivery is Delivery.STATE:
             self._before[entry.topic.key, entry.name] = entry
-
-
-def _base64(value: object) -> str:
-    if isinstance(value, bytes):
-        return base64.b64encode(value).decode()
-    raise TypeError(f"cannot be written: {type(value).__name__}")
 
 
 def file_name(site: str, now_ns: int) -> str:

@@ -1,11 +1,9 @@
 """Reads what onlookers are shown, serves it to pages, and writes what their mice and phones do."""
 
 import asyncio
-import contextlib
 import functools
 import importlib.metadata
 import io
-import ipaddress
 import logging
 from typing import Any, ClassVar
 
@@ -13,39 +11,39 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
+from pointit.bridges.web import exposure
 from pointit.bridges.web.access import Access, new_token
+from pointit.bridges.web.answers import Answers
 from pointit.bridges.web.app import application
+from pointit.bridges.web.belief import Belief
 from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.desk import Desk, People
-from pointit.bridges.web.ghosts import Deployments, Key, Trackers, of_person, of_service
-from pointit.bridges.web.hub import MOST_KEYS, Hub
+from pointit.bridges.web.hub import MOST_KEYS
 from pointit.bridges.web.lan import Lan
 from pointit.bridges.web.pages import Pages
 from pointit.bridges.web.pairing import Pairing
+from pointit.bridges.web.people import People
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
-from pointit.bridges.web.recording import LastMinute, file_name
-from pointit.bridges.web.serving import Listener, bind
+from pointit.bridges.web.recording import file_name
+from pointit.bridges.web.responses import Pieces
+from pointit.bridges.web.serving import Listener, bind, url
 from pointit.bridges.web.session import Session
-from pointit.bridges.web.status import Sight
-from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Role, Status
+from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import ConfigError, Context, RefusedError, Service
+from pointit.runtime import Context, RefusedError, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     Deployment,
     Environment,
     Feedback,
-    Health,
     Interaction,
     Localization,
     Message,
     UserPose,
     UserProfile,
-    encode,
 )
-from pointit.schemas.topics import OBJECTS, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.registry import SHOWN
 
 log = logging.getLogger(__name__)
@@ -55,9 +53,6 @@ TICK_S = 1.0
 
 QUIET_S = 10.0
 """A warning about what pages say goes when they have said nothing wrong for so long."""
-
-LEAST_TOKEN = 8
-"""Characters; a shorter one is guessed."""
 
 
 class Web(Service[WebConfig]):
@@ -69,17 +64,8 @@ class Web(Service[WebConfig]):
 
     @classmethod
     def check(cls, config: WebConfig) -> None:
-        """Refuse to be seen without encryption from elsewhere, and tokens that do not keep anybody out."""
-        if not _is_loopback(config.host):
-            raise ConfigError(
-                f"host: {config.host} can be reached from other machines, and what goes there is not "
-                "encrypted; leave it at 127.0.0.1 and use lan: true, which opens the page by HTTPS"
-            )
-        for name, token in (("operator_token", config.operator_token), ("viewer_token", config.viewer_token)):
-            if token and len(token) < LEAST_TOKEN:
-                raise ConfigError(f"{name}: has {len(token)} characters, use at least {LEAST_TOKEN}")
-        if config.operator_token and config.operator_token == config.viewer_token:
-            raise ConfigError("viewer_token: is the operator's; choose another, or leave it empty")
+        """Refuse what would let anybody in, see `exposure`."""
+        exposure.check(config)
 
     def __init__(self, config: WebConfig, context: Context) -> None:
         super().__init__(config, context)
@@ -87,19 +73,16 @@ class Web(Service[WebConfig]):
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([config.host])
-        self._hub = Hub()
-        self._last_minute = LastMinute(config.record_s)
-        self._writing = asyncio.Lock()
-        self._sight = Sight(self._now_s())
-        self._trackers = Trackers()
-        self._deployments = Deployments(self.NAME)
+        self._belief = Belief(self.NAME, config.record_s, self._now_s())
+        self._writing: asyncio.Task[tuple[str, bytes]] | None = None
+        """Writes a recording."""
         self._wrists = Wrists(config)
         self._moving = asyncio.Event()
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         version = importlib.metadata.version("pointit")
         self._pages = Pages(
-            self._hub,
+            self._belief.hub,
             self.bus,
             self._status,
             rate_hz=config.rate_hz,
@@ -120,17 +103,17 @@ class Web(Service[WebConfig]):
         self._phones = Phones(host, self._pairing, bundle)
         app = application(doors, bundle, self._open, self._download, self._phones.routes)
         self._lan = Lan(config, self.bus.site, app)
-        self._desk = Desk(
+        self._answers = Answers(
             self.bus,
             people=self._people,
             wrists=self._wrists,
             pairing=self._pairing,
+            phones=self._phones,
             lan=self._lan,
             doors=doors,
-            present=lambda: self._sight.present,
+            present=lambda: self._belief.present,
             changed=self._changed,
         )
-        self._desk.phones = self._phones
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
@@ -144,21 +127,27 @@ class Web(Service[WebConfig]):
         try:
             await self._listener.start()
             shown = f"?token={self._token}" if not self.config.operator_token else ""
-            host = f"[{self.config.host}]" if ":" in self.config.host else self.config.host
-            log.info("the page is at http://%s:%d/%s", host, self._listener.port, shown)
+            log.info("the page is at %s/%s", url("http", self.config.host, self._listener.port), shown)
             if self.config.lan:
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick(), name="web tick")
                 group.create_task(self._move(), name="web wrists")
         finally:
+            if self._writing is not None:
+                self._writing.cancel()
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
 
+    @property
+    def port(self) -> int:
+        """Return the port at which it listens."""
+        return self._listener.port
+
     async def _open_lan(self) -> None:
         try:
-            log.info("%s", (await self._desk.open_lan())["message"])
+            log.info("%s", (await self._answers.open_lan())["message"])
         except RefusedError as error:  # the page is of use on this machine all the same
             log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
             self.bus.warn("lan", f"the page is not open to the local network: {error}")
@@ -171,7 +160,7 @@ class Web(Service[WebConfig]):
 
     async def answer(self, ask: Ask, session: Session) -> Answer:
         """Do what a page asks for."""
-        return await self._desk.answer(session.page, session.role, ask)
+        return await self._answers.answer(session.page, session.role, ask)
 
     def aim(self, aim: AimAt, session: Session) -> None:
         """Point where a page's mouse does."""
@@ -188,7 +177,8 @@ class Web(Service[WebConfig]):
         self._malformed_s = self._now_s()
         self.bus.warn(
             "pages",
-            f"a page has sent what is no message ({sentence}; {self._malformed} so far); load it again",
+            f"a page has sent what is no message ({sentence[:MOST_TOLD]}; {self._malformed} so far); "
+            "load it again",
         )
 
     async def _open(self, socket: WebSocket, role: Role) -> None:
@@ -198,24 +188,28 @@ class Web(Service[WebConfig]):
         if self._wrists.close(page):
             self._changed()
 
-    async def _answer_phone(self, page: str, _user: str, ask: Ask) -> Answer:
-        return await self._desk.answer(page, "wrist", ask)
+    async def _answer_phone(self, page: str, ask: Ask) -> Answer:
+        return await self._answers.answer(page, "wrist", ask)
 
     async def _download(self, _request: Request) -> Response:
-        """Return the last minute as a file; written in a thread, one at a time."""
-        async with self._writing:
-            now_ns = self.clock.now_ns()
-            output = io.BytesIO()
-            recording = self._last_minute.recording(self.bus.site, now_ns)
-            await asyncio.to_thread(recording.write, output)
-        name = file_name(self.bus.site, now_ns)
+        """Return the last minute as a file; who asks while one is being written gets that one."""
+        if self._writing is None or self._writing.done():
+            self._writing = self._loop.create_task(self._write(), name="web writes a recording")
+        name, content = await asyncio.shield(self._writing)
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
-        return Response(output.getvalue(), headers=headers, media_type="application/octet-stream")
+        return Pieces(content, headers=headers, media_type="application/octet-stream")
+
+    async def _write(self) -> tuple[str, bytes]:
+        """Return the name and the bytes of a recording; it is written in a thread."""
+        now_ns = self.clock.now_ns()
+        output = io.BytesIO()
+        recording = self._belief.last_minute.recording(self.bus.site, now_ns)
+        await asyncio.to_thread(recording.write, output)
+        return file_name(self.bus.site, now_ns), output.getvalue()
 
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
-        return self._sight.status(
-            self._deployments.known,
+        return self._belief.status(
             [
                 self._wrists.line(user, page, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
                 for user in self._people.names
@@ -229,22 +223,15 @@ class Web(Service[WebConfig]):
     # What the bus says.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
-        payload = encode(message)
-        is_urgent = topic is STRIPS_FRAME
-        if not self._hub.put(topic, name, payload, urgent=is_urgent):
+        if not self._belief.take(topic, name, message, self.clock.now_ns(), self._now_s()):
             self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
-        self._last_minute.add(topic, name, message, payload, self.clock.now_ns())
-        self._attend(topic, message, name)
-        self._pages.news(now=is_urgent)
+            return
+        self._attend(message, name)
+        self._pages.news(now=topic is STRIPS_FRAME)
 
-    def _attend(self, topic: Topic[Any], message: Message, name: str) -> None:
-        """Take what matters to this server itself."""
-        if topic is OBJECTS:
-            self._trackers.heard(name, self._now_s())
-        elif isinstance(message, Health):
-            self._sight.report(name, message, self._now_s())
-        elif isinstance(message, Deployment):
-            self._forget(self._deployments.put(name, message, self._sight.present))
+    def _attend(self, message: Message, name: str) -> None:
+        """Let wrists, phones and pages have what matters to them."""
+        if isinstance(message, Deployment):
             self._changed()
         elif isinstance(message, Environment):
             self._wrists.room(message)
@@ -262,12 +249,8 @@ class Web(Service[WebConfig]):
             self._phones.feedback(name, message)
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._sight.set_present(instance, present, self._now_s())
-        if present:
-            self._deployments.came(self._sight.present)
-        else:
-            self._forget([*of_service(instance, self._sight.present, self._hub.names)])
-            self._forget(self._deployments.over(self._sight.present))
+        self._belief.set_service(instance, present, self._now_s())
+        self._pages.news()
         self._changed()
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -277,14 +260,9 @@ class Web(Service[WebConfig]):
             self._people.go(user)
             self._wrists.forget(user)
             self._phones.forget(user)
-            self._forget([*of_person(user)])
+            self._belief.lose_person(user)
+            self._pages.news()
         self._changed()
-
-    def _forget(self, keys: list[Key]) -> None:
-        for topic, name in keys:
-            self._hub.forget(topic, name)
-            self._last_minute.forget(topic, name)
-        self._pages.news()
 
     # Time.
 
@@ -292,7 +270,8 @@ class Web(Service[WebConfig]):
         while True:
             await asyncio.sleep(TICK_S)
             now_s = self._now_s()
-            self._forget(self._trackers.silent(now_s))
+            self._belief.pass_time(now_s)
+            self._pages.news()
             if now_s - self._malformed_s > QUIET_S:
                 self.bus.clear("pages")
             self._listener.cut_lingering()
@@ -320,12 +299,6 @@ class Web(Service[WebConfig]):
 
     def _now_s(self) -> float:
         return self._loop.time()
-
-
-def _is_loopback(host: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return host == "localhost"
 
 
 SERVICE = Web

@@ -5,22 +5,30 @@ not wait for clients that have stopped reading.
 """
 
 import asyncio
+import contextlib
+import logging
 import socket
 import ssl
 import sys
-import weakref
+from collections import OrderedDict
+from dataclasses import dataclass
 from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.server import ServerState
 
 from pointit.runtime import ListenError
+
+log = logging.getLogger(__name__)
 
 MAX_MESSAGE = 16 * 1024
 """Bytes of a websocket message from a page, inflated; a longer one closes the connection."""
 
-PING_S = 15.0
-"""How often a websocket is asked whether it still reads, and how long it has to answer."""
+PING_S = 5.0
+"""How often a websocket is asked whether it still reads, and how long it has to answer: a page that is gone
+without a word holds a wrist for twice as long."""
 
 CLOSE_S = 0.4
 """How long connections may take to close when the server ends; then they are cut."""
@@ -28,7 +36,20 @@ CLOSE_S = 0.4
 BACKLOG = 128
 
 MOST_CONNECTIONS = 1024
-"""At a time; further requests are answered with 503."""
+"""At a time, or a quarter of the files that this process may have open. One more takes the place of the one
+that has asked for nothing for the longest; if none is idle, it is cut itself."""
+
+MOST_ARRIVING = 64
+"""TLS connections that are not agreed yet; one more takes the place of the oldest."""
+
+ARRIVING_S = 10.0
+"""How long that may take."""
+
+QUIET_S = 10.0
+"""A connection on which nothing was asked, or nothing read of what it is owed, for so long is cut."""
+
+REST_S = 0.5
+"""How long nobody is let in when the system cannot take another connection."""
 
 
 def bind(host: str, port: int, option: str) -> socket.socket:
@@ -56,14 +77,44 @@ def bind(host: str, port: int, option: str) -> socket.socket:
     return listener
 
 
+def url(scheme: str, host: str, port: int) -> str:
+    """Return the address of what listens there, without a path."""
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
+
+
+def most_connections() -> int:
+    """Return how many connections a listener takes, so that files are left for everything else here."""
+    if sys.platform == "win32":
+        return MOST_CONNECTIONS
+    import resource  # noqa: PLC0415 - there is none on Windows
+
+    files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return MOST_CONNECTIONS if files == resource.RLIM_INFINITY else max(16, min(MOST_CONNECTIONS, files // 4))
+
+
+@dataclass(slots=True)
+class _Visit:
+    """How a connection does."""
+
+    cycle: object = None
+    """Its newest request; none yet."""
+    owed: int = 0
+    """Bytes it has not read."""
+    since_s: float = 0.0
+    """Since when that is so."""
+
+
 class Listener:
     """Serves `app` at a bound socket, by TLS where there is a context, from `start` to `close`."""
 
-    def __init__(self, app: ASGIApp, bound: socket.socket, tls: ssl.SSLContext | None = None) -> None:
+    def __init__(
+        self, app: ASGIApp, bound: socket.socket, tls: ssl.SSLContext | None = None, *, most: int = 0
+    ) -> None:
+        """Accept nothing yet; `most`: connections at a time, 0: `most_connections`."""
         self._socket = bound
         self.port: int = bound.getsockname()[1]
         """Where it listens."""
-        config = uvicorn.Config(
+        self._config = uvicorn.Config(
             app,
             http="h11",
             loop="none",
@@ -74,57 +125,130 @@ class Listener:
             proxy_headers=False,
             server_header=False,
             date_header=False,
-            backlog=BACKLOG,
-            limit_concurrency=MOST_CONNECTIONS,
             ws_max_size=MAX_MESSAGE,
             ws_per_message_deflate=True,
             ws_ping_interval=PING_S,
             ws_ping_timeout=PING_S,
         )
-        config.load()
-        config.ssl = tls
-        self._server = uvicorn.Server(config)
-        self._server.lifespan = config.lifespan_class(config)
-        self._closing: weakref.WeakSet[Any] = weakref.WeakSet()
-        self._is_open = False
+        self._config.load()
+        self._tls = tls
+        self._most = most or most_connections()
+        self._state = ServerState()
+        self._visits: OrderedDict[Any, _Visit] = OrderedDict()
+        """By connection, in the order of coming: those that are no websocket."""
+        self._arriving: OrderedDict[asyncio.Task[None], None] = OrderedDict()
+        self._at_the_door: socket.socket | None = None
+        """Accepted, and nobody's yet."""
+        self._lingering: set[Any] = set()
+        self._accepting: asyncio.Task[None] | None = None
+
+    def connections(self) -> int:
+        """Return how many there are, websockets too."""
+        return len(self._state.connections)
 
     async def start(self) -> None:
         """Accept connections from now on."""
-        await self._server.startup(sockets=[self._socket])
-        self._is_open = True
+        self._socket.listen(BACKLOG)
+        self._accepting = asyncio.create_task(self._accept(), name=f"port {self.port} accepts")
 
     def cut_lingering(self) -> None:
-        """Cut connections that should have closed by the last call and cannot: their clients read nothing."""
-        for connection in list(self._server.server_state.connections):
-            transport: asyncio.Transport | None = getattr(connection, "transport", None)
-            if transport is None or not transport.is_closing():
+        """Cut who keeps a connection without using it; to be called about once a second.
+
+        That is who should have closed by the last call and cannot, as they read nothing, and who was quiet
+        for `QUIET_S`.
+        """
+        now_s = asyncio.get_running_loop().time()
+        closing = {one for one in self._state.connections if one.transport.is_closing()}
+        for connection in closing & self._lingering:
+            connection.transport.abort()
+        self._lingering = closing
+        for connection, visit in list(self._visits.items()):
+            if connection not in self._state.connections:
+                del self._visits[connection]
                 continue
-            if connection in self._closing:
-                transport.abort()
-            else:
-                self._closing.add(connection)
+            cycle, owed = connection.cycle, connection.transport.get_write_buffer_size()
+            if cycle is not visit.cycle or owed != visit.owed or (_is_busy(connection) and not owed):
+                visit.cycle, visit.owed, visit.since_s = cycle, owed, now_s
+            elif now_s - visit.since_s > QUIET_S:
+                connection.transport.abort()
 
     async def close(self) -> None:
         """Accept nothing more and close every connection, or cut it."""
-        if not self._is_open:
+        accepting, self._accepting = self._accepting, None
+        if accepting is None:
             self._socket.close()
             return
-        self._is_open = False
-        for server in self._server.servers:
-            server.close()
+        arriving = list(self._arriving)
+        for task in (accepting, *arriving):
+            task.cancel()
+        await asyncio.gather(accepting, *arriving, return_exceptions=True)
+        if self._at_the_door is not None:
+            self._at_the_door.close()
         self._socket.close()
-        state = self._server.server_state
+        state = self._state
         for connection in list(state.connections):
             connection.shutdown()
         tasks = set(state.tasks)
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
         for connection in list(state.connections):
-            transport: asyncio.Transport | None = getattr(connection, "transport", None)
-            if transport is not None:
-                transport.abort()
+            connection.transport.abort()
         for task in state.tasks:
             task.cancel()
         if state.tasks:
             await asyncio.wait(set(state.tasks), timeout=CLOSE_S)
         await asyncio.sleep(0)  # connections that were cut are told in the next round of the loop
+
+    async def _accept(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                accepted, _ = await loop.sock_accept(self._socket)
+            except ConnectionError:
+                continue  # gone again already
+            except OSError as error:
+                log.warning("port %d takes nobody for now: %s", self.port, error.strerror or error)
+                await asyncio.sleep(REST_S)
+                continue
+            if len(self._arriving) >= MOST_ARRIVING:
+                oldest, _ = self._arriving.popitem(last=False)
+                oldest.cancel()
+            task = asyncio.create_task(self._let_in(accepted), name=f"port {self.port} lets in")
+            self._arriving[task] = None
+            task.add_done_callback(self._arrived)
+            self._at_the_door = accepted
+            await asyncio.sleep(0)  # it begins; of many that wait at once the next is not taken before
+
+    def _arrived(self, task: asyncio.Task[None]) -> None:
+        self._arriving.pop(task, None)
+
+    async def _let_in(self, accepted: socket.socket) -> None:
+        self._at_the_door = None
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(OSError):  # gone again, or no TLS, or too slow at it: it is closed then
+            _, connection = await loop.connect_accepted_socket(
+                self._make_connection,
+                accepted,
+                ssl=self._tls,
+                ssl_handshake_timeout=None if self._tls is None else ARRIVING_S,
+            )
+            self._visits[connection] = _Visit(since_s=loop.time())
+            if len(self._state.connections) > self._most:
+                self._make_room(connection)
+
+    def _make_room(self, newest: Any) -> None:
+        """Cut the first that came of those that are idle; nobody is: `newest`."""
+        there = self._state.connections
+        idle = (one for one in self._visits if one in there and not _is_busy(one))
+        oldest = next((one for one in idle if not one.transport.is_closing()), newest)
+        self._visits.pop(oldest)
+        oldest.transport.abort()
+
+    def _make_connection(self) -> asyncio.Protocol:
+        return H11Protocol(self._config, self._state, {})
+
+
+def _is_busy(connection: Any) -> bool:
+    """Return whether a request is being answered there."""
+    cycle = connection.cycle
+    return cycle is not None and not cycle.response_complete

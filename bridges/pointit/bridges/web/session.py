@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,9 +11,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.hub import Feed
 from pointit.bridges.web.pace import Bucket
-from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Received, Role, Turn
+from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Received, Role, Turn
 from pointit.runtime.errors import PointItError
 from pointit.schemas import SchemaError, explain
+
+log = logging.getLogger(__name__)
 
 MESSAGES_HZ, MESSAGES_BURST = 500.0, 1000.0
 """What a page may say in all; beyond it is read more slowly."""
@@ -95,6 +98,8 @@ class Session:
         self._aim: AimAt | None = None
         self._aim_timer: asyncio.TimerHandle | None = None
         self._malformed = 0
+        self._is_shut = False
+        """By this side."""
 
     def wake(self) -> None:
         """Look whether there is something for the page."""
@@ -123,6 +128,8 @@ class Session:
             ends = await asyncio.gather(*tasks, return_exceptions=True)
         for end in ends:
             if isinstance(end, Exception) and not isinstance(end, (WebSocketDisconnect, OSError)):
+                if self._is_shut:
+                    continue  # the other side of it was about to send
                 raise end
 
     async def _send(self) -> None:
@@ -166,6 +173,7 @@ class Session:
             said = self._understood(text)
             if said is None:
                 if self._malformed >= MOST_MALFORMED:
+                    self._is_shut = True
                     await self._socket.close(MALFORMED, "too many messages that are none")
                     return
             elif isinstance(said, Ack):
@@ -232,5 +240,8 @@ class Session:
                 answer = Answer(id=ask.id, error="too many wishes at a time: wait a moment")
         except (PointItError, SchemaError) as error:
             answer = Answer(id=ask.id, error=str(error))
+        except Exception:  # the page waits for an answer
+            log.exception("%s asked %s and was not answered", self.page, ask.deed or ask.key)
+            answer = Answer(id=ask.id, error=OWN_FAULT)
         self._texts.append(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))
         self._news.set()

@@ -86,6 +86,11 @@ class Standing:
         """
         return self._truth or self._known
 
+    @property
+    def assumed(self) -> Stand | None:
+        """Return the configured place as long as no pose is known; else none."""
+        return self._place if self._pose is None else None
+
     def room(self, stand: Stand) -> None:
         """Take where somebody of whom nothing is known stands, see `stand_in`."""
         self._in_room = stand

@@ -1,5 +1,6 @@
 """How the site is, for the page: who is there since when, what is wrong and what to do; pure."""
 
+import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 
@@ -16,6 +17,9 @@ LEFT_S = 60.0
 
 GRACE_S = 2.0
 """Who should run and is not there for so long is not missed yet: it may be starting."""
+
+SETTLE_S = 2.0
+"""After another scenario was begun, who belonged to the one before may take so long to leave."""
 
 MOST_LINES = 256
 """Findings, or services, that a page is told."""
@@ -34,7 +38,8 @@ class Sight:
         self._missed_s: dict[str, float] = {}
         """Of who is expected and was never there: since when."""
         self._reports: dict[str, deque[Report]] = {}
-        self.people: set[str] = set()
+        self._anew_s = -math.inf
+        """When the scenario that runs was begun."""
 
     @property
     def present(self) -> frozenset[str]:
@@ -50,6 +55,10 @@ class Sight:
         elif self._since_s.pop(instance, None) is not None:
             self._left_s[instance] = now_s
             self._reports.pop(instance, None)
+
+    def begin_anew(self, now_s: float) -> None:
+        """Take that another scenario was begun: who left with the one before is not missed."""
+        self._anew_s = now_s
 
     def report(self, instance: str, health: Health, now_s: float) -> None:
         """Take what `instance` says of itself, if it is there."""
@@ -71,8 +80,8 @@ class Sight:
         speed: float = 1.0,
     ) -> Status:
         """Return how the site is now."""
+        self._forget_left(Observation(began_s=now_s, now_s=now_s, deployments=deployments).expected, now_s)
         seen = self._seen(deployments, now_s, speed)
-        self._forget_left(seen.expected.keys(), now_s)
         return Status(
             services=tuple(self._services(seen))[:MOST_LINES],
             findings=tuple(
@@ -106,8 +115,8 @@ class Sight:
         return seen
 
     def _forget_left(self, expected: Collection[str], now_s: float) -> None:
-        old = [n for n, left_s in self._left_s.items() if now_s - left_s > LEFT_S and n not in expected]
-        for name in old:
+        gone_by_s = max(now_s - LEFT_S, self._anew_s + SETTLE_S)
+        for name in [n for n, left_s in self._left_s.items() if left_s < gone_by_s and n not in expected]:
             del self._left_s[name]
 
     def _services(self, seen: Observation) -> list[ServiceLine]:

@@ -25,7 +25,8 @@ Page to server, JSON text, `{"kind": ...}`:
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
 
 A phone speaks `Turn` and `Ask` on `/ws/wrist`, or posts a list of them to `/wrist`; it is answered with
-`Hello`, `Answer`s, and `Cue`s (see `phone`).
+`Hello`, `Answer`s, and `Cue`s (see `phone`). It measures the round trip by an `Ask` for nothing, which is
+refused at once. Its socket is closed with `UNPAIRED` or `REPLACED` where it is not to come back.
 """
 
 from typing import Annotated, Any, Literal
@@ -38,6 +39,15 @@ from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Vec3
 IN_FLIGHT = 3
 """Batches that a page may have been sent and not acknowledged."""
 
+UNPAIRED, REPLACED = 4403, 4409
+"""Close codes: this phone is not paired any more; it has another socket."""
+
+OWN_FAULT = "a fault of PointIt itself, see its log"
+"""What is answered where the answer has failed."""
+
+MOST_TOLD = 200
+"""Characters of what is told in health of a message that is none: it may be a page's own words."""
+
 Role = Literal["operator", "viewer", "wrist"]
 """May control; looks on; is one person's phone."""
 
@@ -46,8 +56,11 @@ Mover = Literal["own", "mouse", "phone"]
 
 Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "centre"]
 """What a page can ask of this server itself: press a person's button; take their wrist with the mouse, give
-it back; let the mouse's arm tremble; pair a phone; open the page to the local network; a phone, held as the
-page says, points ahead."""
+it back; let the mouse's arm tremble; pair a phone, or unpair it; open the page to the local network; a phone,
+held as the page says, points ahead."""
+
+LATEST_MS = 9e12
+"""Of a device's clock: as many ns fit 64 bits."""
 
 Id = Annotated[int, Field(ge=0, le=2**53)]
 
@@ -87,6 +100,13 @@ class FindingLine(Part):
     remedy: str
 
 
+class AssumedPlace(Part):
+    """Where a person is taken to stand."""
+
+    position_m: Annotated[Vec3, Field(description="of their feet in {W}, m")]
+    yaw_rad: Annotated[float, Field(description="azimuth of {H}'s x axis in {W}, rad")]
+
+
 class PersonLine(Part):
     """A person who is there."""
 
@@ -95,6 +115,9 @@ class PersonLine(Part):
     is_mine: Annotated[bool, Field(description="by this very page")] = False
     phone: Annotated[str, Field(description="what a paired phone says of itself; empty: none is paired")] = ""
     battery: Fraction | None = None
+    assumed: Annotated[
+        AssumedPlace | None, Field(description="as long as they have no pose; empty: nobody says where")
+    ] = None
 
 
 class Status(Part):
@@ -126,6 +149,13 @@ class Cue(Part):
     text: str = ""
     state: str = ""
     next_step: str = ""
+    wants_double: Annotated[bool, Field(description="a double press does what the next step asks for")] = (
+        False
+    )
+    progress: Annotated[
+        Fraction | None, Field(description="of pointing at targets; empty: nothing is to be pointed at")
+    ] = None
+    has_lost_arm: Annotated[bool, Field(description="the arm does not follow this phone any more")] = False
 
 
 class Ack(Part):
@@ -143,7 +173,9 @@ class Ask(Part):
 
     kind: Literal["ask"] = "ask"
     id: Id
-    key: Annotated[str, Field(max_length=64, description="of the table of requests; empty: a deed is asked")] = ""
+    key: Annotated[
+        str, Field(max_length=64, description="of the table of requests; empty: a deed is asked")
+    ] = ""
     deed: Deed | None = None
     name: Annotated[str, Field(max_length=64, description="user or other placeholder of the key")] = ""
     query: Annotated[dict[str, Any], Field(description="fields of the query")] = {}
@@ -162,7 +194,7 @@ class Turn(Part):
 
     kind: Literal["turn"] = "turn"
     q: QuaternionXyzw
-    t_ms: Annotated[float, Field(ge=0, le=1e15, description="the phone's own clock")]
+    t_ms: Annotated[float, Field(ge=0, le=LATEST_MS, description="the phone's own clock")]
     session: Annotated[int, Field(ge=0, le=2**53)] = 0
     battery: Fraction | None = None
 
@@ -175,5 +207,7 @@ MODELS = (Hello, Status, Answer, Cue, Ack, Ask, AimAt, Turn)
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of all that travels, from which `client/wire.json` and its types come."""
-    _, schema = models_json_schema([(model, "validation") for model in MODELS], ref_template="#/$defs/{model}")
+    _, schema = models_json_schema(
+        [(model, "validation") for model in MODELS], ref_template="#/$defs/{model}"
+    )
     return schema

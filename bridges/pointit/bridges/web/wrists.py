@@ -7,7 +7,7 @@ from typing import Literal
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.mouse_arm import MouseArm
 from pointit.bridges.web.standing import Standing, middle, stand_in
-from pointit.bridges.web.wire import AimAt, Mover, PersonLine, Turn
+from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn
 from pointit.schemas import (
     NS_PER_S,
     Environment,
@@ -71,8 +71,6 @@ class Wrists:
         self._people: dict[str, _Person] = {}
         self._stand = stand_in(Environment(stamp_ns=0, name=""))
         self._middle = middle(Environment(stamp_ns=0, name=""))
-        self.ignored = 0
-        """What pages and phones said of wrists they do not have."""
 
     # What the bus says.
 
@@ -150,7 +148,6 @@ class Wrists:
         """Point where the mouse of `page` does; return whether it has that wrist."""
         person = self._people.get(aim.user)
         if person is None or person.page != page or person.by != "mouse":
-            self.ignored += 1
             return False
         person.arm.aim(aim.at_m)
         return True
@@ -175,7 +172,6 @@ class Wrists:
         if not person.page and page not in person.lost:
             person.page, person.by = page, "phone"
         if person.page != page:
-            self.ignored += 1
             return None
         return self._sample(person, now_ns)
 
@@ -205,7 +201,9 @@ class Wrists:
     def line(self, user: str, page: str, now_ns: int, *, paired: str = "") -> PersonLine:
         """Return what `page` is told of `user`; `paired`: the page id of the phone that is paired."""
         holder, mover = self.holder(user)
-        phone = self._person(user).phones.get(paired) if paired else None
+        person = self._person(user)
+        phone = person.phones.get(paired) if paired else None
+        place = person.standing.assumed
         if not paired:
             said = ""
         elif phone is None:
@@ -218,6 +216,7 @@ class Wrists:
             user=user,
             moved_by=mover,
             is_mine=bool(page) and holder == page,
+            assumed=None if place is None else AssumedPlace(position_m=place[0], yaw_rad=place[1]),
             phone=said,
             battery=None if phone is None else phone.turn.battery,
         )

@@ -68,18 +68,6 @@ class SimulatedConfig(Config):
     seed: int = Field(default=0, ge=0, description="of the noise")
 
 
-class PageConfig(Config):
-    """A page in a browser whose mouse or phone moves the wrist; it goes before the source."""
-
-    patience_s: float = Field(
-        default=1.0,
-        gt=0,
-        le=60,
-        description="the source is held back for so long after the page's last sample, s; pages say "
-        "something five times a second",
-    )
-
-
 class ImuBridgeConfig(Config):
     """Where the orientation comes from and how the sensor sits on the arm."""
 
@@ -109,7 +97,6 @@ class ImuBridgeConfig(Config):
     serial: SerialConfig = Field(default=SerialConfig(), description="of the source `serial`")
     replay: ReplayConfig = Field(default=ReplayConfig(), description="of the source `replay`")
     simulated: SimulatedConfig = Field(default=SimulatedConfig(), description="of the source `simulated`")
-    page: PageConfig = Field(default=PageConfig(), description="of the mouse or phone of a page")
 
     @property
     def explicit_mounting(self) -> Quaternion | None:

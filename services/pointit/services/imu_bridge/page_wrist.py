@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import NS_PER_S, WristSample
+from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, WristSample
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 
 AHEAD_NS = NS_PER_S
@@ -34,9 +34,8 @@ class PageWrist:
     when it took over, and when its own yaw was turned a new one, until it lets go.
     """
 
-    def __init__(self, patience_s: float, phone: Quaternion, numbers: Iterator[int]) -> None:
+    def __init__(self, phone: Quaternion, numbers: Iterator[int]) -> None:
         """Take how a phone is worn, sensor_from_arm, and where numbers of new yaw origins come from."""
-        self._patience_ns = round(patience_s * NS_PER_S)
         self._numbers = numbers
         self._frames: dict[Device, ArmFrame] = {"arm": ArmFrame(rotation.IDENTITY), "phone": ArmFrame(phone)}
         self._epochs: dict[Device, int | None] = {"arm": None, "phone": None}
@@ -59,7 +58,7 @@ class PageWrist:
     def has_wrist(self, now_ns: int, speed: float = 1.0) -> bool:
         """Return whether the page moves the wrist; the time runs `speed` times as fast as the wall's."""
         heard_ns = self._heard_ns
-        return heard_ns is not None and abs(now_ns - heard_ns) <= self._patience_ns * speed
+        return heard_ns is not None and abs(now_ns - heard_ns) <= WRIST_PATIENCE_S * NS_PER_S * speed
 
     def take(
         self, sample: WristSample, now_ns: int, *, home: int | None, speed: float = 1.0

@@ -11,6 +11,7 @@ from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.service import Scope
 from pointit.runtime.state import StateFile
 from pointit.schemas import (
+    WRIST_PATIENCE_S,
     ButtonEvent,
     Done,
     ImuSample,
@@ -61,7 +62,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
         self._epoch = YawEpoch(numbers)
-        self._page = PageWrist(config.page.patience_s, self._phone.sensor_from_arm, numbers)
+        self._page = PageWrist(self._phone.sensor_from_arm, numbers)
         self._moved_by = ""
         """A page's mouse or phone, in words; empty: the own source."""
         self._letting_go: asyncio.TimerHandle | None = None
@@ -134,7 +135,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
         self._account_for(sample)
         if self._letting_go is None:
-            self._letting_go = self.bus.call_later(self.config.page.patience_s, self._let_go)
+            self._letting_go = self.bus.call_later(WRIST_PATIENCE_S, self._let_go)
         if turned is None:
             return
         self._sample_count += 1
@@ -162,7 +163,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """Take note that the page has let go; look again later while it has not."""
         self._letting_go = None
         if self._has_page:
-            self._letting_go = self.bus.call_later(self.config.page.patience_s, self._let_go)
+            self._letting_go = self.bus.call_later(WRIST_PATIENCE_S, self._let_go)
         else:
             self._account_for(None)
 

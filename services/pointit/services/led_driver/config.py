@@ -7,19 +7,10 @@ from pydantic import Field, field_validator, model_validator
 from pointit.geometry.colormap import colormap
 from pointit.runtime.config import Config
 from pointit.schemas.base import Rgb
+from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
 
 Board = Literal["v1", "v2", "v3"]
 Level = Annotated[float, Field(ge=0.0, le=1.0)]
-
-KIND_COLORS: dict[str, Rgb] = {
-    "red": (255, 30, 0),
-    "green": (0, 158, 80),
-    "blue": (0, 80, 220),
-    "yellow": (240, 200, 20),
-    "orange": (230, 120, 0),
-    "purple": (190, 80, 170),
-}
-"""Near Okabe and Ito's colours, told apart by colour-blind people; more saturated, as LEDs wash out."""
 
 
 class ChannelConfig(Config):
@@ -79,7 +70,7 @@ class StyleConfig(Config):
     """How things look on a strip."""
 
     kind_colors: dict[str, Rgb] = Field(default=KIND_COLORS, description="red, green, blue by kind of object")
-    default_color: Rgb = Field(default=(200, 200, 200), description="of objects of any other kind")
+    default_color: Rgb = Field(default=OTHER_COLOR, description="of objects of any other kind")
     idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
     margin_m: float = Field(
         default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"

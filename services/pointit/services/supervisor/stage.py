@@ -102,7 +102,10 @@ class Stage:
     def show(self, now_ns: int) -> list[Interaction]:
         """Say where the person is and what they should do next, if that is news."""
         ahead = self.search.ahead if self.search is not None else ()
-        return self._voice.show(now_ns, self.state, self.reason, self._next_step(), ahead)
+        is_unsure = self.state == "pointing" and self._is_unsure
+        return self._voice.show(
+            now_ns, self.state, self.reason, self._next_step(), ahead, is_unsure=is_unsure
+        )
 
     def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
         """Return a cue."""

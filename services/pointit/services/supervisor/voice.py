@@ -13,24 +13,37 @@ class Voice:
     """Counts what is said, and says no state twice."""
 
     def __init__(self) -> None:
-        self._shown: tuple[State, str, str, tuple[str, ...]] | None = None
+        self._shown: tuple[State, str, str, tuple[str, ...], bool] | None = None
         self._seq = 0
         self._cues = 0
         self._flashes_ns = deque[int](maxlen=MOST_FLASHES)
         """When the last cues with a colour were given."""
 
     def show(
-        self, now_ns: int, state: State, reason: str, next_step: str, ahead: tuple[str, ...] = ()
+        self,
+        now_ns: int,
+        state: State,
+        reason: str,
+        next_step: str,
+        ahead: tuple[str, ...] = (),
+        *,
+        is_unsure: bool = False,
     ) -> list[Interaction]:
         """Return where the person is, unless that is what was said last."""
-        news = (state, reason, next_step, ahead)
+        news = (state, reason, next_step, ahead, is_unsure)
         if news == self._shown:
             return []
         self._seq += 1
         self._shown = news
         return [
             Interaction(
-                stamp_ns=now_ns, seq=self._seq, state=state, next_step=next_step, reason=reason, ahead=ahead
+                stamp_ns=now_ns,
+                seq=self._seq,
+                state=state,
+                next_step=next_step,
+                reason=reason,
+                ahead=ahead,
+                is_unsure=is_unsure,
             )
         ]
 

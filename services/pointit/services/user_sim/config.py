@@ -168,18 +168,6 @@ class WristbandConfig(Config):
     )
 
 
-class PageConfig(Config):
-    """Somebody who moves this person's wrist with a page in a browser, by mouse or phone."""
-
-    patience_s: float = Field(
-        default=1.0,
-        gt=0,
-        le=60,
-        description="the person does nothing for so long after the page's last sample, s; pages say "
-        "something five times a second",
-    )
-
-
 class UserSimConfig(Config):
     """A person, where they stand, what they want."""
 
@@ -251,4 +239,3 @@ class UserSimConfig(Config):
     aim: AimConfig = Field(default=AimConfig(), description="aiming")
     mind: MindConfig = Field(default=MindConfig(), description="finding and choosing")
     wristband: WristbandConfig = Field(default=WristbandConfig(), description="the IMU")
-    page: PageConfig = Field(default=PageConfig(), description="who takes the wrist over with a page")

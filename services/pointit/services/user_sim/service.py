@@ -8,7 +8,7 @@ import numpy as np
 from pointit.runtime import Context, Service
 from pointit.runtime.clock import ticks
 from pointit.runtime.service import Scope
-from pointit.schemas import NS_PER_S, Message, WristSample
+from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample
 from pointit.schemas.topics import (
     BUTTON,
     FEEDBACK,
@@ -73,7 +73,7 @@ class UserSim(Service[UserSimConfig]):
         self._page_ns = self.clock.now_ns()
 
     def _yields(self, now_ns: int) -> bool:
-        patience_ns = self.config.page.patience_s * NS_PER_S * self.clock.speed
+        patience_ns = WRIST_PATIENCE_S * NS_PER_S * self.clock.speed
         return self._page_ns is not None and abs(now_ns - self._page_ns) <= patience_ns
 
     def _see(self, message: Message, name: str) -> None:

@@ -12,7 +12,7 @@ const out = mkdtempSync(join(tmpdir(), "pointit-page-"));
 try {
   await build({ absWorkingDir: here, entryPoints: tests.map((file) => `src/${file}`), outdir: out, bundle: true,
     platform: "node", format: "esm", outExtension: { ".js": ".mjs" }, logLevel: "warning" });
-  const ran = spawnSync(process.execPath, ["--test", out], { stdio: "inherit" });
+  const ran = spawnSync(process.execPath, ["--test", ...tests.map((file) => join(out, file.replace(/\.ts$/, ".mjs")))], { stdio: "inherit" });
   process.exitCode = ran.status ?? 1;
 } finally {
   rmSync(out, { recursive: true, force: true });

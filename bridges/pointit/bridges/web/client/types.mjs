@@ -1,20 +1,22 @@
-// Writes src/messages.ts (the bus's messages, from the catalogue) and src/wire.ts (server and page, from wire.json).
+// Writes src/messages.ts (the bus's messages, from the catalogue), src/topics.ts (which of them are where, from the
+// same) and src/wire.ts (server and page, from wire.json).
 import { readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { compile } from "json-schema-to-typescript";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const catalogue = join(here, "../../../../../schemas/catalogue/messages");
+const catalogue = join(here, "../../../../../schemas/catalogue");
+const messages = join(catalogue, "messages");
 
 /** Newest version of every message, by name. */
 function newest() {
   const found = new Map();
-  for (const file of readdirSync(catalogue).sort()) {
+  for (const file of readdirSync(messages).sort()) {
     const [, name, version] = /^(\w+)\.v(\d+)\.json$/.exec(file);
     if (!found.has(name) || found.get(name).version < Number(version)) found.set(name, { version: Number(version), file });
   }
-  return [...found].sort(([a], [b]) => (a < b ? -1 : 1)).map(([name, { file }]) => [name, JSON.parse(readFileSync(join(catalogue, file)))]);
+  return [...found].sort(([a], [b]) => (a < b ? -1 : 1)).map(([name, { file }]) => [name, JSON.parse(readFileSync(join(messages, file)))]);
 }
 
 /** The schema as the compiler wants it: tuples as `items`, bytes as Uint8Array, every field there, no inner titles. */
@@ -48,5 +50,32 @@ async function write(file, about, schemas) {
   writeFileSync(join(here, "src", file), text);
 }
 
+/** The tables of topics and requests: their key patterns, with message or server. */
+function tables() {
+  const { channels } = JSON.parse(readFileSync(join(catalogue, "asyncapi.json")));
+  const rows = Object.values(channels).sort((a, b) => (a.address < b.address ? -1 : 1));
+  const topics = rows.filter((row) => row["x-delivery"] !== "request").map((row) => [row.address, Object.keys(row.messages)[0]]);
+  const requests = rows.filter((row) => row["x-delivery"] === "request").map((row) => [row.address, row["x-server"]]);
+  return `// Rows of the bus's tables, from schemas/catalogue. Written by \`npm run types\`; do not edit.
+
+import type {
+  ${[...new Set(topics.map(([, message]) => message))].sort().join(", ")},
+} from "./messages";
+
+/** The message of every topic, by the key's pattern. */
+export interface Topics {
+${topics.map(([key, message]) => `  ${JSON.stringify(key)}: ${message};`).join("\n")}
+}
+
+/** The service that answers each request, by the key's pattern. */
+export const SERVERS = {
+${requests.map(([key, server]) => `  ${JSON.stringify(key)}: ${JSON.stringify(server)},`).join("\n")}
+} as const;
+
+export type RequestKey = keyof typeof SERVERS;
+`;
+}
+
+writeFileSync(join(here, "src/topics.ts"), tables());
 await write("messages.ts", "The bus's messages, from schemas/catalogue.", newest());
 await write("wire.ts", "What travels between server and page, from wire.json.", [["", JSON.parse(readFileSync(join(here, "wire.json")))]]);

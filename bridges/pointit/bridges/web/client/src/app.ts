@@ -5,7 +5,7 @@
  */
 
 import "./app.css";
-import { Connection } from "./connection";
+import { Connection } from "./site/connection";
 import { Desk } from "./desk";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
@@ -26,7 +26,7 @@ import { tuningPart } from "./panel/tuning";
 import { makeScenario } from "./scenario";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
-import { emptySite, type Happened, type Site } from "./site";
+import { emptySite, type Happened, type Site } from "./site/site";
 import { chime } from "./sound";
 import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
@@ -64,7 +64,7 @@ const connection = new Connection(site, {
 });
 const desk = new Desk(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(desk, () => stage.view);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), desk, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "progress", "guide", "cameras", "toasts", "chip"].map(at), desk, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });

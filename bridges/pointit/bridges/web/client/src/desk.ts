@@ -1,29 +1,19 @@
 /** What controls work with: the site, what this page may ask, and for whom. */
 
-import type { Reply, Wish } from "./asks";
-import { Refusal } from "./asks";
-import type { Connection } from "./connection";
+import type { Reply, Wish } from "./site/asks";
+import { Refusal } from "./site/asks";
+import type { Connection } from "./site/connection";
 import { byName } from "./format";
 import type { Settings } from "./settings";
-import type { Person, Site } from "./site";
+import type { Person, Site } from "./site/site";
 import type { Toasts } from "./toasts";
+import { SERVERS, type RequestKey } from "./topics";
 import type { Hello } from "./wire";
 
 type Deed = Hello["deeds"][number];
 
-/** Who answers requests, by the first word of their key. */
-const SERVERS: Record<string, { service: string; isPersonal: boolean }> = {
-  conveyor: { service: "conveyor-sim", isPersonal: false },
-  localizer: { service: "localizer", isPersonal: true },
-  selector: { service: "selector", isPersonal: false },
-  pui: { service: "pui", isPersonal: false },
-  leds: { service: "led-driver", isPersonal: false },
-  imu: { service: "imu-bridge", isPersonal: true },
-  profile: { service: "supervisor", isPersonal: true },
-};
-
 export class Desk {
-  #chosen = "";
+  private chosen = "";
 
   constructor(
     readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
@@ -34,7 +24,7 @@ export class Desk {
   /** Whom controls are about: the chosen person, else the one this page moves, else the first. */
   get user(): string {
     const { people } = this.site;
-    if (people.has(this.#chosen)) return this.#chosen;
+    if (people.has(this.chosen)) return this.chosen;
     return this.mine?.user ?? [...people.keys()].sort(byName)[0] ?? "";
   }
 
@@ -51,7 +41,7 @@ export class Desk {
   }
 
   choose(user: string): void {
-    this.#chosen = user;
+    this.chosen = user;
     this.changed();
   }
 
@@ -61,12 +51,11 @@ export class Desk {
   }
 
   /** Whether this page may ask it, and somebody is there to answer. */
-  may(key: string): boolean {
+  may(key: RequestKey): boolean {
     const { site } = this;
     if (!site.connected || !site.hello?.requests.includes(key)) return false;
     if (key === "run/scenario") return this.scenarios.length > 0;
-    const server = SERVERS[key.split("/")[0]!];
-    return server !== undefined && this.isPresent(server.service, server.isPersonal ? this.user : "");
+    return this.isPresent(SERVERS[key]) || this.isPresent(SERVERS[key], this.user);
   }
 
   mayDo(deed: Deed): boolean {

@@ -752,6 +752,10 @@ export interface Interaction {
    */
   ahead: string[];
   /**
+   * the person's direction has become uncertain: a double press, then pointing at a lamp once, sets it right
+   */
+  is_unsure: boolean;
+  /**
    * one sentence for the person
    */
   next_step: string;

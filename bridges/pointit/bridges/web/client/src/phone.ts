@@ -11,7 +11,7 @@ import { Screen } from "./phone/screen";
 import { NoOrientation, objection, sense, type Sensing } from "./phone/sensing";
 import { Taps, type Gesture } from "./phone/taps";
 import { Wake } from "./phone/wake";
-import { asksForDouble, figures, linkWords, pressWords, sentence, stateWords, stepOf, tellsOfLoss } from "./phone/words";
+import { figures, linkWords, pressWords, sentence, stateWords } from "./phone/words";
 
 const CENTRE = "Point at the middle of the room with your arm straight, then tap.";
 const GO_ON = "Stopped, because this page was out of sight. Tap to go on.";
@@ -171,7 +171,7 @@ class Wrist {
       this.cue = part;
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
-      if (tellsOfLoss(part.text)) this.hasArm = false;
+      if (part.has_lost_arm) this.hasArm = false;
       if (part.text) this.screen.say(part.text === part.next_step ? "" : sentence(part.text));
       this.show();
     }
@@ -191,7 +191,7 @@ class Wrist {
     screen.mark("state", state);
     screen.write("state", stage === "centre" ? "First" : stateWords(state));
     const next = stage === "centre" ? CENTRE : sentence(cue?.next_step ?? "");
-    screen.next(next, stage === "button" ? stepOf(next) : null);
+    screen.next(next, stage === "button" ? (cue?.progress ?? null) : null);
     screen.write("big-name", stage === "centre" ? "Centre" : "Press");
     screen.write("big-note", stage === "centre" ? "this is straight ahead" : pressWords(state));
     screen.write("place", state === "localizing" ? "Call off" : "Find my place");
@@ -214,7 +214,7 @@ class Wrist {
     };
     const up = () => {
       big.classList.remove("is-down");
-      const gesture = this.taps.up(performance.now(), this.stage === "button" && asksForDouble(this.cue?.next_step ?? ""));
+      const gesture = this.taps.up(performance.now(), this.stage === "button" && (this.cue?.wants_double ?? false));
       if (gesture) this.press(gesture);
     };
     big.addEventListener("pointerdown", (event) => {

@@ -3,9 +3,11 @@
 import { choice } from "./choice";
 import type { Desk } from "./desk";
 import { show, write } from "./dom";
+import type { Rect } from "./geometry/placing";
+import type { Vec3 } from "./geometry/vec";
 import { makePlan } from "./plan/plan";
 import { isDark } from "./theme";
-import type { Camera, MakeView, Vec3, View } from "./view";
+import type { Camera, MakeView, View } from "./view";
 
 const CAMERAS: Record<Camera, { label: string; icon: string }> = {
   room: { label: "Room", icon: "cube" }, top: { label: "Top", icon: "map" }, eyes: { label: "Eyes", icon: "eye" },
@@ -23,29 +25,30 @@ function hasWebGl(): boolean {
 
 export class Stage {
   view: View | null = null;
-  readonly #cameras = choice("View from", (value) => this.look(value as Camera));
-  #camera: Camera = "room";
-  #user = "";
-  #making = 0;
-  #failures = 0;
+  private readonly cameras = choice("View from", (value) => this.look(value as Camera));
+  private camera: Camera = "room";
+  private user = "";
+  private making = 0;
+  private failures = 0;
 
   /**
    * @param host where the view is drawn.
    * @param chip where is said how it is drawn, when that matters.
+   * @param cards what else may lie over the view.
    * @param onAim the mouse points there, {W}.
    * @param onNew a new view is there.
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly desk: Desk, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly desk: Desk, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
-    this.#cameras.element.classList.add("bare");
-    cameras.append(this.#cameras.element);
+    this.cameras.element.classList.add("bare");
+    cameras.append(this.cameras.element);
   }
 
   /** Make the view that is wanted, or, where it cannot be had, the plan. */
   async make(): Promise<void> {
-    const turn = ++this.#making;
+    const turn = ++this.making;
     const { settings, toasts } = this.desk;
     let make: MakeView = makePlan;
     try {
@@ -53,10 +56,10 @@ export class Stage {
         if (hasWebGl()) make = (await import("./scene/scene")).makeScene;
         else if (settings.view === "scene") toasts.show("info", "This browser has no WebGL 2: the plan is shown.");
       }
-      if (turn === this.#making) this.#put(make);
+      if (turn === this.making) this.put(make);
     } catch (error) {
       this.desk.connection.fault(error);
-      if (turn === this.#making) this.#put(makePlan);
+      if (turn === this.making) this.put(makePlan);
     }
   }
 
@@ -65,23 +68,20 @@ export class Stage {
     if (!this.view) return;
     try {
       this.view.draw(this.desk.site);
-      this.#failures = 0;
+      this.failures = 0;
     } catch (error) {
       this.desk.connection.fault(error);
-      this.#failures += 1;
-      if (this.#failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") {
-        this.desk.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
-        this.#put(makePlan);
-      }
+      this.failures += 1;
+      if (this.failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") this.giveWay();
     }
   }
 
   look(camera: Camera): void {
     if (!this.view?.cameras.includes(camera)) return;
-    this.#camera = camera;
-    this.#user = this.desk.user;
-    this.view.setCamera(camera, this.#user);
-    this.#cameras.set(camera);
+    this.camera = camera;
+    this.user = this.desk.user;
+    this.view.setCamera(camera, this.user);
+    this.cameras.set(camera);
   }
 
   theme(): void {
@@ -91,26 +91,39 @@ export class Stage {
   update(): void {
     const { view } = this;
     if (!view) return;
-    if (this.#camera === "eyes" && this.#user !== this.desk.user) this.look("eyes");
-    this.#cameras.set(this.#camera);
+    if (this.camera === "eyes" && this.user !== this.desk.user) this.look("eyes");
+    this.cameras.set(this.camera);
+    view.keepClear?.(this.covered());
     const { software, renderer } = view.stats;
     show(this.chip, software);
     write(this.chip, software ? "Light mode: no graphics processor" : "");
     this.chip.title = renderer;
   }
 
-  #put(make: MakeView): void {
+  /** What lies over the view, px. */
+  private covered(): Rect[] {
+    const { left, top } = this.host.getBoundingClientRect();
+    return this.cards.map((card) => card.getBoundingClientRect()).filter(({ width }) => width > 0)
+      .map(({ x, y, width, height }) => ({ x: x - left, y: y - top, width, height }));
+  }
+
+  private giveWay(): void {
+    this.desk.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
+    this.put(makePlan);
+  }
+
+  private put(make: MakeView): void {
     this.view?.dispose();
     this.view = null;
     this.host.replaceChildren();
-    this.view = make(this.host, { onAim: this.onAim });
+    this.view = make(this.host, { onAim: this.onAim, onLost: () => this.giveWay() });
     this.theme();
     const { cameras } = this.view;
-    this.#cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));
-    show(this.#cameras.element, cameras.length > 1);
-    if (!cameras.includes(this.#camera)) this.#camera = cameras[0] ?? "room";
-    this.look(this.#camera);
-    this.#failures = 0;
+    this.cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));
+    show(this.cameras.element, cameras.length > 1);
+    if (!cameras.includes(this.camera)) this.camera = cameras[0] ?? "room";
+    this.look(this.camera);
+    this.failures = 0;
     this.onNew();
     this.draw();
   }

@@ -1,8 +1,8 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
-import type { Site } from "./site";
-
-export type Vec3 = [number, number, number];
+import type { Rect } from "./geometry/placing";
+import type { Vec3 } from "./geometry/vec";
+import type { Site } from "./site/site";
 
 /** From where a view looks; `eyes` are those of the chosen person. A view may lack some. */
 export type Camera = "room" | "top" | "eyes";
@@ -19,6 +19,8 @@ export interface ViewStats {
 export interface ViewOptions {
   /** Called while the mouse (or a finger, or the arrow keys) points: a place in {W} on what is under it. */
   onAim(at: Vec3): void;
+  /** The view cannot go on (its graphics context is gone and did not come back): another should take over. */
+  onLost(): void;
 }
 
 export interface View {
@@ -28,6 +30,8 @@ export interface View {
   draw(site: Site): void;
   setTheme(dark: boolean): void;
   setCamera(camera: Camera, user: string): void;
+  /** Put no label there: cards lie over these parts of the view, px. A view that begins below them has no need of it. */
+  keepClear?(covered: readonly Rect[]): void;
   /** While on, moving over the view aims (a cross-hair shows, dragging still turns the camera); `user`: whose arm. */
   setPointing(on: boolean, user: string): void;
   /** Move the aimed-at place by so many metres to the right of the view and up (away) in it; for arrow keys. */

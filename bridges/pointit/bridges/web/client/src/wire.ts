@@ -5,6 +5,7 @@ export interface Everything {
   AimAt: AimAt;
   Answer: Answer;
   Ask: Ask;
+  AssumedPlace: AssumedPlace;
   Cue: Cue;
   FindingLine: FindingLine;
   Hello: Hello;
@@ -76,15 +77,43 @@ export interface Ask {
   };
 }
 /**
+ * Where a person is taken to stand.
+ */
+export interface AssumedPlace {
+  /**
+   * of their feet in {W}, m
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  position_m: [number, number, number];
+  /**
+   * azimuth of {H}'s x axis in {W}, rad
+   */
+  yaw_rad: number;
+}
+/**
  * What a phone tells its person: a `Feedback` of the bus, or the state of the interaction.
  */
 export interface Cue {
   chime: string;
   haptic_ms: number[];
+  /**
+   * the arm does not follow this phone any more
+   */
+  has_lost_arm: boolean;
   kind: "cue";
   next_step: string;
+  /**
+   * of pointing at targets; empty: nothing is to be pointed at
+   */
+  progress: number | null;
   state: string;
   text: string;
+  /**
+   * a double press does what the next step asks for
+   */
+  wants_double: boolean;
 }
 /**
  * One thing that is wrong, and what to do.
@@ -120,6 +149,10 @@ export interface Hello {
  * A person who is there.
  */
 export interface PersonLine {
+  /**
+   * as long as they have no pose; empty: nobody says where
+   */
+  assumed: AssumedPlace | null;
   battery: number | null;
   /**
    * by this very page

@@ -2,7 +2,7 @@
 
 import { capital } from "./format";
 import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
-import type { LogLine, Site } from "./site";
+import type { LogLine, Site } from "./site/site";
 
 /** Scenarios by what one does there; others are called by their name. */
 const SCENARIOS: Record<string, string> = {

@@ -6,9 +6,10 @@ import { DEFAULT_BODY, eyesOf, hangingArm, onRay, pointingArm } from "./body";
 import { boundsOf } from "./bounds";
 import { ellipseOf } from "./ellipse";
 import { framed } from "./framing";
-import { cssColor, kindColor, kindLetter, PATTERN_DASHES } from "./looks";
+import { contrast, cssColor, FREE_RAY_M, inkOn, kindColor, kindLetter, rayEnd, sizeOf } from "./looks";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "./motion";
 import { layOut } from "./pixels";
+import { placed } from "./placing";
 import { Polyline } from "./polyline";
 import { outline, ribbon } from "./ribbon";
 import { cross, dot, norm, subtract, unit, wrapped, type Read3, type Vec3 } from "./vec";
@@ -172,11 +173,49 @@ test("kinds have a colour and a letter, patterns go round evenly", () => {
   assert.equal(cssColor(kindColor("red")), "#ff1e00");
   assert.equal(kindColor("no such")[0], 200);
   assert.deepEqual([kindLetter("red"), kindLetter(""), kindLetter("  über")], ["R", "", "Ü"]);
-  for (const dashes of Object.values(PATTERN_DASHES)) {
-    const turns = dashes.length ? 1 / dashes.reduce((sum, share) => sum + share, 0) : 1;
-    close([turns], [Math.round(turns)], 1e-9);
-  }
   close([wrapped(3 * Math.PI / 2), wrapped(-7)], [-Math.PI / 2, -7 + 2 * Math.PI], 1e-9);
   const frozen: Read3 = [1, 2, 3];
   assert.equal(dot(frozen, [1, 1, 1]), 6);
+});
+
+test("a ray that meets nothing ends at the floor, or not too far", () => {
+  assert.deepEqual(rayEnd([0, 0, 1.5], [0, 0, -1]), [0, 0, 0]);
+  assert.deepEqual(rayEnd([0, 0, 1.5], [1, 0, 0]), [FREE_RAY_M, 0, 1.5]);
+});
+
+test("what stands on any colour is read: its contrast is 4.5 at least", () => {
+  assert.ok(Math.abs(contrast([0, 0, 0], [255, 255, 255]) - 21) < 1e-9);
+  assert.ok(Math.abs(contrast([118, 118, 118], [255, 255, 255]) - 4.54) < 0.01); // the lightest grey that white allows
+  const inks = { "#000000": [0, 0, 0], "#ffffff": [255, 255, 255] } as const;
+  for (let r = 0; r <= 255; r += 17) for (let g = 0; g <= 255; g += 17) for (let b = 0; b <= 255; b += 17) {
+    assert.ok(contrast([r, g, b], inks[inkOn([r, g, b])]) >= 4.5, `${r} ${g} ${b}`);
+  }
+  assert.equal(inkOn(kindColor("blue")), "#ffffff");
+  assert.equal(inkOn(kindColor("yellow")), "#000000");
+});
+
+test("a package is as long as it says, and neither a needle nor a wardrobe", () => {
+  assert.deepEqual(sizeOf({ surface: "belt", length_m: 0.4 }), [0.4, 0.75 * 0.4, 0.6 * 0.4]);
+  assert.deepEqual(sizeOf({ surface: "belt", length_m: 3 }), [3, 0.34, 0.26]);
+  assert.deepEqual(sizeOf({ surface: "belt", length_m: 0.02 }), [0.02, 0.1, 0.1]);
+  assert.deepEqual(sizeOf({ surface: "strip", length_m: 0.3 }), [0.3, 0.07, 0.06]);
+  assert.deepEqual(sizeOf({ surface: "none", length_m: 0 }), [0.3, 0.3, 0.3]);
+});
+
+test("labels lie on nothing that is taken, the greater rank first", () => {
+  const card = { x: 100, y: 0, width: 400, height: 60 }, picture = { width: 1000, height: 1000 };
+  const wish = (x: number, y: number, rank = 1) => ({ x, y, width: 60, height: 20, rank });
+  const free = placed([wish(50, 200)], [card], picture);
+  assert.deepEqual(free, [{ x: 20, y: 180 }]);
+  const wishes = [wish(300, 50), wish(310, 200), wish(300, 205, 2), wish(305, 198), wish(300, 200)];
+  const found = placed(wishes, [card], picture);
+  assert.deepEqual(found[2], { x: 270, y: 185 });
+  const all = [card, ...found.map((at) => ({ ...at!, width: 60, height: 20 }))];
+  for (const [i, a] of all.entries()) for (const b of all.slice(0, i)) {
+    assert.ok(a.x >= b.x + b.width || b.x >= a.x + a.width || a.y >= b.y + b.height || b.y >= a.y + a.height);
+  }
+  assert.ok(found[0]!.y >= 60);
+  assert.deepEqual(placed([wish(300, 300)], [{ x: 0, y: 0, width: 1000, height: 1000 }], picture), [null]);
+  assert.deepEqual(placed([wish(300, 30, 0)], [card], picture), [null]); // it would be too far from its thing
+  assert.deepEqual(placed([wish(5, 205), wish(995, 5)], [], picture), [{ x: 0, y: 185 }, { x: 940, y: 0 }]);
 });

@@ -1,19 +1,43 @@
-/** How kinds and people are told apart: each by a colour and, as colour is never alone, a second sign. */
+/**
+ * How things look, in the scene and in the plan alike: kinds and people each by a colour and, as colour is never
+ * alone, a second sign; objects by a size, of which the bus tells the length only.
+ */
 
-import type { UserProfile } from "../messages";
+import type { TrackedObject, UserProfile } from "../messages";
+import type { Vec3 } from "./vec";
 
 export type Rgb = readonly [number, number, number];
 export type Pattern = UserProfile["pattern"];
 
-/** Red, green, blue (0-255) by kind of object, as led-driver shows them unless it is told otherwise. */
+/** Red, green, blue (0-255) by kind of object: `KIND_COLORS` of `schemas/environment.py`, as on the strips. */
 export const KIND_COLORS: Readonly<Record<string, Rgb>> = {
   red: [255, 30, 0], green: [0, 158, 80], blue: [0, 80, 220],
   yellow: [240, 200, 20], orange: [230, 120, 0], purple: [190, 80, 170],
 };
-const OTHER: Rgb = [200, 200, 200];
+export const OTHER_COLOR: Rgb = [200, 200, 200];
+
+/** Width and height of a package, by its length: share, least and most, m. */
+export const PACKAGE_WIDE = [0.75, 0.1, 0.34] as const;
+export const PACKAGE_HIGH = [0.6, 0.1, 0.26] as const;
+/** Width and height of a segment on a strip, m. */
+export const SEGMENT = [0.07, 0.06] as const;
+/** Length of what tells none, m: on a line, and elsewhere, as a robot. */
+export const USUAL_LENGTH_M = 0.12;
+export const ROBOT_M = 0.3;
+/** A ray that meets nothing is drawn so far, m. */
+export const FREE_RAY_M = 4;
+
+/** Length (along its belt or strip), width and height of `object`, m. */
+export function sizeOf(object: Pick<TrackedObject, "surface" | "length_m">): Vec3 {
+  const { surface, length_m } = object;
+  if (surface !== "belt" && surface !== "strip") return [length_m || ROBOT_M, length_m || ROBOT_M, length_m || ROBOT_M];
+  const long = length_m || USUAL_LENGTH_M;
+  if (surface === "strip") return [long, ...SEGMENT];
+  return [long, ...([PACKAGE_WIDE, PACKAGE_HIGH] as const).map(([share, least, most]) => Math.min(Math.max(share * long, least), most)) as [number, number]];
+}
 
 export function kindColor(kind: string): Rgb {
-  return KIND_COLORS[kind] ?? OTHER;
+  return KIND_COLORS[kind] ?? OTHER_COLOR;
 }
 
 /** The letter that stands on objects of a kind: its first, in capitals; kinds without a name have none. */
@@ -32,8 +56,26 @@ export function cssColor(color: Rgb): string {
   return `#${color.map((part) => Math.round(part).toString(16).padStart(2, "0")).join("")}`;
 }
 
-/** Drawn and left out, in turn, as shares of a ring's way round: how a pattern's outline goes; empty: whole. */
-export const PATTERN_DASHES: Readonly<Record<Pattern, readonly number[]>> = {
-  solid: [], dashed: [1 / 12, 1 / 24], dotted: [1 / 48, 1 / 48],
-  striped: [1 / 12, 1 / 36, 1 / 36, 1 / 36], hollow: [], tailed: [1 / 2, 1 / 2],
-};
+/** WCAG's relative luminance, 0 to 1. */
+function luminance(color: Rgb): number {
+  const [r, g, b] = color.map((part) => (part <= 10.31475 ? part / 3294.6 : ((part / 255 + 0.055) / 1.055) ** 2.4)) as [number, number, number];
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}
+
+/** WCAG's contrast of two colours, 1 to 21. */
+export function contrast(one: Rgb, other: Rgb): number {
+  const [low, high] = [luminance(one), luminance(other)].sort((a, b) => a - b) as [number, number];
+  return (high + 0.05) / (low + 0.05);
+}
+
+/** Black or white, whichever is read better upon `color`: its contrast is 4.5 at least, whatever the colour. */
+export function inkOn(color: Rgb): "#000000" | "#ffffff" {
+  return contrast(color, [0, 0, 0]) >= contrast(color, [255, 255, 255]) ? "#000000" : "#ffffff";
+}
+
+/** Where a ray that meets nothing is drawn to, {W}: the floor, or `FREE_RAY_M` far. */
+export function rayEnd(origin: Readonly<Vec3>, direction: Readonly<Vec3>): Vec3 {
+  const down = direction[2] < -1e-6 ? -origin[2] / direction[2] : Infinity;
+  const reach = Math.min(Math.max(down, 0), FREE_RAY_M);
+  return [origin[0] + reach * direction[0], origin[1] + reach * direction[1], origin[2] + reach * direction[2]];
+}

@@ -4,13 +4,15 @@ import { choice } from "../choice";
 import type { Desk } from "../desk";
 import { el, icon, key, mark, renew, section, show, write } from "../dom";
 import { byName, capital } from "../format";
-import { cssColor, kindColor } from "../geometry/looks";
+import { cssColor, KIND_COLORS, kindColor } from "../geometry/looks";
 import type { BayCount } from "../messages";
 import { slider } from "../slider";
 import type { Part } from "./part";
 
+/** Offered while nothing tells which kinds there are. */
 const USUAL_KINDS = ["red", "green", "blue"];
 const MOST_KINDS = 6;
+const ORDER = Object.keys(KIND_COLORS);
 const USUAL_SPEED = 0.3;
 
 export interface Belts extends Part {
@@ -23,6 +25,8 @@ export interface Belts extends Part {
 export function beltsPart(desk: Desk): Belts {
   const { site } = desk;
   let kind = USUAL_KINDS[0]!;
+  let seen = new Set<string>();
+  let seenIn = "";
   let before = USUAL_SPEED;
 
   async function setSpeed(value: number): Promise<number | null> {
@@ -73,15 +77,24 @@ export function beltsPart(desk: Desk): Belts {
       write(addName, hasBelts ? "Add a package" : "Add a segment");
       write(haltName, `${isStill ? "Start" : "Stop"} the ${hasBelts ? "belts" : "segments"}`);
       mark(haltIcon.firstElementChild!, "href", isStill ? "#icon-play" : "#icon-stop");
-      const seen = new Set(USUAL_KINDS);
-      for (const { objects } of site.objects.values()) {
-        for (const object of objects) if (object.kind && seen.size < MOST_KINDS) seen.add(object.kind);
-      }
-      kinds.offer([...seen].map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })));
+      const offered = kindsHere();
+      if (!offered.includes(kind)) kind = offered[0]!;
+      kinds.offer(offered.map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })));
       kinds.set(kind);
       showBays(state.bays);
     },
   };
+
+  /** The kinds that this scenario has, as far as they were on its belts or came out; the usual ones before any did. */
+  function kindsHere(): readonly string[] {
+    const here = `${desk.scenario} ${site.map?.name ?? ""}`;
+    if (here !== seenIn) [seen, seenIn] = [new Set(), here];
+    for (const { objects } of site.objects.values()) for (const object of objects) if (object.kind) seen.add(object.kind);
+    for (const each of site.conveyor?.bays ?? []) if (each.kind) seen.add(each.kind);
+    if (!seen.size) return USUAL_KINDS;
+    const place = (name: string) => (ORDER.includes(name) ? ORDER.indexOf(name) : ORDER.length);
+    return [...seen].sort((a, b) => place(a) - place(b) || byName(a, b)).slice(0, MOST_KINDS);
+  }
 
   function showBays(counts: readonly BayCount[]): void {
     show(bays, counts.length > 0);

@@ -4,39 +4,39 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { el, mark } from "../dom";
 import { milliseconds } from "../format";
-import type { Second } from "../timing";
+import type { Second } from "../site/timing";
 
 const HEIGHT = 110;
 
 export class LatencyGraph {
   readonly element = el("div", { className: "graph", role: "img", "aria-label": "Latency of the last minute" });
-  #plot: uPlot | null = null;
-  #theme = "";
+  private plot: uPlot | null = null;
+  private theme = "";
 
   constructor() {
-    new ResizeObserver(() => this.#fit()).observe(this.element);
+    new ResizeObserver(() => this.fit()).observe(this.element);
   }
 
   /** Show seconds, oldest first. */
   show(seconds: readonly Second[]): void {
     if (!this.element.clientWidth) return;
     const theme = document.documentElement.dataset.theme ?? "";
-    if (!this.#plot || theme !== this.#theme) this.#make(theme);
+    if (!this.plot || theme !== this.theme) this.make(theme);
     const x = seconds.map((_, index) => index - seconds.length + 1);
-    this.#plot?.setData([x, seconds.map((each) => each.p50), seconds.map((each) => each.p99)]);
+    this.plot?.setData([x, seconds.map((each) => each.p50), seconds.map((each) => each.p99)]);
     const last = seconds[seconds.length - 2];
     mark(this.element, "aria-label", last?.p50 == null
       ? "Latency of the last minute: nothing to show"
       : `Latency of the last minute; in the last second ${milliseconds(last.p50)}, at worst ${milliseconds(last.p99)}`);
   }
 
-  #make(theme: string): void {
-    this.#plot?.destroy();
-    this.#theme = theme;
+  private make(theme: string): void {
+    this.plot?.destroy();
+    this.theme = theme;
     const style = getComputedStyle(document.documentElement);
     const color = (name: string): string => style.getPropertyValue(name).trim();
     const axis = { stroke: color("--muted"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
-    this.#plot = new uPlot({
+    this.plot = new uPlot({
       width: this.element.clientWidth, height: HEIGHT, cursor: { show: false }, legend: { show: false },
       padding: [8, 16, 0, 0],
       scales: { x: { time: false, range: [-59, 0] }, y: { range: (_plot, _low, high) => [0, Math.max(40, (high ?? 0) * 1.15)] } },
@@ -51,7 +51,7 @@ export class LatencyGraph {
     }, [[], [], []], this.element);
   }
 
-  #fit(): void {
-    if (this.#plot && this.element.clientWidth) this.#plot.setSize({ width: this.element.clientWidth, height: HEIGHT });
+  private fit(): void {
+    if (this.plot && this.element.clientWidth) this.plot.setSize({ width: this.element.clientWidth, height: HEIGHT });
   }
 }

@@ -2,7 +2,7 @@
 
 import type { Desk } from "../desk";
 import { el, icon, renew, section, show, write } from "../dom";
-import { figureOf, losses, rates } from "../figures";
+import { figureOf, losses, rates } from "../site/figures";
 import { byName, bytes, duration, figure, milliseconds, rendererName } from "../format";
 import type { ViewStats } from "../view";
 import { LatencyGraph } from "./graph";

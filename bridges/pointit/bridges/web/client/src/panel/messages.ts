@@ -3,7 +3,7 @@
 import type { Desk } from "../desk";
 import { el, icon, renew, section } from "../dom";
 import { time } from "../format";
-import { matching } from "../log";
+import { matching } from "../site/log";
 import type { Part } from "./part";
 
 const MOST_SHOWN = 100;

@@ -22,7 +22,10 @@ export function moverPart(desk: Desk, mouse: Mouse, pairing: Pairing): Part {
     text: (value) => (value ? `${value.toFixed(1)}°` : "none"), send: (value) => mouse.shake(value),
   });
   const pair = el("button", { type: "button", onclick: () => pairing.open() }, icon("phone"), el("span", { text: "Show the QR code" }));
-  const element = section("Who points", who.element, line, tremor.element, pair);
+  const unpair = el("button", { type: "button", onclick: () => void desk.ask({ deed: "pair", name: desk.user, query: { off: true } }) },
+    icon("close"), el("span", { text: "Unpair the phone" }));
+  const paired = el("p", { className: "muted" });
+  const element = section("Who points", who.element, line, tremor.element, pair, paired, unpair);
 
   async function release(): Promise<void> {
     if (desk.mine?.user === desk.user) await mouse.give();
@@ -56,6 +59,9 @@ export function moverPart(desk: Desk, mouse: Mouse, pairing: Pairing): Part {
       show(tremor.element, moved === "mouse" && isMine && desk.mayDo("tremor"));
       tremor.set(mouse.tremor);
       show(pair, desk.mayDo("pair") && phone === "" && moved === "phone");
+      show(unpair, desk.mayDo("pair") && phone !== "");
+      show(paired, phone !== "" && moved !== "phone");
+      write(paired, `Phone: ${phone}${charge == null ? "" : `, battery ${Math.round(charge * 100)} %`}.`);
     },
   };
 }

@@ -5,6 +5,7 @@ import type { Desk } from "../desk";
 import { el, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor } from "../geometry/looks";
+import { standingOf } from "../site/site";
 import { stateTitle, thing } from "../words";
 import type { Part } from "./part";
 
@@ -29,10 +30,11 @@ export function nowPart(desk: Desk): Part {
   const undo = action("Undo", "undo", "U", () => desk.undo());
   const clear = action("Clear", "clear", "X", () => desk.clear());
   const actions = el("div", { className: "pairs" }, localize, cancel, undo, clear);
+  const place = el("p", { className: "muted" });
   const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit user anna" });
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
   const viewer = el("p", { className: "muted", text: "This page only looks on. The operator's link lets you control." });
-  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, viewer, press, actions);
+  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions);
 
   function showGauge(): void {
     const hover = desk.person?.hover;
@@ -61,6 +63,9 @@ export function nowPart(desk: Desk): Part {
       const now = interaction?.state ?? "idle";
       mark(element, "data-state", now);
       badge.querySelector("use")?.setAttribute("href", `#icon-${ICONS[now] ?? "pause"}`);
+      const stands = desk.person ? standingOf(desk.person) : null;
+      show(place, desk.person !== null && (!stands || stands.isAssumed));
+      write(place, stands ? `Where ${desk.user} stands is yet to be found; shown is where they are taken to stand.` : `Where ${desk.user} stands is not known, so they are not shown.`);
       const name = users.length > 1 ? `${desk.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
       write(next, interaction?.next_step ?? "");

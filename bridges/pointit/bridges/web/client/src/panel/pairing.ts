@@ -1,6 +1,6 @@
 /** The dialog that makes a phone a person's wrist: QR code, steps, fingerprint. */
 
-import type { Reply } from "../asks";
+import type { Reply } from "../site/asks";
 import type { Desk } from "../desk";
 import { el, icon, show, write } from "../dom";
 import { capital } from "../format";

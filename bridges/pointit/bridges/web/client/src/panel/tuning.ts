@@ -4,6 +4,7 @@ import { choice } from "../choice";
 import type { Desk } from "../desk";
 import { folded, show } from "../dom";
 import { slider } from "../slider";
+import type { RequestKey } from "../topics";
 import type { Part } from "./part";
 
 const DEG = Math.PI / 180;
@@ -57,7 +58,7 @@ export function tuningPart(desk: Desk): Tuning {
   const element = folded("Selecting and light", false, method.element, time.element, near.element, light.element);
 
   /** Ask once for what is in use, as soon as there is somebody to ask. */
-  function once(key: string, ask: () => Promise<unknown>): boolean {
+  function once(key: RequestKey, ask: () => Promise<unknown>): boolean {
     const may = desk.may(key);
     if (!may) asked.delete(key);
     else if (!asked.has(key)) {

@@ -15,6 +15,7 @@ export interface LinkEvents {
 const SILENT_MS = 6000;
 /** How often, ms, a round trip is measured. */
 const ECHO_MS = 2000;
+/** Close codes, see `wire.py`. */
 const UNPAIRED = 4403;
 const REPLACED = 4409;
 

@@ -4,7 +4,7 @@
 export type Stage = "before" | "centre" | "button" | "over";
 
 const IDS = [
-  "who", "link", "figures", "before", "start", "trouble", "running", "state", "next", "steps", "said", "big",
+  "who", "link", "figures", "before", "start", "trouble", "running", "state", "next", "progress", "said", "big",
   "big-name", "big-note", "skip", "centre", "place", "let-go",
 ] as const;
 type Id = (typeof IDS)[number];
@@ -56,14 +56,12 @@ export class Screen {
     document.body.dataset[name] = value;
   }
 
-  /** What to do next, and how far a task of several steps has come. */
-  next(text: string, step: { done: number; of: number } | null): void {
+  /** What to do next, and how far it has come, 0 to 1; null: that is not measured. */
+  next(text: string, share: number | null): void {
     this.write("next", text);
-    const steps = this.parts.steps as HTMLProgressElement;
-    steps.hidden = !step;
-    if (!step) return;
-    steps.max = step.of;
-    steps.value = step.done;
+    const progress = this.parts.progress as HTMLProgressElement;
+    progress.hidden = share === null;
+    progress.value = share ?? 0;
   }
 
   /** Say something for a while. */

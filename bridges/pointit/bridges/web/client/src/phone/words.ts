@@ -36,27 +36,10 @@ export function figures(rate: number, roundTrip: number | null, charge: number |
   ].filter(Boolean).join(" · ");
 }
 
-/** How far a task of several steps has come, as a sentence says it: `(2 of 4)`, `2 of 4`. */
-export function stepOf(sentence: string): { done: number; of: number } | null {
-  const found = /\b(\d{1,2}) of (\d{1,2})\b/.exec(sentence);
-  const [step, of] = [Number(found?.[1]), Number(found?.[2])];
-  return found && step >= 1 && step <= of ? { done: step - 1, of } : null;
-}
-
 /** First letter in capitals, a full stop at the end. */
 export function sentence(text: string): string {
   const trimmed = text.trim();
   if (!trimmed) return "";
   const whole = /[.!?…]$/.test(trimmed) ? trimmed : `${trimmed}.`;
   return whole.charAt(0).toUpperCase() + whole.slice(1);
-}
-
-/** Whether the person is told that a double press does something now. */
-export function asksForDouble(nextStep: string): boolean {
-  return /double press/i.test(nextStep);
-}
-
-/** Whether somebody else has taken the arm. */
-export function tellsOfLoss(text: string): boolean {
-  return /somebody else moves your arm/i.test(text);
 }

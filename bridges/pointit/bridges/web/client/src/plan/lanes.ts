@@ -7,25 +7,14 @@ import { carriedOn, elapsed, type Placed } from "../geometry/motion";
 /** Centre lines of belts and strips; those without a length are left out. */
 export class Lanes {
   private readonly lines = new Map<string, Polyline>();
-  private readonly widths = new Map<string, number>();
 
   constructor(map: Environment | null) {
-    for (const belt of map?.belts ?? []) {
-      this.add(`belt ${belt.id}`, belt.line_m);
-      this.widths.set(belt.id, belt.width_m);
-    }
+    for (const belt of map?.belts ?? []) this.add(`belt ${belt.id}`, belt.line_m);
     for (const strip of map?.strips ?? []) this.add(`strip ${strip.id}`, strip.line_m);
   }
 
   line(surface: string, id: string): Polyline | null {
     return this.lines.get(`${surface} ${id}`) ?? null;
-  }
-
-  /** How wide `object` is drawn, m: packages leave a rim of their belt free. */
-  breadth(object: TrackedObject): number {
-    const width = this.widths.get(object.surface_id);
-    if (object.surface === "belt" && width) return Math.min(0.7 * width, 0.45);
-    return object.surface === "strip" ? 0.16 : object.length_m;
   }
 
   /** Where `object`, told of at `stamp_ns`, is at `now_ns`. */

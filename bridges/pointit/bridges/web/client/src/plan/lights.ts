@@ -1,7 +1,7 @@
 /** Strips as rows of coloured pixels, and lamps: what shines. */
 
 import type { Environment, StripsFrame } from "../messages";
-import type { Site } from "../site";
+import type { Site } from "../site/site";
 import { cssColor } from "../geometry/looks";
 import { edges, paths } from "./runs";
 import { draw, set, show, xy } from "./svg";

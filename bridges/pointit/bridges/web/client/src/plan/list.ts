@@ -1,6 +1,7 @@
 /** The plan as a list: for those who do not see it, and for those who select by the keyboard alone. */
 
-import type { Site } from "../site";
+import { write } from "../dom";
+import type { Site } from "../site/site";
 import { lampRows, objectRows, peopleRows, type Row } from "./sentences";
 
 /** The list is told anew no more often than this, ms: a screen reader must come to its end. */
@@ -121,8 +122,4 @@ export class PlanList {
 function neighbour(item: Element): HTMLElement | null {
   const other = item.nextElementSibling ?? item.previousElementSibling;
   return other?.querySelector<HTMLElement>("button:not([hidden])") ?? item.closest("details")?.querySelector("summary") ?? null;
-}
-
-function write(element: Element, text: string): void {
-  if (element.textContent !== text) element.textContent = text;
 }

@@ -1,10 +1,10 @@
 /** Tracked objects in the plan: their kind by colour and letter, whose they are by pattern and name. */
 
 import type { TrackedObject } from "../messages";
-import { siteNow, type Site } from "../site";
-import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import { siteNow, type Site } from "../site/site";
+import { cssColor, inkOn, kindColor, kindLetter, sizeOf } from "../geometry/looks";
 import type { Lanes } from "./lanes";
-import { inkOn, signOf } from "./signs";
+import { signOf } from "./signs";
 import { cm, draw, say, set, show, turned, xy } from "./svg";
 import type { Thing } from "./under";
 
@@ -27,6 +27,8 @@ interface Figure {
 
 /** How far beyond its outline an object's ring is drawn, m. */
 const RING_M = 0.035;
+/** Segments are drawn wider than they are, m: their strip's pixels are to be seen between their edges. */
+const SEGMENT_M = 0.16;
 
 export class Packages {
   /** By id: where objects are drawn; of this frame. */
@@ -44,7 +46,8 @@ export class Packages {
     for (const { objects, stamp_ns } of site.objects.values()) {
       for (const object of objects) {
         const { at, heading } = lanes.placed(object, stamp_ns, now);
-        const drawn: Drawn = { object, at, heading, halfLength: object.length_m / 2, halfBreadth: lanes.breadth(object) / 2 };
+        const [long, wide] = sizeOf(object);
+        const drawn: Drawn = { object, at, heading, halfLength: long / 2, halfBreadth: (object.surface === "strip" ? SEGMENT_M : wide) / 2 };
         this.drawn.set(object.id, drawn);
         const figure = this.figures.get(object.id) ?? this.make(object);
         this.place(figure, drawn);

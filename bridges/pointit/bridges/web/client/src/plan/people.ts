@@ -1,17 +1,12 @@
 /** People in the plan: body, arm, ray, cursor, the gauge of what they hover, how unsure their place is. */
 
-import type { Person, Site } from "../site";
-import type { Vec3 } from "../view";
+import { isHeard, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
+import { rayEnd } from "../geometry/looks";
 import type { Packages } from "./packages";
 import { signOf } from "./signs";
 import { cm, draw, path, say, set, show, turned, xy } from "./svg";
-
-/** A cursor older than this, ms, is not drawn: nothing is heard from that wrist. */
-const FRESH_MS = 800;
-/** Rays that meet nothing are drawn so far, m, or to the floor. */
-const FAR_M = 4;
 
 const ACTIONS = { select: "+", deselect: "−", refuse: "×", "": "" } as const;
 
@@ -37,14 +32,7 @@ interface Figure {
 export function facing(person: Person, isFresh: boolean): number {
   const ray = isFresh ? person.cursor?.direction : null;
   if (ray && Math.hypot(ray[0], ray[1]) > 0.15) return Math.atan2(ray[1], ray[0]);
-  return person.pose?.yaw_rad ?? 0;
-}
-
-/** Where a ray that meets nothing is drawn to: the floor, or so far. */
-export function rayEnd(origin: Readonly<Vec3>, direction: Readonly<Vec3>): Vec3 {
-  const down = direction[2] < -1e-6 ? -origin[2] / direction[2] : Infinity;
-  const reach = Math.min(Math.max(down, 0), FAR_M);
-  return [origin[0] + reach * direction[0], origin[1] + reach * direction[1], origin[2] + reach * direction[2]];
+  return standingOf(person)?.yaw_rad ?? 0;
 }
 
 export class People {
@@ -57,7 +45,7 @@ export class People {
     const gauges = new Map<string, number>();
     for (const person of site.people.values()) {
       const figure = this.figures.get(person.user) ?? this.make(person.user);
-      const isFresh = performance.now() - person.cursorAt < FRESH_MS;
+      const isFresh = isHeard(person, performance.now());
       this.drawBody(figure, person, isFresh, chosen);
       this.drawRay(figure, person, isFresh);
       this.drawGauge(figure, person, isFresh, packages, gauges);
@@ -95,29 +83,31 @@ export class People {
   }
 
   private drawBody(figure: Figure, person: Person, isFresh: boolean, chosen: string): void {
-    const pose = person.pose;
-    for (const element of [figure.body, figure.nameAt, figure.arm, figure.unsure]) show(element, !!pose);
-    if (!pose) return;
+    const stands = standingOf(person);
+    for (const element of [figure.body, figure.nameAt, figure.arm, figure.unsure]) show(element, !!stands);
+    if (!stands) return;
+    const feet = stands.position_m;
+    for (const element of [figure.body, figure.arm]) set(element, "opacity", stands.isAssumed ? 0.5 : 1);
     const sign = signOf(person.profile), yaw = facing(person, isFresh);
-    set(figure.body, "transform", `translate(${xy(pose.position_m)}) rotate(${turned(yaw)})`);
-    set(figure.nameAt, "transform", `translate(${xy([pose.position_m[0], pose.position_m[1] - 0.36])})`);
+    set(figure.body, "transform", `translate(${xy(feet)}) rotate(${turned(yaw)})`);
+    set(figure.nameAt, "transform", `translate(${xy([feet[0], feet[1] - 0.36])})`);
     set(figure.name, "y", 10);
-    say(figure.name, person.user === chosen ? `${person.user} (you)` : person.user);
+    say(figure.name, `${person.user}${person.user === chosen ? " (you)" : ""}${stands.isAssumed ? ": place to be found" : ""}`);
     set(figure.torso, "fill", sign.isHollow ? "none" : sign.color);
     set(figure.torso, "stroke", sign.isHollow ? sign.color : "");
     const body = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
     const { origin_m: origin, direction } = (isFresh && person.cursor) || { origin_m: null, direction: null };
     const arm = origin && direction
-      ? pointingArm(body, hand, pose.position_m, yaw, origin, direction)
-      : hangingArm(body, hand, pose.position_m, yaw);
+      ? pointingArm(body, hand, feet, yaw, origin, direction)
+      : hangingArm(body, hand, feet, yaw);
     set(figure.arm, "d", path([arm.shoulder, arm.elbow, arm.finger]));
-    const { major, minor, angle } = ellipseOf(pose.covariance);
+    const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
     show(figure.unsure, major > 0.005);
     set(figure.unsure, "rx", cm(major));
     set(figure.unsure, "ry", cm(minor));
     set(figure.unsure, "stroke", sign.color);
     set(figure.unsure, "fill", sign.color);
-    set(figure.unsure, "transform", `translate(${xy(pose.position_m)}) rotate(${turned(angle)})`);
+    set(figure.unsure, "transform", `translate(${xy(feet)}) rotate(${turned(angle)})`);
   }
 
   private drawRay(figure: Figure, person: Person, isFresh: boolean): void {

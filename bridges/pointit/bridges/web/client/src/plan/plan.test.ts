@@ -2,13 +2,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Environment, Hover, Strip, TrackedObject } from "../messages";
 import { Polyline } from "../geometry/polyline";
-import { emptyPerson, emptySite } from "../site";
+import { emptyPerson, emptySite, standingOf } from "../site/site";
 import { Frame, grown, scaleBar } from "./frame";
 import { Lanes } from "./lanes";
-import { facing, rayEnd } from "./people";
+import { facing } from "./people";
 import { edges, paths } from "./runs";
 import { lampRows, objectRows, peopleRows, shortNames } from "./sentences";
-import { inkOn } from "./signs";
 import { under } from "./under";
 
 const STRIP: Strip = { id: "0", line_m: [[0, 0, 1], [2, 0, 1]], direction: 1, pixels: 4 };
@@ -94,17 +93,22 @@ test("objects are drawn where they are now, not where they were told to be", () 
   assert.ok(Math.abs(heading - Math.PI / 2) < 1e-9);
 });
 
-test("a ray that meets nothing ends at the floor, or not too far", () => {
-  assert.deepEqual(rayEnd([0, 0, 1.5], [0, 0, -1]), [0, 0, 0]);
-  assert.deepEqual(rayEnd([0, 0, 1.5], [1, 0, 0]), [4, 0, 1.5]);
-});
-
 test("people face where they point, as long as they are heard", () => {
   const person = emptyPerson("ada");
   person.pose = { yaw_rad: 1 } as never;
   person.cursor = { direction: [0, 1, 0] } as never;
   assert.equal(facing(person, true), Math.PI / 2);
   assert.equal(facing(person, false), 1);
+});
+
+test("who has no pose stands where they are taken to stand, if anybody knows", () => {
+  const person = emptyPerson("ada");
+  assert.equal(standingOf(person), null);
+  person.line = { assumed: { position_m: [1, 2, 0], yaw_rad: 0.5 } } as never;
+  assert.deepEqual(standingOf(person), { position_m: [1, 2, 0], yaw_rad: 0.5, isAssumed: true });
+  assert.equal(facing(person, false), 0.5);
+  person.pose = { position_m: [3, 4, 0], yaw_rad: 1 } as never;
+  assert.deepEqual(standingOf(person), { position_m: [3, 4, 0], yaw_rad: 1, isAssumed: false });
 });
 
 test("the list tells people, objects and lamps in short lines", () => {
@@ -114,11 +118,13 @@ test("the list tells people, objects and lamps in short lines", () => {
   site.people.set("user10", emptyPerson("user10"));
   site.people.set("user2", person);
   person.interaction = { state: "pointing" } as never;
+  person.line = { assumed: { position_m: [0, 0, 0], yaw_rad: 0 } } as never;
   person.hover = { object_id: "1a-1", progress: 0.456, action: "select" } as Hover;
   site.objects.set("conveyor", { stamp_ns: 0, seq: 0, objects: [thing({ id: "1a-2", kind: "blue" }), thing({ id: "1a-1", bay: "1" })] });
   site.selection = { stamp_ns: 0, seq: 0, objects: [{ id: "1a-1", user: "user2", kind: "red", since_ns: 0, confidence: null }], reserved: [{ id: "1a-2", user: "user10", until_ns: 0 }] };
   assert.deepEqual(peopleRows(site).map(({ key, text }) => [key, text]), [
-    ["user2", "pointing; points at red package, select 46 %"], ["user10", "nothing heard yet"],
+    ["user2", "pointing; their place is yet to be found; points at red package, select 46 %"],
+    ["user10", "nothing heard yet; where they stand is not known"],
   ]);
   assert.deepEqual(objectRows(site).map(({ name, text }) => [name, text]), [
     ["red package 1", "on belt a at 1.0 m, bound for bay 1; selected by user2"], ["blue package 2", "on belt a at 1.0 m; user10 is about to select it"],
@@ -129,9 +135,4 @@ test("the list tells people, objects and lamps in short lines", () => {
 test("ids are shortened only where they stay apart", () => {
   assert.deepEqual([...shortNames(["a-1", "a-2"]).values()], ["1", "2"]);
   assert.deepEqual([...shortNames(["a-1", "b-1"]).values()], ["a-1", "b-1"]);
-});
-
-test("letters are read on every kind", () => {
-  assert.equal(inkOn([255, 255, 255]), "#000000");
-  assert.equal(inkOn([0, 80, 220]), "#ffffff");
 });

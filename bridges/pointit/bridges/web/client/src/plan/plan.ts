@@ -1,9 +1,10 @@
 /** The plan: the site from above as SVG. For browsers without WebGL, and, with its list, for everybody. */
 
 import "./plan.css";
-import type { Site } from "../site";
-import type { Camera, MakeView, Vec3, View, ViewOptions, ViewStats } from "../view";
+import { standingOf, type Site } from "../site/site";
+import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { boundsOf } from "../geometry/bounds";
+import type { Vec3 } from "../geometry/vec";
 import { Frame, grown, scaleBar } from "./frame";
 import { Gestures } from "./gestures";
 import { drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
@@ -74,7 +75,7 @@ class Plan implements View {
   draw(site: Site): void {
     this.site = site;
     if (site.mapVersion !== this.mapVersion) this.rebuild(site);
-    const who = [...site.people.values()].filter(({ pose }) => pose).map(({ user }) => user).join(" ");
+    const who = [...site.people.values()].filter(standingOf).map(({ user }) => user).join(" ");
     if (who !== this.shownPeople) {
       this.shownPeople = who;
       if (this.isFitted) this.fit();
@@ -176,7 +177,10 @@ class Plan implements View {
   }
 
   private fit(): void {
-    const people = [...(this.site?.people.values() ?? [])].flatMap(({ pose }) => (pose ? [pose.position_m] : []));
+    const people = [...(this.site?.people.values() ?? [])].flatMap((person) => {
+      const stands = standingOf(person);
+      return stands ? [stands.position_m] : [];
+    });
     if (this.site?.map) this.frame.fit(grown(boundsOf(this.site.map), people), Math.min(70, this.frame.width * 0.16));
     this.isFitted = true;
     this.apply();

@@ -1,7 +1,8 @@
 /** The plan in words: what there is to know of people, objects and lamps, one short line each. */
 
-import type { Person, Site } from "../site";
+import { standingOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
+import { byName } from "../format";
 import { stateTitle, thing } from "../words";
 
 export interface Row {
@@ -12,8 +13,8 @@ export interface Row {
 
 /** People in counting order: what they do, what they point at. */
 export function peopleRows(site: Site): Row[] {
-  return [...site.people.values()].sort((a, b) => counting(a.user, b.user)).map((person) => ({
-    key: person.user, name: person.user, text: [whatTheyDo(person), ...whatTheyPointAt(site, person)].join("; "),
+  return [...site.people.values()].sort((a, b) => byName(a.user, b.user)).map((person) => ({
+    key: person.user, name: person.user, text: [whatTheyDo(person), ...whereTheyStand(person), ...whatTheyPointAt(site, person)].join("; "),
   }));
 }
 
@@ -23,7 +24,7 @@ export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
   const all = [...site.objects.values()].flatMap(({ objects }) => objects);
   const short = shortNames(all.map(({ id }) => id));
-  return all.sort((a, b) => counting(a.id, b.id)).map((object) => {
+  return all.sort((a, b) => byName(a.id, b.id)).map((object) => {
     const owner = owners.get(object.id), holder = holders.get(object.id);
     const state = owner ? `selected by ${owner}` : holder ? `${holder} is about to select it` : "not selected";
     return { key: object.id, name: `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
@@ -62,6 +63,11 @@ function whatTheyDo(person: Person): string {
   return isSearching ? `${state}, pointing at ${search.target_id}, ${Math.round(search.progress * 100)} %` : state;
 }
 
+function whereTheyStand(person: Person): string[] {
+  const stands = standingOf(person);
+  return !stands ? ["where they stand is not known"] : stands.isAssumed ? ["their place is yet to be found"] : [];
+}
+
 function whatTheyPointAt(site: Site, person: Person): string[] {
   const hover = person.hover;
   if (hover?.object_id) {
@@ -80,8 +86,4 @@ function whereItIs(object: TrackedObject): string {
   }
   const [x, y] = object.position_m;
   return `at ${x.toFixed(1)}, ${y.toFixed(1)} m${to}`;
-}
-
-function counting(a: string, b: string): number {
-  return a.localeCompare(b, "en", { numeric: true });
 }

@@ -22,9 +22,3 @@ export function signOf(profile: UserProfile | null | undefined): Sign {
   const pattern = profile?.pattern ?? "solid";
   return { color: cssColor(profile?.cursor_color ?? [255, 255, 255]), dashes: DASHES[pattern], isHollow: pattern === "hollow", pattern };
 }
-
-/** Black or white, whichever is read better upon `rgb` (WCAG's relative luminance). */
-export function inkOn(rgb: readonly number[]): string {
-  const [r, g, b] = [0, 1, 2].map((i) => ((rgb[i] ?? 0) / 255) ** 2.2);
-  return 0.2126 * r! + 0.7152 * g! + 0.0722 * b! > 0.18 ? "#000000" : "#ffffff";
-}

@@ -1,7 +1,7 @@
 /** What is under the pointer, seen from above: the place in {W} that it means, with its height. */
 
 import type { Environment } from "../messages";
-import type { Vec3 } from "../view";
+import type { Vec3 } from "../geometry/vec";
 import type { Polyline } from "../geometry/polyline";
 import type { Lanes } from "./lanes";
 

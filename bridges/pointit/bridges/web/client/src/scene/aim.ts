@@ -4,7 +4,7 @@ import * as THREE from "three";
 import type { Read3, Vec3 } from "../geometry/vec";
 import type { Beams } from "./beams";
 import type { Marks } from "./marks";
-import type { Stage } from "./stage";
+import type { Picture } from "./picture";
 
 /** A place so much nearer to the aim needs no line to it, m. */
 const NEAR_M = 0.04;
@@ -30,8 +30,8 @@ export class Aim {
   private last: { x: number; y: number } | null = null;
   private readonly listeners = new AbortController();
 
-  constructor(private readonly stage: Stage, private readonly wake: () => void, private readonly drag: (dx: number, dy: number) => void) {
-    const { canvas } = stage, { signal } = this.listeners;
+  constructor(private readonly picture: Picture, private readonly wake: () => void, private readonly drag: (dx: number, dy: number) => void) {
+    const { canvas } = picture, { signal } = this.listeners;
     canvas.addEventListener("pointerdown", (event) => {
       if (event.pointerType === "touch") this.fingers.add(event.pointerId);
       this.last = { x: event.clientX, y: event.clientY };
@@ -54,7 +54,7 @@ export class Aim {
     this.on = on;
     this.pending = false;
     if (!on) this.at = null;
-    this.stage.canvas.style.cursor = on ? "crosshair" : "grab";
+    this.picture.canvas.style.cursor = on ? "crosshair" : "grab";
     this.wake();
   }
 
@@ -65,7 +65,7 @@ export class Aim {
       this.drag(event.clientX - this.last.x, event.clientY - this.last.y);
       this.last = { x: event.clientX, y: event.clientY };
     }
-    const box = this.stage.canvas.getBoundingClientRect();
+    const box = this.picture.canvas.getBoundingClientRect();
     this.pointer.set(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
     this.isOver = !isDrag;
     if (!this.on || isDrag) return;
@@ -77,8 +77,8 @@ export class Aim {
   tick(targets: (into: THREE.Object3D[]) => void, turned: boolean): Vec3 | null {
     if (!this.on || !(this.pending || (turned && this.isOver))) return null;
     this.pending = false;
-    this.stage.camera.updateMatrixWorld();
-    this.caster.setFromCamera(this.pointer, this.stage.camera);
+    this.picture.camera.updateMatrixWorld();
+    this.caster.setFromCamera(this.pointer, this.picture.camera);
     return this.cast(targets, true);
   }
 
@@ -91,7 +91,7 @@ export class Aim {
     if (!hit) return null;
     if (tellsWall) {
       this.normal.copy(hit.face?.normal ?? this.down).transformDirection(hit.object.matrixWorld);
-      this.isWall = Math.abs(this.normal.z) < 0.5;
+      this.isWall = hit.object.userData.isSolid === true && Math.abs(this.normal.z) < 0.5;
     }
     this.at = [hit.point.x, hit.point.y, hit.point.z];
     return this.at;
@@ -100,7 +100,7 @@ export class Aim {
   /** Move the place on what it is on; on upright things away is up. @param start where to begin, if nowhere yet */
   nudge(right: number, away: number, start: Read3, targets: (into: THREE.Object3D[]) => void): Vec3 {
     const at: Vec3 = this.at ? [...this.at] : [...start];
-    const { matrixWorld } = this.stage.camera, e = matrixWorld.elements;
+    const { matrixWorld } = this.picture.camera, e = matrixWorld.elements;
     const length = Math.hypot(e[0]!, e[1]!) || 1, rx = e[0]! / length, ry = e[1]! / length;
     at[0] += right * rx - (this.isWall ? 0 : away * ry);
     at[1] += right * ry + (this.isWall ? 0 : away * rx);

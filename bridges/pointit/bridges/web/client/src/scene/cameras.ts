@@ -5,9 +5,13 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { framed } from "../geometry/framing";
 import { unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Camera } from "../view";
-import type { Stage } from "./stage";
+import type { Picture } from "./picture";
 
 const ROOM_ALONG = unit([0.34, 0.8, -0.62]);
+/** Along which a room is seen that is longer in y than in x. */
+const DEEP_ALONG = unit([-0.8, 0.34, -0.62]);
+/** By how much longer. */
+const DEEP = 1.6;
 const ABOVE_ALONG = unit([0, 0.0002, -1]);
 /** From above almost without perspective. */
 const FOV = { room: 42, top: 12, eyes: 68 } as const;
@@ -46,8 +50,8 @@ export class Cameras {
   private yaw = 0;
   private pitch = -0.3;
 
-  constructor(private readonly stage: Stage, private readonly isStill: boolean, private readonly wake: () => void) {
-    this.controls = new OrbitControls(stage.camera, stage.canvas);
+  constructor(private readonly picture: Picture, private readonly isStill: boolean, private readonly wake: () => void) {
+    this.controls = new OrbitControls(picture.camera, picture.canvas);
     this.controls.enableDamping = !isStill;
     this.controls.dampingFactor = 0.14;
     this.controls.zoomToCursor = true;
@@ -87,7 +91,7 @@ export class Cameras {
     this.user = user;
     if (mode === before && mode !== "eyes") return;
     if (before !== "eyes" && !this.isFramed) {
-      this.kept.set(before, { position: this.stage.camera.position.clone(), target: this.controls.target.clone(), fov: FOV[before] });
+      this.kept.set(before, { position: this.picture.camera.position.clone(), target: this.controls.target.clone(), fov: FOV[before] });
     }
     this.mode = mode;
     this.isFramed = !this.kept.has(mode);
@@ -109,11 +113,22 @@ export class Cameras {
 
   /** How far away what is looked at is, m. */
   get distance(): number {
-    return this.stage.camera.position.distanceTo(this.controls.target);
+    return this.picture.camera.position.distanceTo(this.controls.target);
+  }
+
+  private get isDeep(): boolean {
+    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    for (const point of this.points) {
+      for (const axis of [0, 1] as const) {
+        low[axis] = Math.min(low[axis]!, point[axis]);
+        high[axis] = Math.max(high[axis]!, point[axis]);
+      }
+    }
+    return high[1]! - low[1]! > DEEP * (high[0]! - low[0]!);
   }
 
   private go(now: number, atOnce: boolean): void {
-    const { camera } = this.stage;
+    const { camera } = this.picture;
     this.from.position.copy(camera.position);
     this.from.target.copy(this.controls.target);
     this.from.fov = camera.fov;
@@ -139,8 +154,9 @@ export class Cameras {
       this.to.target.copy(kept.target);
       return;
     }
-    const { width, height } = this.stage;
-    const view = framed(this.points, this.mode === "top" ? ABOVE_ALONG : ROOM_ALONG, (this.to.fov * Math.PI) / 180, width / height);
+    const { width, height } = this.picture;
+    const along = this.mode === "top" ? ABOVE_ALONG : this.isDeep ? DEEP_ALONG : ROOM_ALONG;
+    const view = framed(this.points, along, (this.to.fov * Math.PI) / 180, width / height);
     this.to.position.set(...view.position);
     this.to.target.set(...view.target);
   }
@@ -153,7 +169,7 @@ export class Cameras {
    * @param pointer where the mouse aims, as -1 to 1 from left to right and from below to above; null: it does not
    */
   tick(now: number, seconds: number, eyes: Vec3 | null, along: Read3 | null, pointer: readonly [number, number] | null): boolean {
-    const { camera, width, height } = this.stage;
+    const { camera, width, height } = this.picture;
     if (this.mode !== "eyes" && this.isFramed && width / height !== this.aspect) {
       this.aspect = width / height;
       this.go(now, true);
@@ -174,7 +190,7 @@ export class Cameras {
   }
 
   private sit(): boolean {
-    const { camera } = this.stage;
+    const { camera } = this.picture;
     camera.position.copy(this.to.position);
     this.controls.target.copy(this.to.target);
     camera.lookAt(this.controls.target);

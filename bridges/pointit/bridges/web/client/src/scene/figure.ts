@@ -29,7 +29,7 @@ export class Figure {
     const mesh = kit.mesh(trunk(body, shirt, kit.light), painted);
     this.root.add(mesh);
     kit.group.add(this.root);
-    const around = kit.light ? 8 : 16;
+    const around = kit.light ? 10 : 16;
     this.limbs = kit.many(new THREE.CylinderGeometry(0.86, 1, 1, around, 1, true).rotateX(Math.PI / 2), bare, 8);
     this.joints = kit.many(new THREE.SphereGeometry(1, around, around / 2), bare, 8);
     const skin = new THREE.Color(SKIN);
@@ -53,8 +53,8 @@ export class Figure {
     segment(limbs, first + 1, elbow, wrist, RADII[1] * thick);
     segment(limbs, first + 2, wrist, palm, RADII[2] * thick);
     segment(limbs, first + 3, palm, finger, RADII[3] * thick);
-    ball(joints, first, shoulder, RADII[0] * 1.18 * near);
-    ball(joints, first + 1, elbow, RADII[0] * 0.9 * thick);
+    ball(joints, first, shoulder, RADII[0] * 1.06 * near);
+    ball(joints, first + 1, elbow, RADII[0] * 0.86 * thick);
     ball(joints, first + 2, palm, RADII[2] * 1.12 * thick);
     ball(joints, first + 3, finger, RADII[3] * thick);
     this.limbs.instanceMatrix.needsUpdate = this.joints.instanceMatrix.needsUpdate = true;

@@ -1,13 +1,15 @@
 /** Names and counts beside what they belong to: elements over the picture, crisp at every resolution. */
 
 import * as THREE from "three";
+import { cssColor, inkOn, type Rgb } from "../geometry/looks";
+import { placed, type Rect, type Wish } from "../geometry/placing";
 import type { Read3 } from "../geometry/vec";
 import type { Theme } from "./kit";
 
 /** A piece of a label's text; a colour makes it a small badge. */
 export interface Piece {
   text: string;
-  color?: string;
+  color?: Rgb;
 }
 
 interface Label {
@@ -16,6 +18,10 @@ interface Label {
   at: [number, number, number];
   used: boolean;
   placed: string;
+  rank: number;
+  /** Of the element, px; 0: to be measured. */
+  width: number;
+  height: number;
 }
 
 /** Labels of one frame: `begin`, `add` …, `end`. */
@@ -24,6 +30,8 @@ export class Labels {
   private readonly labels = new Map<string, Label>();
   private readonly point = new THREE.Vector3();
   private theme: Theme | null = null;
+  /** What lies over the picture, px from its upper left corner; no label goes there. */
+  covered: readonly Rect[] = [];
 
   constructor(host: HTMLElement) {
     this.layer.setAttribute("aria-hidden", "true");
@@ -37,11 +45,11 @@ export class Labels {
     for (const label of this.labels.values()) label.used = false;
   }
 
-  /** Show `pieces` above `at` ({W}, m, and `up` more); `color` (CSS) frames it. */
-  add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = ""): void {
+  /** Show `pieces` above `at` ({W}, m, and `up` more); `color` (CSS) frames it. Of two in one place the greater `rank` has it. */
+  add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = "", rank = 0): void {
     let label = this.labels.get(key);
     if (!label) {
-      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "" };
+      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, width: 0, height: 0 };
       this.labels.set(key, label);
     }
     label.used = true;
@@ -52,21 +60,23 @@ export class Labels {
     for (const piece of pieces) shown += `|${piece.text}#${piece.color ?? ""}`;
     if (shown === label.shown) return;
     label.shown = shown;
+    label.width = 0;
     label.element.style.borderColor = color || "transparent";
     label.element.replaceChildren(...pieces.map((piece) => {
       const span = document.createElement("span");
       span.textContent = piece.text;
       if (piece.color) {
         Object.assign(span.style, {
-          background: piece.color, color: inkOn(piece.color), borderRadius: "4px", padding: "0 5px", fontWeight: "700",
+          background: cssColor(piece.color), color: inkOn(piece.color), borderRadius: "4px", padding: "0 5px", fontWeight: "700",
         });
       }
       return span;
     }));
   }
 
-  /** Put them where the camera sees their places. */
+  /** Put them where the camera sees their places, beside each other and beside what covers the picture. */
   end(camera: THREE.PerspectiveCamera, width: number, height: number): void {
+    const seen: Label[] = [], wishes: Wish[] = [];
     for (const [key, label] of this.labels) {
       if (!label.used) {
         label.element.remove();
@@ -74,15 +84,20 @@ export class Labels {
         continue;
       }
       this.point.set(...label.at).project(camera);
-      const { x, y, z } = this.point, inside = z < 1 && Math.abs(x) < 1.1 && Math.abs(y) < 1.1;
-      const placed = inside
-        ? `translate(${((x + 1) * width * 0.5).toFixed(1)}px, ${((1 - y) * height * 0.5).toFixed(1)}px) translate(-50%, -100%)`
-        : "";
-      if (placed === label.placed) continue;
-      label.placed = placed;
-      label.element.style.visibility = inside ? "visible" : "hidden";
-      if (inside) label.element.style.transform = placed;
+      const { x, y, z } = this.point;
+      if (z >= 1 || Math.abs(x) > 1 || Math.abs(y) > 1) {
+        put(label, "");
+        continue;
+      }
+      if (!label.width) {
+        label.width = label.element.offsetWidth;
+        label.height = label.element.offsetHeight;
+      }
+      seen.push(label);
+      wishes.push({ x: (x + 1) * width * 0.5, y: (1 - y) * height * 0.5, width: label.width, height: label.height, rank: label.rank });
     }
+    placed(wishes, this.covered, { width, height }).forEach((at, i) =>
+      put(seen[i]!, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : ""));
   }
 
   private make(): HTMLElement {
@@ -107,9 +122,10 @@ export class Labels {
   }
 }
 
-/** Black or white, whichever is read better on `#rrggbb`. */
-export function inkOn(color: string): string {
-  const value = Number.parseInt(color.slice(1), 16);
-  const bright = 0.299 * (value >> 16) + 0.587 * ((value >> 8) & 255) + 0.114 * (value & 255);
-  return bright > 140 ? "#10141a" : "#ffffff";
+/** Where the label is (a CSS transform); empty: nowhere. */
+function put(label: Label, at: string): void {
+  if (at === label.placed) return;
+  label.placed = at;
+  label.element.style.visibility = at ? "visible" : "hidden";
+  if (at) label.element.style.transform = at;
 }

@@ -1,22 +1,18 @@
 /** People: where they stand and how surely, where they point, and what they are asked to point at. */
 
-import type { Person, Site } from "../site";
+import { isHeard, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
-import { cssColor, visibleColor, type Pattern } from "../geometry/looks";
-import { add, scale, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
+import { cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/looks";
+import { add, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Beams } from "./beams";
 import { Figure } from "./figure";
 import { Kit } from "./kit";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 
-/** A cursor that is older is gone, ms. */
-const CURSOR_MS = 700;
 /** Who points and has had no cursor for so long is shown faintly, ms. */
 const STALE_MS = 2000;
-/** A ray that meets nothing is drawn so far, m. */
-const FAR_M = 7;
 /** A name stands at most so high, m. */
 const NAME_M = 2.15;
 const RAISE_PER_S = 4;
@@ -51,8 +47,10 @@ export class People {
 
   /** What a camera must show of people: their feet, and their names above their heads. */
   static points(site: Site): Vec3[] {
-    return [...site.people.values()].flatMap(({ pose }) =>
-      pose ? [pose.position_m, add(pose.position_m, [0, 0, NAME_M])] : []);
+    return [...site.people.values()].flatMap((person) => {
+      const feet = standingOf(person)?.position_m;
+      return feet ? [feet, add(feet, [0, 0, NAME_M])] : [];
+    });
   }
 
   /** Where the eyes of `person` are, {W}; null: unknown. */
@@ -87,10 +85,11 @@ export class People {
     const measures = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
     const body = this.body(person, worn);
     const { cursor } = person, age = now - person.cursorAt;
-    const points = cursor?.direction && age < CURSOR_MS;
+    const points = cursor?.direction && isHeard(person, now);
     const origin = cursor?.origin_m ?? eyesOf(measures, feet);
     const target = points ? null : this.askedFor(person);
     const direction = points ? cursor.direction : target ? unit(subtract(target, origin)) : null;
+    const isAssumed = !person.pose && !cursor?.origin_m;
     const isStale = !site.connected || (person.interaction?.state === "pointing" && age > STALE_MS && person.cursorAt > 0);
     const gain = this.isStill ? 1 : 1 - Math.exp(-seconds * TURN_PER_S);
     const turn = direction ? wrapped(Math.atan2(direction[1], direction[0]) - body.facing) : 0;
@@ -104,19 +103,19 @@ export class People {
     const isOwn = person.user === own;
     body.figure.setArm(0, arm, !isOwn ? "all" : body.raised > 0.4 ? "own" : "none");
     body.figure.setArm(1, hangingArm(measures, hand === "left" ? "right" : "left", feet, body.facing), isOwn ? "none" : "all");
-    body.figure.see(isStale ? 0.35 : 1, isOwn);
-    this.uncertainty(person, feet, color, isStale);
+    body.figure.see(isStale ? 0.35 : isAssumed ? 0.5 : 1, isOwn);
+    this.uncertainty(person, feet, color, isStale, isAssumed);
     if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, isOwn);
     if (!isOwn) {
       this.around.labels.add(`user ${person.user}`, feet, measures.footprint_to_neck_m + measures.neck_to_eyes_m + 0.26,
-        [{ text: person.user }], cssColor(color));
+        [{ text: person.user }, ...(isAssumed ? [{ text: "· place to be found" }] : [])], cssColor(color), 2);
     }
     return asked || Math.abs(turn) > 0.002 || body.raised !== wanted;
   }
 
   private pointing(person: Person, arm: Arm, origin: Read3, color: Read3, pattern: Pattern, isStale: boolean, isOwn: boolean): void {
     const { beams, marks, kit } = this.around, { cursor } = person, alpha = isStale ? 0.3 : 1;
-    const at = cursor?.point_m ?? add(origin, scale(cursor!.direction!, FAR_M));
+    const at = cursor?.point_m ?? rayEnd(origin as Vec3, cursor!.direction!);
     beams.add(arm.finger, at, color, 0.95 * alpha, 2.6, 0, cursor?.point_m ? 0.55 : 0);
     if (!isOwn) beams.add(origin, arm.finger, color, 0.5 * alpha, 1.6, 0.05);
     if (!cursor?.point_m) return;
@@ -125,13 +124,13 @@ export class People {
     marks.add(at, 0.07, color, { pattern, faces: true, thick: 0.26, alpha });
   }
 
-  private uncertainty(person: Person, feet: Read3, color: Read3, isStale: boolean): void {
+  private uncertainty(person: Person, feet: Read3, color: Read3, isStale: boolean, isAssumed: boolean): void {
     const { marks } = this.around, alpha = isStale ? 0.3 : 0.85;
     const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
     marks.add(feet, 0.27, [0, 0, 0], { thick: 0.02, alpha: this.around.kit.theme.dark ? 0.3 : 0.13, fill: 1 }, 0.006);
     if (major > 0.02) {
       marks.add(feet, major, color, { thick: 0.08, alpha, fill: 0.22 }, 0.01, Math.max(minor, 0.01), angle);
-    } else marks.add(feet, 0.3, color, { thick: 0.12, alpha }, 0.01);
+    } else marks.add(feet, 0.3, color, { thick: 0.12, alpha, pattern: isAssumed ? "dashed" : "solid" }, 0.01);
   }
 
   /** Where they are asked to point now. */
@@ -152,7 +151,7 @@ export class People {
     marks.add([at[0], at[1], 0], 0.18 + 0.3 * beat, color, { thick: 0.12, alpha: 1 - beat }, 0.02);
     const share = Math.round(100 * (person.localization?.progress ?? 0));
     labels.add(`beacon ${person.user}`, at, 0.42,
-      [{ text: "point here" }, { text: person.user, color: cssColor(color) }, { text: `${share} %` }], cssColor(color));
+      [{ text: "point here" }, { text: person.user, color }, { text: `${share} %` }], cssColor(color), 3);
     return !this.isStill;
   }
 
@@ -164,7 +163,7 @@ export class People {
     const kit = new Kit(this.around.kit.light, this.around.kit.theme);
     this.around.kit.group.add(kit.group);
     const body: Body = {
-      kit, looks, figure: new Figure(kit, measures, color), facing: before?.facing ?? person.pose?.yaw_rad ?? 0,
+      kit, looks, figure: new Figure(kit, measures, color), facing: before?.facing ?? standingOf(person)?.yaw_rad ?? 0,
       raised: before?.raised ?? 0, arm: null,
     };
     this.bodies.set(person.user, body);
@@ -177,11 +176,11 @@ export class People {
   }
 }
 
-/** Where a person stands; from their eyes while there is no pose. */
+/** Where a person stands; from their eyes while there is no pose, else where they are taken to stand. */
 function feetOf(person: Person): Vec3 | null {
-  if (person.pose) return person.pose.position_m;
   const eyes = person.cursor?.origin_m;
-  return eyes ? subtract(eyes, eyesOf(person.profile?.body ?? DEFAULT_BODY, [0, 0, 0])) : null;
+  if (!person.pose && eyes) return subtract(eyes, eyesOf(person.profile?.body ?? DEFAULT_BODY, [0, 0, 0]));
+  return standingOf(person)?.position_m ?? null;
 }
 
 const smooth = (x: number): number => x * x * (3 - 2 * x);

@@ -32,6 +32,7 @@ export class Room {
     for (const ball of map.spheres) {
       const mesh = kit.mesh(new THREE.SphereGeometry(ball.radius_m, kit.light ? 20 : 40, kit.light ? 12 : 28), solid);
       mesh.position.set(...ball.center_m);
+      mesh.userData.isSolid = true;
       this.targets.push(mesh);
     }
     for (const plane of map.planes) {
@@ -62,6 +63,7 @@ export class Room {
       kit.own(new THREE.LineBasicMaterial({ color: kit.theme.leg, transparent: true, opacity: 0.7 })),
     );
     mesh.add(lines);
+    mesh.userData.isSolid = true;
     this.targets.push(mesh);
   }
 

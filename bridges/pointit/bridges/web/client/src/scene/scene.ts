@@ -2,58 +2,28 @@
 
 import type * as THREE from "three";
 import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
-import { cssColor, kindColor, kindLetter } from "../geometry/looks";
-import type { Read3, Vec3 } from "../geometry/vec";
+import type { Rect } from "../geometry/placing";
+import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
-import { siteNow, type Site } from "../site";
-import type { Camera, View, ViewOptions } from "../view";
+import { siteNow, standingOf, type Site } from "../site/site";
+import type { Camera, MakeView, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
-import { Beams } from "./beams";
-import { Belts } from "./belts";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
 import { Labels } from "./labels";
-import { Lamps } from "./lamps";
-import { Marks } from "./marks";
 import { People } from "./people";
-import { Room } from "./room";
-import { Stage } from "./stage";
-import { state } from "./state";
-import { Strips } from "./strips";
-import { Things } from "./things";
+import { Picture } from "./picture";
+import { counts, state } from "./state";
+import { makeWorld, NOTHING, type World } from "./world";
 
-/** What the scene is told beside what every view is. */
-export interface SceneOptions extends ViewOptions {
-  /** The graphics context is gone and did not come back: another view should take over. */
-  onLost?(): void;
-}
-
-/** What is made anew for every map and theme. */
-interface World {
-  readonly kit: Kit;
-  readonly belts: Belts;
-  readonly strips: Strips;
-  readonly lamps: Lamps;
-  readonly room: Room;
-  readonly things: Things;
-  readonly people: People;
-  readonly marks: Marks;
-  readonly beams: Beams;
-  readonly bays: readonly { id: string; at: Vec3 }[];
-}
-
-const NOTHING: Environment = {
-  name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], cylinders: [], lamps: [], links: [],
-  planes: [], spheres: [], strips: [],
-};
 /** Longer than this between two frames nothing has moved, s. */
 const LONGEST_STEP_S = 0.25;
 /** Without a graphics processor, frames between the site's own are left out while these come so often, ms. */
-const OFTEN_MS = 90;
+const OFTEN_MS = 60;
 
 class Scene implements View {
   readonly cameras: readonly Camera[] = ["room", "top", "eyes"];
-  private readonly stage: Stage;
+  private readonly picture: Picture;
   private readonly labels: Labels;
   private readonly camera: Cameras;
   private readonly aim: Aim;
@@ -78,12 +48,19 @@ class Scene implements View {
     things.targets(into);
   };
 
-  constructor(host: HTMLElement, private readonly options: SceneOptions) {
-    this.stage = new Stage(host, () => this.wake(), () => options.onLost?.());
+  constructor(host: HTMLElement, private readonly options: ViewOptions) {
+    this.picture = new Picture(host, () => this.wake(), {
+      away: () => this.tearDown(),
+      back: () => {
+        this.build(this.site?.map ?? NOTHING);
+        this.wake();
+      },
+      lost: () => options.onLost(),
+    });
     if (getComputedStyle(host).position === "static") host.style.position = "relative";
     this.labels = new Labels(host);
-    this.camera = new Cameras(this.stage, this.isStill, () => this.wake());
-    this.aim = new Aim(this.stage, () => this.wake(), (dx, dy) => {
+    this.camera = new Cameras(this.picture, this.isStill, () => this.wake());
+    this.aim = new Aim(this.picture, () => this.wake(), (dx, dy) => {
       if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
     });
     this.aim.set(false);
@@ -91,8 +68,8 @@ class Scene implements View {
   }
 
   get stats(): { fps: number; renderer: string; software: boolean } {
-    this.stage.measure(performance.now(), false);
-    return this.stage.stats;
+    this.picture.measure(performance.now());
+    return this.picture.stats;
   }
 
   draw(site: Site): void {
@@ -122,7 +99,7 @@ class Scene implements View {
   /** How many people are to be seen. */
   private posedOf(site: Site): number {
     let count = 0;
-    for (const { pose } of site.people.values()) if (pose) count++;
+    for (const person of site.people.values()) if (standingOf(person)) count++;
     return count;
   }
 
@@ -141,6 +118,12 @@ class Scene implements View {
     this.wake();
   }
 
+  keepClear(covered: readonly Rect[]): void {
+    if (JSON.stringify(covered) === JSON.stringify(this.labels.covered)) return;
+    this.labels.covered = covered;
+    this.wake();
+  }
+
   setPointing(on: boolean, user: string): void {
     this.pointer = user;
     this.aim.set(on);
@@ -154,23 +137,20 @@ class Scene implements View {
     this.options.onAim(this.aim.nudge(right, away, start, this.targets));
   }
 
-  private build(map: Environment): void {
+  private tearDown(): void {
     this.world?.people.dispose();
     this.world?.kit.dispose();
+    this.world = null;
+  }
+
+  private build(map: Environment): void {
+    this.tearDown();
     this.bounds = boundsOf(map);
-    const kit = new Kit(this.stage.stats.software, this.theme);
-    const belts = new Belts(kit, map), strips = new Strips(kit, map), lamps = new Lamps(kit, map);
-    const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;
-    const things = new Things(kit, lines), marks = new Marks(kit), beams = new Beams(kit);
-    const placeOf = (id: string): Read3 | null => lamps.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
-    const people = new People({ kit, marks, beams, labels: this.labels, placeOf }, this.isStill);
-    const bays = map.bays.flatMap(({ id, belt }) => {
-      const line = belts.lines.get(belt);
-      return line ? [{ id, at: line.pointAt(line.length) }] : [];
-    });
-    this.world = { kit, belts, strips, lamps, room: new Room(kit, map, this.bounds), things, people, marks, beams, bays };
-    this.stage.light(this.theme, this.bounds);
-    this.stage.scene.add(kit.group);
+    if (this.picture.isLost) return;
+    const kit = new Kit(this.picture.stats.software, this.theme);
+    this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
+    this.picture.light(this.theme, this.bounds);
+    this.picture.scene.add(kit.group);
     this.dirty = true;
   }
 
@@ -187,13 +167,13 @@ class Scene implements View {
   private turn(): void {
     this.asked = 0;
     const now = performance.now();
-    if (this.stage.stats.software && now - this.toldAt < OFTEN_MS && !this.dirty) this.ask();
+    if (this.picture.stats.software && now - this.toldAt < OFTEN_MS && !this.dirty) this.ask();
     else if (this.dirty || this.moves) this.frame(now);
   }
 
   private frame(now: number): void {
-    const { world, stage } = this;
-    if (!world || stage.isLost) return;
+    const { world, picture } = this;
+    if (!world || picture.isLost) return;
     const seconds = Math.min((now - this.drawnAt) / 1000, LONGEST_STEP_S);
     this.drawnAt = now;
     this.dirty = false;
@@ -201,18 +181,18 @@ class Scene implements View {
     const isAiming = this.aim.on && this.aim.isOver;
     const turned = this.camera.tick(now, seconds, People.eyes(chosen), chosen?.cursor?.direction ?? null,
       isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null);
-    stage.camera.updateMatrixWorld();
+    picture.camera.updateMatrixWorld();
     this.moves = turned;
-    world.marks.begin(stage.pixel);
-    world.beams.begin(stage.width, stage.height);
+    world.marks.begin(picture.pixel);
+    world.beams.begin(picture.width, picture.height);
     this.labels.begin(this.theme);
     if (this.site) this.moves = this.show(this.site, world, now, seconds) || this.moves;
     const at = this.aim.tick(this.targets, turned && this.camera.mode === "eyes");
     this.aim.mark(world.marks, world.beams, this.site?.people.get(this.pointer)?.cursor?.point_m ?? null, this.theme.dark);
     world.marks.end();
     world.beams.end();
-    this.labels.end(stage.camera, stage.width, stage.height);
-    stage.render(now, this.moves, this.camera.distance);
+    this.labels.end(picture.camera, picture.width, picture.height);
+    picture.render(now, this.moves, this.camera.distance);
     if (this.moves || this.dirty) this.ask();
     if (at) this.options.onAim(at);
   }
@@ -230,13 +210,7 @@ class Scene implements View {
     if (site.connected) moves = world.belts.run(passed) || moves;
     moves = world.people.draw(site, now, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
     state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
-    for (const bay of world.bays) {
-      const counts = site.conveyor?.bays.filter((each) => each.bay === bay.id) ?? [];
-      this.labels.add(`bay ${bay.id}`, bay.at, 0.22, [
-        { text: /^bay/i.test(bay.id) ? bay.id : `Bay ${bay.id}` },
-        ...counts.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: cssColor(kindColor(kind)) })),
-      ]);
-    }
+    counts(site, world.bays, this.labels);
     return moves;
   }
 
@@ -245,13 +219,11 @@ class Scene implements View {
     this.asked = -1;
     this.aim.dispose();
     this.camera.dispose();
-    this.world?.people.dispose();
-    this.world?.kit.dispose();
-    this.world = null;
+    this.tearDown();
     this.labels.dispose();
-    this.stage.dispose();
+    this.picture.dispose();
   }
 }
 
 /** Makes the 3-D scene within `host`. @throws Error with one sentence where there is no WebGL. */
-export const makeScene = (host: HTMLElement, options: SceneOptions): View => new Scene(host, options);
+export const makeScene: MakeView = (host, options) => new Scene(host, options);

@@ -1,8 +1,8 @@
 /** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
 
 import { cssColor, kindColor, kindLetter, visibleColor, type Pattern } from "../geometry/looks";
-import type { Read3 } from "../geometry/vec";
-import type { Site } from "../site";
+import type { Read3, Vec3 } from "../geometry/vec";
+import type { Site } from "../site/site";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 import type { Thing, Things } from "./things";
@@ -34,15 +34,26 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     if (!dark) marks.add(thing.placed.at, radius * 1.06, [20, 25, 32], { faces: true, thick: 0.34, alpha: 0.4 }, up);
     marks.add(thing.placed.at, radius, shown, { faces: true, thick: 0.28, progress: hover.progress }, up);
     if (hover.taken_by && hover.action === "refuse") {
-      labels.add(`taken ${user}`, thing.placed.at, up + 0.16, [{ text: `taken by ${hover.taken_by}` }], cssColor(color));
+      labels.add(`taken ${user}`, thing.placed.at, up + 0.16, [{ text: `taken by ${hover.taken_by}` }], cssColor(color), 1);
     }
   }
   for (const thing of things.byId.values()) {
     if (thing.form === "package") continue;
     const { kind, id } = thing.object;
-    const letter = { text: kindLetter(kind) || "?", color: cssColor(kindColor(kind)) };
+    const letter = { text: kindLetter(kind) || "?", color: kindColor(kind) };
     labels.add(`thing ${id}`, thing.placed.at, thing.form === "segment" ? 0.06 : 0.2, thing.form === "robot" ? [{ text: id }] : [letter]);
     if (thing.form === "robot") marks.add([thing.placed.at[0], thing.placed.at[1], 0], 0.12, WHITE, { thick: 0.12, alpha: 0.4 }, 0.01);
+  }
+}
+
+/** What came out at each bay, by kind. */
+export function counts(site: Site, bays: readonly { id: string; at: Vec3 }[], labels: Labels): void {
+  for (const { id, at } of bays) {
+    const out = site.conveyor?.bays.filter(({ bay }) => bay === id) ?? [];
+    labels.add(`bay ${id}`, at, 0.22, [
+      { text: /^bay/i.test(id) ? id : `Bay ${id}` },
+      ...out.map(({ kind, count }) => ({ text: `${kindLetter(kind)} ${count}`, color: kindColor(kind) })),
+    ], "", 1);
   }
 }
 

@@ -61,34 +61,31 @@ export class Strips {
   /** What can be pointed at; unseen. */
   readonly targets: THREE.Object3D[] = [];
   private readonly pixels: Pixels;
-  private readonly shine: THREE.InstancedBufferAttribute;
+  private readonly shine: THREE.BufferAttribute;
+  /** Vertices that each pixel's colour is written to. */
+  private readonly copies: number;
   private frame: StripsFrame | null = null;
 
   constructor(kit: Kit, map: Environment) {
     this.pixels = layOut(map.strips);
-    const { count } = this.pixels;
-    this.shine = new THREE.InstancedBufferAttribute(new Uint8Array(3 * count), 3, true);
-    this.shine.setUsage(THREE.DynamicDrawUsage);
+    this.copies = kit.light ? 4 : 1;
+    const { count } = this.pixels, { copies } = this;
+    const attribute = (array: Float32Array | Uint8Array, size: number, isByte = false) => kit.light
+      ? new THREE.BufferAttribute(array, size, isByte) : new THREE.InstancedBufferAttribute(array, size, isByte);
+    this.shine = attribute(new Uint8Array(3 * copies * count), 3, true).setUsage(THREE.DynamicDrawUsage);
     if (!count) return;
-    const lie = new Float32Array(2 * count), place = new THREE.InstancedBufferAttribute(this.pixels.places, 3);
+    const lie = new Float32Array(2 * copies * count), place = new Float32Array(3 * copies * count);
     for (const { first, pixels, pitch } of this.pixels.strips.values()) {
-      for (let i = first; i < first + pixels; i++) lie.set([this.pixels.headings[i]!, Math.min(pitch * 0.72, 0.05)], 2 * i);
+      for (let i = first * copies; i < (first + pixels) * copies; i++) {
+        const pixel = Math.floor(i / copies);
+        lie.set([this.pixels.headings[pixel]!, Math.min(pitch * 0.72, 0.05)], 2 * i);
+        place.set(this.pixels.places.subarray(3 * pixel, 3 * pixel + 3), 3 * i);
+      }
     }
-    const body = new THREE.InstancedBufferGeometry();
-    // a lens of ten triangles; in the light mode a face of two that turns about the strip to the camera
-    const n = 0.34, z = 0.55;
-    body.setAttribute("position", new THREE.Float32BufferAttribute(
-      [-0.5, -0.5, 0, 0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, 0.5, 0, -n, -n, z, n, -n, z, n, n, z, -n, n, z], 3));
-    body.setIndex(kit.light ? [0, 1, 2, 0, 2, 3] : [4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7]);
-    body.setAttribute("lie", new THREE.InstancedBufferAttribute(lie, 2));
-    const glow = new THREE.InstancedBufferGeometry();
-    glow.setAttribute("position", new THREE.Float32BufferAttribute([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 3));
-    glow.setIndex([0, 1, 2, 0, 2, 3]);
-    for (const geometry of [body, glow]) {
-      geometry.instanceCount = count;
-      geometry.setAttribute("place", place);
-      geometry.setAttribute("shine", this.shine);
-    }
+    const body = kit.light ? faces(count, 0.5) : lenses(count), glow = kit.light ? faces(count, 1) : halos(count);
+    const where = attribute(place, 3);
+    for (const geometry of [body, glow]) geometry.setAttribute("place", where).setAttribute("shine", this.shine);
+    body.setAttribute("lie", attribute(lie, 2));
     const lit = kit.mesh(body, kit.own(new THREE.ShaderMaterial({
       vertexShader: PIXEL_VERTEX, fragmentShader: PIXEL_FRAGMENT, uniforms: { off: { value: kit.theme.off } },
       ...(kit.light ? { defines: { FLAT: 1 }, side: THREE.DoubleSide } : {}),
@@ -135,15 +132,57 @@ export class Strips {
   set(frame: StripsFrame | null): boolean {
     if (frame === this.frame) return false;
     this.frame = frame;
-    const shown = this.shine.array as Uint8Array;
+    const shown = this.shine.array as Uint8Array, { copies } = this;
     if (!frame) shown.fill(0);
     else {
       for (const { id, rgb } of frame.strips) {
         const strip = this.pixels.strips.get(id);
-        if (strip) shown.set(rgb.length > 3 * strip.pixels ? rgb.subarray(0, 3 * strip.pixels) : rgb, 3 * strip.first);
+        if (!strip) continue;
+        const end = Math.min(rgb.length, 3 * strip.pixels);
+        let to = 3 * copies * strip.first;
+        for (let from = 0; from + 2 < end; from += 3) {
+          for (let copy = 0; copy < copies; copy++) {
+            shown[to++] = rgb[from]!;
+            shown[to++] = rgb[from + 1]!;
+            shown[to++] = rgb[from + 2]!;
+          }
+        }
       }
     }
     this.shine.needsUpdate = true;
     return true;
   }
+}
+
+const SQUARE = [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0];
+
+/** A lens of ten triangles for each of `count` pixels: instances. */
+function lenses(count: number): THREE.BufferGeometry {
+  const geometry = new THREE.InstancedBufferGeometry(), n = 0.34, z = 0.55;
+  geometry.instanceCount = count;
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(
+    [-0.5, -0.5, 0, 0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, 0.5, 0, -n, -n, z, n, -n, z, n, n, z, -n, n, z], 3));
+  geometry.setIndex([4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7]);
+  return geometry;
+}
+
+/** A square for each of `count` pixels: instances. */
+function halos(count: number): THREE.BufferGeometry {
+  const geometry = new THREE.InstancedBufferGeometry();
+  geometry.instanceCount = count;
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(SQUARE, 3));
+  geometry.setIndex([0, 1, 2, 0, 2, 3]);
+  return geometry;
+}
+
+/** A square (half a side: `half`) for each of `count` pixels, written out: software draws instances one by one. */
+function faces(count: number, half: number): THREE.BufferGeometry {
+  const corners = new Float32Array(12 * count), index = new Uint32Array(6 * count), geometry = new THREE.BufferGeometry();
+  const corner = SQUARE.map((x) => x * half);
+  for (let i = 0; i < count; i++) {
+    corners.set(corner, 12 * i);
+    index.set([4 * i, 4 * i + 1, 4 * i + 2, 4 * i, 4 * i + 2, 4 * i + 3], 6 * i);
+  }
+  geometry.setAttribute("position", new THREE.BufferAttribute(corners, 3));
+  return geometry.setIndex(new THREE.BufferAttribute(index, 1));
 }

@@ -3,12 +3,11 @@
 import * as THREE from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import type { TrackedObject, TrackedObjects } from "../messages";
-import { cssColor, kindColor, kindLetter } from "../geometry/looks";
+import { cssColor, inkOn, kindColor, kindLetter, sizeOf } from "../geometry/looks";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "../geometry/motion";
 import type { Polyline } from "../geometry/polyline";
 import type { Vec3 } from "../geometry/vec";
 import { setMatrix, type Kit } from "./kit";
-import { inkOn } from "./labels";
 
 type Form = "package" | "segment" | "robot";
 
@@ -140,7 +139,7 @@ export class Things {
   }
 
   private skin(form: Form, kind: string): THREE.Material {
-    const color = cssColor(kindColor(kind));
+    const paint = kindColor(kind), color = cssColor(paint);
     if (form === "robot") return this.kit.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
     if (form === "segment") return this.kit.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
     const map = this.kit.texture(128, 128, (c) => {
@@ -151,7 +150,7 @@ export class Things {
       c.strokeStyle = "rgba(0,0,0,.34)";
       c.lineWidth = 7;
       c.strokeRect(0, 0, 128, 128);
-      c.fillStyle = inkOn(color);
+      c.fillStyle = inkOn(paint);
       c.font = "800 78px system-ui, sans-serif";
       c.textAlign = "center";
       c.textBaseline = "middle";
@@ -167,9 +166,7 @@ function formOf(object: TrackedObject): Form {
 }
 
 function made(object: TrackedObject, form: Form): Thing {
-  const long = object.length_m || (form === "robot" ? 0.3 : 0.12), held = (x: number, low: number, high: number) => Math.min(Math.max(x, low), high);
-  const size: Vec3 = form === "package" ? [long, held(0.75 * long, 0.1, 0.34), held(0.6 * long, 0.1, 0.26)]
-    : form === "segment" ? [long, 0.07, 0.06] : [long, long, long];
+  const size = sizeOf(object);
   const up = form === "package" ? size[2] / 2 + 0.004 : form === "segment" ? 0.012 : 0;
   return { object, form, size, up, placed: { at: [...object.position_m], heading: 0, along: 0 }, stamp_ns: 0, line: null };
 }

@@ -3,8 +3,8 @@
 import type {
   ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, Interaction, LampColor, Localization,
   Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile,
-} from "./messages";
-import type { Hello, PersonLine, Status } from "./wire";
+} from "../messages";
+import type { Hello, PersonLine, Status } from "../wire";
 
 /** All that is known of one person. */
 export interface Person {
@@ -67,8 +67,6 @@ export interface Site {
   sentNs: number;
   speed: number;
   cameAt: number;
-  /** From capture at the wrist to the frame that shows it, ms, of the last minute at most; newest last. */
-  readonly latencies: number[];
   /** Bytes and batches received in the last whole second, events lost since the page was opened. */
   traffic: { bytes: number; batches: number; dropped: number };
   /** Batches or messages that could not be read, frames that could not be drawn; and what was wrong last. */
@@ -83,7 +81,7 @@ export function emptySite(): Site {
   return {
     hello: null, status: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
     objects: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
-    deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0, latencies: [],
+    deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
     traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
   };
 }
@@ -94,6 +92,28 @@ export function emptyPerson(user: string): Person {
     user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
     line: null,
   };
+}
+
+/** A cursor that is older says nothing of now, ms: that wrist is not heard. */
+const HEARD_MS = 800;
+
+/** Whether the cursor of `person` is one of `now` (`performance.now()`). */
+export function isHeard(person: Person, now: number): boolean {
+  return person.cursor !== null && now - person.cursorAt < HEARD_MS;
+}
+
+/** Where a person's feet are ({W}, m) and the azimuth of {H}'s x axis, rad. */
+export interface Standing {
+  position_m: [number, number, number];
+  yaw_rad: number;
+  /** There is no pose: this is where they are taken to stand. */
+  isAssumed: boolean;
+}
+
+/** Where `person` stands; nothing where nobody knows. */
+export function standingOf({ pose, line }: Person): Standing | null {
+  const known = pose ?? line?.assumed;
+  return known ? { position_m: known.position_m, yaw_rad: known.yaw_rad, isAssumed: !pose } : null;
 }
 
 /** Now in the site's time, ns, as well as it is known. */

@@ -3,33 +3,15 @@
 import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
 import { note } from "./log";
-import type {
-  ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, Interaction, LampColor, Localization,
-  Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile,
-} from "./messages";
 import { emptyPerson, type Happened, type Person, type Site } from "./site";
-import type { Status } from "./wire";
-import { eventLine } from "./words";
+import type { Topics } from "../topics";
+import type { Status } from "../wire";
+import { eventLine } from "../words";
 
-/** Messages of each topic that pages are shown. */
-export interface Shown {
-  "users/{user}/profile": UserProfile;
-  "users/{user}/pose": UserPose;
-  "users/{user}/localization": Localization;
-  "users/{user}/cursor": Cursor;
-  "users/{user}/hover": Hover;
-  "users/{user}/interaction": Interaction;
-  "users/{user}/feedback": Feedback;
-  map: Environment;
-  "objects/{tracker}": TrackedObjects;
-  selection: Selection;
-  "selection/events": SelectionEvent;
-  "leds/{led}/color": LampColor;
-  "strips/frame": StripsFrame;
-  "conveyor/state": ConveyorState;
-  "health/{service}": Health;
-  "deployment/{name}": Deployment;
-}
+/** Topics that pages are not shown; the others are `registry.SHOWN`. */
+type Unseen =
+  | "clock" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray" | "users/{user}/anchor";
+type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;
 
@@ -111,7 +93,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
 /** Keeps a site up to date. */
 export class Keeper {
   /** Everybody of whom something is known; `site.people` has those who are there. */
-  readonly #known = new Map<string, Person>();
+  private readonly known = new Map<string, Person>();
 
   constructor(readonly site: Site) {}
 
@@ -163,17 +145,17 @@ export class Keeper {
   /** Nothing is known any more: the first batch of a new connection tells all that is true. */
   clear(): void {
     const { site } = this;
-    this.#known.clear();
+    this.known.clear();
     for (const all of [site.people, site.objects, site.lamps, site.health, site.deployments]) all.clear();
     Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
   }
 
   /** The person called `user`, new if not known yet. */
   person(user: string): Person {
-    let found = this.#known.get(user);
+    let found = this.known.get(user);
     if (!found) {
       found = emptyPerson(user);
-      this.#known.set(user, found);
+      this.known.set(user, found);
     }
     return found;
   }

@@ -1,4 +1,4 @@
-"""Our messages as Foxglove reads them: JSON, with a JSON Schema that its viewers understand.
+"""Messages as Foxglove's and Lichtblick's viewers read them, live or recorded: JSON with a JSON Schema.
 
 Their parsers know no references, alternatives, empty fields and arrays in arrays: references
 are resolved, what may be empty is described as when it is not, and what cannot be described is left out
@@ -9,25 +9,19 @@ import base64
 import json
 from typing import Any
 
-from pointit.schemas import Message
+from pointit.schemas.base import Message
 from pointit.schemas.catalogue import message_schema
-from pointit.schemas.topics import Topic
 
 Schema = dict[str, Any]
-
-
-def channel_name(key: str) -> str:
-    """Return the name of a key's channel: dots would end the name in the paths that panels plot."""
-    return "/" + key.replace(".", "/")
 
 
 class Plain:
     """One kind of message."""
 
-    def __init__(self, topic: Topic[Any]) -> None:
-        """Describe the messages of `topic`."""
-        full = message_schema(topic.message)
-        self.schema: Schema = {"title": topic.message.schema_name(), **_plain(full, full.get("$defs", {}))}
+    def __init__(self, kind: type[Message]) -> None:
+        """Describe messages of `kind`."""
+        full = message_schema(kind)
+        self.schema: Schema = {"title": kind.schema_name(), **_plain(full, full.get("$defs", {}))}
         self._has_bytes = '"binary"' in json.dumps(full)
 
     def text(self, message: Message) -> bytes:
@@ -35,6 +29,11 @@ class Plain:
         if self._has_bytes:
             return json.dumps(message.model_dump(), default=_base64).encode()
         return message.model_dump_json().encode()
+
+
+def channel_name(key: str) -> str:
+    """Return the name of a key's channel: dots would end the name in the paths that panels plot."""
+    return "/" + key.replace(".", "/")
 
 
 def _plain(schema: Schema, definitions: Schema) -> Schema:

@@ -49,18 +49,18 @@ export function numberOf(bytes: Uint8Array): number {
 
 /** What came since the frame before: of each key the newest state, every event. */
 export class Pending {
-  readonly #states = new Map<string, Item>();
-  readonly #events: Item[] = [];
+  private readonly states = new Map<string, Item>();
+  private readonly events: Item[] = [];
 
   add(batch: Batch): void {
-    for (const item of batch.states) this.#states.set(`${item.topic} ${item.name}`, item);
-    this.#events.push(...batch.events);
+    for (const item of batch.states) this.states.set(`${item.topic} ${item.name}`, item);
+    this.events.push(...batch.events);
   }
 
   /** Return all, and hold nothing more. */
   take(): { states: Item[]; events: Item[] } {
-    const taken = { states: [...this.#states.values()], events: this.#events.splice(0) };
-    this.#states.clear();
+    const taken = { states: [...this.states.values()], events: this.events.splice(0) };
+    this.states.clear();
     return taken;
   }
 }

@@ -1,4 +1,4 @@
-"""The door to Foxglove's SDK: one server, its channels, and who looks at which.
+"""The server of Foxglove's SDK, its channels, and who looks at which.
 
 The SDK calls from threads of its own; `hand_over` brings each call into the loop.
 """
@@ -13,9 +13,9 @@ from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChan
 from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
 
 from pointit.bridges.foxglove.chronicle import Line
-from pointit.bridges.foxglove.plain import Schema
 from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.runtime.errors import ListenError
+from pointit.schemas.plain import Schema
 
 BACKLOG = 256
 """Messages that wait for a slow viewer, the oldest give way: a second's worth, and more than all channels
@@ -75,7 +75,7 @@ class Viewers(ServerListener):
         self._tell(topic, begins=begins)
 
 
-class Outlet:
+class Server:
     """Channels, and a server that nobody can control anything through: it offers no capability at all."""
 
     def __init__(self, hand_over: HandOver, tell: Tell) -> None:

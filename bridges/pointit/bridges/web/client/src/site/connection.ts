@@ -4,16 +4,14 @@ import { Keeper } from "./apply";
 import { Asks, type Reply, type Wish } from "./asks";
 import { decodeBatch, numberOf, Pending } from "./batch";
 import { note } from "./log";
-import type { Cursor, StripsFrame } from "./messages";
+import type { Vec3 } from "../geometry/vec";
+import type { Cursor, StripsFrame } from "../messages";
 import type { Site } from "./site";
 import { LatencyHistory, SiteClock } from "./timing";
-import type { Ack, AimAt, Answer, Ask, Hello, Status } from "./wire";
-import type { Vec3 } from "./view";
+import type { Ack, AimAt, Answer, Ask, Hello, Status } from "../wire";
 
 /** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
-/** Latencies that `Site.latencies` holds. */
-const LATENCIES = 3600;
 
 export interface ConnectionEvents {
   /** Something came that a frame should show. */
@@ -26,32 +24,32 @@ export interface ConnectionEvents {
 
 export class Connection {
   readonly latency = new LatencyHistory();
-  readonly #asks = new Asks((ask) => this.#send(ask));
-  readonly #pending = new Pending();
-  readonly #keeper: Keeper;
-  #clock = new SiteClock();
-  #socket: WebSocket | null = null;
-  #attempt = 0;
-  #timer: ReturnType<typeof setTimeout> | undefined;
+  private readonly asks = new Asks((ask) => this.send(ask));
+  private readonly pending = new Pending();
+  private readonly keeper: Keeper;
+  private clock = new SiteClock();
+  private socket: WebSocket | null = null;
+  private attempt = 0;
+  private timer: ReturnType<typeof setTimeout> | undefined;
   /** Batches that wait for their frame: number and when they came. */
-  #unacknowledged: { n: number; at: number }[] = [];
-  #second = { bytes: 0, batches: 0 };
-  #dropped = 0;
+  private unacknowledged: { n: number; at: number }[] = [];
+  private second = { bytes: 0, batches: 0 };
+  private dropped = 0;
   /** What the last frame was made of, for its latency: capture, ns, of what is newest in it. */
-  #capturedNs = 0;
-  #lastAimed = 0;
+  private capturedNs = 0;
+  private lastAimed = 0;
   /** The next frame tells no latency: what it shows waited for a page in the background, or was told anew. */
-  #isCatchingUp = true;
+  private isCatchingUp = true;
 
   constructor(private readonly site: Site, private readonly events: ConnectionEvents) {
-    this.#keeper = new Keeper(site);
+    this.keeper = new Keeper(site);
     setInterval(() => {
-      site.traffic = { ...this.#second, dropped: this.#dropped };
-      this.#second = { bytes: 0, batches: 0 };
+      site.traffic = { ...this.second, dropped: this.dropped };
+      this.second = { bytes: 0, batches: 0 };
     }, 1000);
     addEventListener("online", () => this.hurry());
     document.addEventListener("visibilitychange", () => {
-      this.#isCatchingUp = true;
+      this.isCatchingUp = true;
       if (!document.hidden) this.hurry();
     });
   }
@@ -61,33 +59,33 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/ws`);
     socket.binaryType = "arraybuffer";
-    this.#socket = socket;
-    socket.onopen = () => this.#opened();
-    socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => this.#received(event.data);
-    socket.onclose = () => this.#closed(socket);
+    this.socket = socket;
+    socket.onopen = () => this.opened();
+    socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => this.received(event.data);
+    socket.onclose = () => this.closed(socket);
   }
 
   ask(wish: Wish, patienceMs?: number): Promise<Reply> {
-    return this.#asks.ask(wish, patienceMs);
+    return this.asks.ask(wish, patienceMs);
   }
 
   /** Tell where the mouse points, at most as often as the screen shows; not answered. */
   aim(user: string, at: Vec3): void {
     const now = performance.now();
-    if (now - this.#lastAimed < 4 || (this.#socket?.bufferedAmount ?? 0) > 16_384) return;
-    this.#lastAimed = now;
-    this.#send({ kind: "aim", user, at_m: at } satisfies AimAt);
+    if (now - this.lastAimed < 4 || (this.socket?.bufferedAmount ?? 0) > 16_384) return;
+    this.lastAimed = now;
+    this.send({ kind: "aim", user, at_m: at } satisfies AimAt);
   }
 
   /** Take over what came since the frame before; called at the start of an animation frame. */
   takeOver(): void {
-    const { states, events } = this.#pending.take();
+    const { states, events } = this.pending.take();
     const at = performance.now();
     let stripsNs = 0;
     let cursorNs = 0;
     for (const item of [...states, ...events]) {
       try {
-        const message = this.#keeper.take(item, at);
+        const message = this.keeper.take(item, at);
         if (message === null) continue;
         if (item.topic === "strips/frame") stripsNs = (message as StripsFrame).stamp_ns;
         else if (item.topic === "users/{user}/cursor") cursorNs = Math.max(cursorNs, (message as Cursor).stamp_ns);
@@ -95,25 +93,23 @@ export class Connection {
         this.fault(error);
       }
     }
-    this.#capturedNs = stripsNs || cursorNs;
+    this.capturedNs = stripsNs || cursorNs;
   }
 
   /** Acknowledge what this frame shows; called at its end, when it is drawn. */
   shown(): void {
-    if (!this.#unacknowledged.length) return;
+    if (!this.unacknowledged.length) return;
     const now = performance.now();
     const { site } = this;
     let latency: number | null = null;
-    if (this.#capturedNs && !this.#isCatchingUp) {
+    if (this.capturedNs && !this.isCatchingUp) {
       const shownNs = site.sentNs + (now - site.cameAt) * 1e6 * site.speed;
-      latency = Math.max(0, (shownNs - this.#capturedNs) / 1e6 / site.speed);
+      latency = Math.max(0, (shownNs - this.capturedNs) / 1e6 / site.speed);
       this.latency.add(now, latency);
-      site.latencies.push(latency);
-      if (site.latencies.length > LATENCIES) site.latencies.splice(0, site.latencies.length - LATENCIES);
     }
-    this.#isCatchingUp = document.hidden;
-    for (const { n } of this.#unacknowledged.splice(0)) {
-      this.#send({ kind: "ack", n, latency_ms: latency === null ? null : Math.min(1e7, latency) } satisfies Ack);
+    this.isCatchingUp = document.hidden;
+    for (const { n } of this.unacknowledged.splice(0)) {
+      this.send({ kind: "ack", n, latency_ms: latency === null ? null : Math.min(1e7, latency) } satisfies Ack);
     }
   }
 
@@ -126,53 +122,53 @@ export class Connection {
     faults.last = text;
   }
 
-  #opened(): void {
+  private opened(): void {
     if (this.site.lostAt) note(this.site, "info", "page", "connected again");
-    this.#attempt = 0;
-    this.#clock = new SiteClock();
-    this.#keeper.clear();
-    this.#isCatchingUp = true;
+    this.attempt = 0;
+    this.clock = new SiteClock();
+    this.keeper.clear();
+    this.isCatchingUp = true;
     this.site.connected = true;
     this.events.onState(true, 0);
   }
 
-  #closed(socket: WebSocket): void {
-    if (socket !== this.#socket) return;
-    this.#socket = null;
-    this.#asks.lost();
-    this.#pending.take();
-    this.#unacknowledged = [];
+  private closed(socket: WebSocket): void {
+    if (socket !== this.socket) return;
+    this.socket = null;
+    this.asks.lost();
+    this.pending.take();
+    this.unacknowledged = [];
     if (this.site.connected) {
       this.site.lostAt = performance.now();
       note(this.site, "warning", "page", "the connection was lost");
     }
     this.site.connected = false;
-    const wait = BACK_OFF_MS[Math.min(this.#attempt, BACK_OFF_MS.length - 1)]!;
-    this.#attempt += 1;
-    this.events.onState(false, this.#attempt);
-    this.#timer = setTimeout(() => this.open(), wait * (1 + 0.3 * Math.random()));
+    const wait = BACK_OFF_MS[Math.min(this.attempt, BACK_OFF_MS.length - 1)]!;
+    this.attempt += 1;
+    this.events.onState(false, this.attempt);
+    this.timer = setTimeout(() => this.open(), wait * (1 + 0.3 * Math.random()));
   }
 
   /** Try at once, where it would be tried later: the network or the person is back. */
   hurry(): void {
-    if (this.#socket) return;
-    clearTimeout(this.#timer);
+    if (this.socket) return;
+    clearTimeout(this.timer);
     this.open();
   }
 
-  #received(data: string | ArrayBuffer): void {
+  private received(data: string | ArrayBuffer): void {
     try {
-      if (typeof data === "string") this.#text(JSON.parse(data) as Hello | Status | Answer);
-      else this.#batch(new Uint8Array(data));
+      if (typeof data === "string") this.text(JSON.parse(data) as Hello | Status | Answer);
+      else this.batch(new Uint8Array(data));
     } catch (error) {
       this.fault(error);
     }
   }
 
-  #text(part: Hello | Status | Answer): void {
-    if (part.kind === "answer") this.#asks.answered(part);
+  private text(part: Hello | Status | Answer): void {
+    if (part.kind === "answer") this.asks.answered(part);
     else if (part.kind === "status") {
-      this.#keeper.status(part);
+      this.keeper.status(part);
       this.events.onStatus(part);
     } else if (part.kind === "hello") {
       this.site.hello = part;
@@ -180,30 +176,30 @@ export class Connection {
     }
   }
 
-  #batch(bytes: Uint8Array): void {
+  private batch(bytes: Uint8Array): void {
     const at = performance.now();
-    this.#second.bytes += bytes.byteLength;
-    this.#second.batches += 1;
+    this.second.bytes += bytes.byteLength;
+    this.second.batches += 1;
     try {
       const batch = decodeBatch(bytes);
-      this.site.cameAt = this.#clock.heard(batch.sentNs, batch.speed, at);
+      this.site.cameAt = this.clock.heard(batch.sentNs, batch.speed, at);
       this.site.sentNs = batch.sentNs;
       this.site.speed = batch.speed;
-      this.#dropped += batch.dropped;
-      this.#pending.add(batch);
-      this.#unacknowledged.push({ n: batch.n, at });
+      this.dropped += batch.dropped;
+      this.pending.add(batch);
+      this.unacknowledged.push({ n: batch.n, at });
     } catch (error) {
       // an unacknowledged batch would count as one on its way for ever
       const n = numberOf(bytes);
-      if (n) this.#send({ kind: "ack", n, latency_ms: null } satisfies Ack);
+      if (n) this.send({ kind: "ack", n, latency_ms: null } satisfies Ack);
       this.fault(error);
     }
     this.events.onNews();
   }
 
-  #send(part: Ack | Ask | AimAt): boolean {
-    if (this.#socket?.readyState !== WebSocket.OPEN) return false;
-    this.#socket.send(JSON.stringify(part));
+  private send(part: Ack | Ask | AimAt): boolean {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(part));
     return true;
   }
 }

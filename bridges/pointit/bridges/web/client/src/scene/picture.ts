@@ -11,12 +11,14 @@ const SOFTWARE_RATIO = 0.8;
 const LEAST_RATIO = 0.35;
 /** Slower than this for `PATIENCE_MS`: fewer pixels. */
 const TOO_SLOW_FPS = 12;
+/** The same with a graphics processor. */
+const TOO_SLOW_GPU_FPS = 24;
 const PATIENCE_MS = 3000;
 /** A context that does not come back in this time is lost for good. */
 const LOST_MS = 5000;
 
 /** What draws here, as WebGL names it. @throws Error when there is no WebGL. */
-export function rendererName(): string {
+function probedRenderer(): string {
   const gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) throw new Error("This browser draws no 3-D pictures: WebGL 2 is missing or switched off.");
   const detail = gl.getExtension("WEBGL_debug_renderer_info");
@@ -25,8 +27,18 @@ export function rendererName(): string {
   return name;
 }
 
+/** What may become of the graphics context. */
+export interface PictureEvents {
+  /** It is gone: whatever it held must be let go. */
+  away(): void;
+  /** It is there again, and empty. */
+  back(): void;
+  /** It does not come back. */
+  lost(): void;
+}
+
 /** Renderer, scene, camera. */
-export class Stage {
+export class Picture {
   readonly scene = new THREE.Scene();
   readonly camera = new THREE.PerspectiveCamera(42, 1, 0.1, 200);
   readonly stats: { fps: number; renderer: string; software: boolean };
@@ -46,8 +58,8 @@ export class Stage {
   private slowSince = 0;
   private lostTimer = 0;
 
-  constructor(private readonly host: HTMLElement, private readonly changed: () => void, lost: () => void) {
-    const name = rendererName(), software = SOFTWARE.test(name);
+  constructor(private readonly host: HTMLElement, private readonly changed: () => void, on: PictureEvents) {
+    const name = probedRenderer(), software = SOFTWARE.test(name);
     this.stats = { fps: 0, renderer: name, software };
     try {
       this.renderer = new THREE.WebGLRenderer({ antialias: !software, powerPreference: "high-performance" });
@@ -73,14 +85,16 @@ export class Stage {
     this.scene.fog = this.fog;
     this.scene.add(this.sky, this.sun, this.sun.target);
     this.canvas.addEventListener("webglcontextlost", (event) => {
+      if (!this.canvas.isConnected) return; // `dispose` loses it too, and is told of it later
       event.preventDefault();
       this.isLost = true;
-      this.lostTimer = window.setTimeout(lost, LOST_MS);
+      on.away();
+      this.lostTimer = window.setTimeout(on.lost, LOST_MS);
     });
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.isLost = false;
       window.clearTimeout(this.lostTimer);
-      this.changed();
+      on.back();
     });
     host.append(this.canvas);
     this.observer = new ResizeObserver(() => this.fit());
@@ -139,21 +153,29 @@ export class Stage {
     this.fog.far = distance + 4 * this.radius + 14;
     this.renderer.render(this.scene, this.camera);
     this.frames.push(now);
-    this.measure(now, busy);
+    this.measure(now);
+    this.adapt(now, busy);
   }
 
-  /** Keep the figures true when nothing is drawn. */
-  measure(now: number, busy: boolean): void {
+  /** Keep the figures true, also when nothing is drawn. */
+  measure(now: number): void {
     while (this.frames.length && this.frames[0]! < now - 1000) this.frames.shift();
     this.stats.fps = this.frames.length;
-    if (!busy || this.stats.fps >= TOO_SLOW_FPS || document.hidden) {
+  }
+
+  /** Ask less of a machine that is too slow for a while: first no shadows, then fewer pixels, step by step. */
+  private adapt(now: number, busy: boolean): void {
+    if (!busy || this.stats.fps >= (this.stats.software ? TOO_SLOW_FPS : TOO_SLOW_GPU_FPS) || document.hidden) {
       this.slowSince = now;
       return;
     }
-    if (now - this.slowSince < PATIENCE_MS || this.ratio <= LEAST_RATIO) return;
+    if (now - this.slowSince < PATIENCE_MS) return;
     this.slowSince = now;
-    this.ratio = Math.max(this.ratio * 0.8, LEAST_RATIO);
-    this.renderer.setPixelRatio(this.ratio);
+    if (this.sun.castShadow) this.sun.castShadow = false;
+    else if (this.ratio > LEAST_RATIO) {
+      this.ratio = Math.max(this.ratio * 0.8, LEAST_RATIO);
+      this.renderer.setPixelRatio(this.ratio);
+    }
   }
 
   dispose(): void {

@@ -6,14 +6,13 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.foxglove.plain import Plain, channel_name
-from pointit.schemas import Cursor, Message, StripsFrame
+from pointit.schemas import Cursor, Environment, Health, Message, StripsFrame
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.example import example
-from pointit.schemas.topics import CURSOR, HEALTH, MAP, STRIPS_FRAME, Topic
-from pointit.services.registry import SHOWN
+from pointit.schemas.plain import Plain
+from pointit.schemas.topics import TOPICS, Topic
 
-topics = pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in SHOWN])
+topics = pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])
 
 
 def as_a_viewer_reads_it(schema: dict[str, Any]) -> dict[str, Any]:
@@ -39,7 +38,7 @@ def as_a_viewer_reads_it(schema: dict[str, Any]) -> dict[str, Any]:
 
 @topics
 def test_viewers_read_every_schema_and_find_its_fields(topic: Topic[Message]) -> None:
-    plain = Plain(topic)
+    plain = Plain(topic.message)
     fields = as_a_viewer_reads_it(json.loads(json.dumps(plain.schema)))
     assert {"stamp_ns", "seq"} <= set(fields)
     assert plain.schema["title"] == topic.message.schema_name()
@@ -60,24 +59,24 @@ def assert_described(told: Any, fields: Any) -> None:
 
 
 def test_what_may_be_plotted_is_described() -> None:
-    cursor = as_a_viewer_reads_it(Plain(CURSOR).schema)
+    cursor = as_a_viewer_reads_it(Plain(Cursor).schema)
     assert cursor["miss_rad"] == "number"
     assert cursor["point_m"] == ["number"]
     assert cursor["surface"] == "string"
-    health = as_a_viewer_reads_it(Plain(HEALTH).schema)
+    health = as_a_viewer_reads_it(Plain(Health).schema)
     assert health["latency"] == {"p50_s": "number", "p99_s": "number"}
     assert health["keys"][0]["rate_hz"] == "number"
-    assert Plain(CURSOR).schema["properties"]["miss_m"]["description"] == "from the ray to the point"
+    assert Plain(Cursor).schema["properties"]["miss_m"]["description"] == "from the ray to the point"
 
 
 def test_arrays_in_arrays_are_in_the_message_only() -> None:
-    strips = as_a_viewer_reads_it(Plain(MAP).schema)["strips"][0]
+    strips = as_a_viewer_reads_it(Plain(Environment).schema)["strips"][0]
     assert "pixels" in strips
     assert "line_m" not in strips
 
 
 def test_numbers_and_empty_fields_travel_as_they_are() -> None:
-    text = Plain(CURSOR).text(Cursor(stamp_ns=1_700_000_000_000_000_001, miss_rad=0.125, point_m=(1, 2, 3)))
+    text = Plain(Cursor).text(Cursor(stamp_ns=1_700_000_000_000_000_001, miss_rad=0.125, point_m=(1, 2, 3)))
     told = json.loads(text)
     assert told["stamp_ns"] == 1_700_000_000_000_000_001
     assert (told["miss_rad"], told["point_m"], told["origin_m"]) == (0.125, [1, 2, 3], None)
@@ -85,14 +84,7 @@ def test_numbers_and_empty_fields_travel_as_they_are() -> None:
 
 def test_bytes_travel_as_base64() -> None:
     rgb = bytes((0, 255, 254, 62, 63, 128))
-    told = json.loads(
-        Plain(STRIPS_FRAME).text(StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=rgb),)))
-    )
+    told = json.loads(Plain(StripsFrame).text(StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=rgb),))))
     assert base64.b64decode(told["strips"][0]["rgb"], validate=True) == rgb
-    schema = Plain(STRIPS_FRAME).schema["properties"]["strips"]["items"]["properties"]["rgb"]
+    schema = Plain(StripsFrame).schema["properties"]["strips"]["items"]["properties"]["rgb"]
     assert schema["contentEncoding"] == "base64"
-
-
-def test_dots_would_end_a_topic_in_a_path() -> None:
-    assert channel_name("users/anna/cursor") == "/users/anna/cursor"
-    assert channel_name("health/pointing.anna") == "/health/pointing/anna"

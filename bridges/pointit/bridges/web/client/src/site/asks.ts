@@ -1,6 +1,7 @@
 /** Requests to the server as promises. */
 
-import type { Answer, Ask } from "./wire";
+import type { RequestKey } from "../topics";
+import type { Answer, Ask } from "../wire";
 
 /** What was refused, in one sentence for a person. */
 export class Refusal extends Error {}
@@ -8,8 +9,8 @@ export class Refusal extends Error {}
 /** Reply fields of a request. */
 export type Reply = Record<string, unknown>;
 
-type Wish = { key: string; name?: string; query?: Record<string, unknown> } | { deed: NonNullable<Ask["deed"]>; name?: string; query?: Record<string, unknown> };
-export type { Wish };
+/** A request of the table, or a deed of the server's own; `name`: the person, where it is about one. */
+export type Wish = ({ key: RequestKey } | { deed: NonNullable<Ask["deed"]> }) & { name?: string; query?: Record<string, unknown> };
 
 /** Milliseconds after which nobody is taken to answer; `run/scenario` takes its time. */
 export const PATIENCE_MS = 5_000;
@@ -22,28 +23,28 @@ interface Waiting {
 
 /** Numbers requests, sends them, and matches the answers. */
 export class Asks {
-  #next = 1;
-  readonly #waiting = new Map<number, Waiting>();
+  private next = 1;
+  private readonly waiting = new Map<number, Waiting>();
 
   /** @param send sends one request; tells whether it could. */
   constructor(private readonly send: (ask: Ask) => boolean) {}
 
   /** Ask, and return the fields of the reply; rejects with a `Refusal`. */
   ask(wish: Wish, patienceMs = PATIENCE_MS): Promise<Reply> {
-    const id = this.#next++;
+    const id = this.next++;
     const ask: Ask = {
       kind: "ask", id, key: "key" in wish ? wish.key : "", deed: "deed" in wish ? wish.deed : null,
       name: wish.name ?? "", query: wish.query ?? {},
     };
     return new Promise((resolve, reject) => {
-      const timer = setTimeout(() => this.#end(id)?.reject(new Refusal("Nobody answered in time; try again.")), patienceMs);
-      this.#waiting.set(id, { resolve, reject, timer });
-      if (!this.send(ask)) this.#end(id)?.reject(new Refusal("There is no connection right now."));
+      const timer = setTimeout(() => this.end(id)?.reject(new Refusal("Nobody answered in time; try again.")), patienceMs);
+      this.waiting.set(id, { resolve, reject, timer });
+      if (!this.send(ask)) this.end(id)?.reject(new Refusal("There is no connection right now."));
     });
   }
 
   answered(answer: Answer): void {
-    const waiting = this.#end(answer.id);
+    const waiting = this.end(answer.id);
     if (!waiting) return;
     if (answer.error) waiting.reject(new Refusal(answer.error));
     else waiting.resolve(answer.reply ?? {});
@@ -51,13 +52,13 @@ export class Asks {
 
   /** The connection is lost: nothing that was asked will be answered. */
   lost(): void {
-    for (const id of [...this.#waiting.keys()]) this.#end(id)?.reject(new Refusal("The connection was lost."));
+    for (const id of [...this.waiting.keys()]) this.end(id)?.reject(new Refusal("The connection was lost."));
   }
 
-  #end(id: number): Waiting | undefined {
-    const waiting = this.#waiting.get(id);
+  private end(id: number): Waiting | undefined {
+    const waiting = this.waiting.get(id);
     if (waiting) clearTimeout(waiting.timer);
-    this.#waiting.delete(id);
+    this.waiting.delete(id);
     return waiting;
   }
 }

@@ -10,21 +10,21 @@ const JUMP_MS = 5_000;
  * fastest tells. What is left out is the least time that anything takes on its way, on one machine below 1 ms.
  */
 export class SiteClock {
-  #speed = 1;
+  private speed = 1;
   /** Arrivals and offsets (arrival less sending, ms of the page's clock); offsets rise from first to last. */
-  #least: { at: number; offset: number }[] = [];
+  private least: { at: number; offset: number }[] = [];
 
   /** Take note of a batch sent at `sentNs` that came `at`; return when it came if it had travelled fastest. */
   heard(sentNs: number, speed: number, at: number): number {
     const sent = sentNs / 1e6 / speed;
     const offset = at - sent;
-    const known = this.#least[0];
-    if (speed !== this.#speed || (known && Math.abs(offset - known.offset) > JUMP_MS)) this.#least = [];
-    this.#speed = speed;
-    while (this.#least.length && this.#least[this.#least.length - 1]!.offset >= offset) this.#least.pop();
-    this.#least.push({ at, offset });
-    while (this.#least[0]!.at < at - WINDOW_MS) this.#least.shift();
-    return sent + this.#least[0]!.offset;
+    const known = this.least[0];
+    if (speed !== this.speed || (known && Math.abs(offset - known.offset) > JUMP_MS)) this.least = [];
+    this.speed = speed;
+    while (this.least.length && this.least[this.least.length - 1]!.offset >= offset) this.least.pop();
+    this.least.push({ at, offset });
+    while (this.least[0]!.at < at - WINDOW_MS) this.least.shift();
+    return sent + this.least[0]!.offset;
   }
 }
 
@@ -51,37 +51,37 @@ export function quantiles(values: readonly number[]): Second {
 
 /** Latencies of the last `seconds` whole seconds. */
 export class LatencyHistory {
-  readonly #seconds: number;
-  #all: { at: number; ms: number }[] = [];
+  private readonly seconds: number;
+  private all: { at: number; ms: number }[] = [];
 
   constructor(seconds = 60) {
-    this.#seconds = seconds;
+    this.seconds = seconds;
   }
 
   add(at: number, ms: number): void {
-    this.#all.push({ at, ms });
+    this.all.push({ at, ms });
   }
 
   /** Quantiles over all that is kept, at `now` (ms). */
   total(now: number): Second {
-    this.#forget(now);
-    return quantiles(this.#all.map((each) => each.ms));
+    this.forget(now);
+    return quantiles(this.all.map((each) => each.ms));
   }
 
   /** Quantiles of each second before `now`, oldest first; empty ones are null. */
   bySecond(now: number): Second[] {
-    this.#forget(now);
-    const buckets: number[][] = Array.from({ length: this.#seconds }, () => []);
-    for (const { at, ms } of this.#all) {
-      const index = this.#seconds - 1 - Math.floor((now - at) / 1000);
-      buckets[Math.max(0, Math.min(this.#seconds - 1, index))]!.push(ms);
+    this.forget(now);
+    const buckets: number[][] = Array.from({ length: this.seconds }, () => []);
+    for (const { at, ms } of this.all) {
+      const index = this.seconds - 1 - Math.floor((now - at) / 1000);
+      buckets[Math.max(0, Math.min(this.seconds - 1, index))]!.push(ms);
     }
     return buckets.map(quantiles);
   }
 
-  #forget(now: number): void {
-    const since = now - this.#seconds * 1000;
-    const first = this.#all.findIndex((each) => each.at >= since);
-    if (first !== 0) this.#all = first < 0 ? [] : this.#all.slice(first);
+  private forget(now: number): void {
+    const since = now - this.seconds * 1000;
+    const first = this.all.findIndex((each) => each.at >= since);
+    if (first !== 0) this.all = first < 0 ? [] : this.all.slice(first);
   }
 }

@@ -1,6 +1,7 @@
 /** Figures of the whole site out of each service's own account. */
 
-import type { Health } from "./messages";
+import type { Health } from "../messages";
+import type { Topics } from "../topics";
 
 export interface Rates {
   imu: number | null;
@@ -9,7 +10,7 @@ export interface Rates {
   frame: number | null;
 }
 
-const KEYS: Record<keyof Rates, string> = {
+const KEYS: Record<keyof Rates, keyof Topics> = {
   imu: "users/{user}/imu", ray: "users/{user}/ray", cursor: "users/{user}/cursor", frame: "strips/frame",
 };
 

@@ -1,0 +1,84 @@
+"""What is taken to be true of the site: the newest of every key, who is there, what was started; pure.
+
+Times in seconds are of any clock that only goes forward.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pointit.bridges.web.ghosts import Deployments, Key, Trackers, of_person, of_service
+from pointit.bridges.web.hub import Hub
+from pointit.bridges.web.recording import LastMinute
+from pointit.bridges.web.status import Sight
+from pointit.bridges.web.wire import PersonLine, Status
+from pointit.schemas import Deployment, Health, Message, encode
+from pointit.schemas.topics import OBJECTS, STRIPS_FRAME, Topic
+
+
+class Belief:
+    """Takes what the bus says, and lets go of what is no longer true."""
+
+    def __init__(self, own: str, record_s: float, now_s: float) -> None:
+        """Believe nothing yet.
+
+        Args:
+            own: the service that looks; what it was started with may end before it.
+            record_s: what a recording goes back to.
+            now_s: now.
+        """
+        self.hub = Hub()
+        self.last_minute = LastMinute(record_s)
+        self._sight = Sight(now_s)
+        self._trackers = Trackers()
+        self._deployments = Deployments(own)
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Return the instances that are there."""
+        return self._sight.present
+
+    def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int, now_s: float) -> bool:
+        """Take a message, encoded here once for all; where there is no room for its key, return False."""
+        payload = encode(message)
+        if not self.hub.put(topic, name, payload, urgent=topic is STRIPS_FRAME):
+            return False
+        self.last_minute.add(topic, name, message, payload, now_ns)
+        if topic is OBJECTS:
+            self._trackers.heard(name, now_s)
+        elif isinstance(message, Health):
+            self._sight.report(name, message, now_s)
+        elif isinstance(message, Deployment):
+            if self._deployments.is_another(message):
+                self._sight.begin_anew(now_s)
+            self._forget(self._deployments.put(name, message, self.present))
+        return True
+
+    def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
+        """Take that `instance` is there, or has left."""
+        self._sight.set_present(instance, present, now_s)
+        if present:
+            self._deployments.came(self.present)
+        else:
+            self._forget(list(of_service(instance, self.present, self.hub.names)))
+            self._forget(self._deployments.over(self.present))
+
+    def lose_person(self, user: str) -> None:
+        """Take that `user` has left."""
+        self._forget(of_person(user))
+
+    def pass_time(self, now_s: float) -> None:
+        """Let go of what is silent."""
+        self._forget(self._trackers.silent(now_s))
+
+    def status(
+        self, people: Sequence[PersonLine], now_s: float, *, viewers: int, lan_url: str, speed: float
+    ) -> Status:
+        """Return how the site is, see `Sight.status`."""
+        return self._sight.status(
+            self._deployments.known, people, now_s, viewers=viewers, lan_url=lan_url, speed=speed
+        )
+
+    def _forget(self, keys: Iterable[Key]) -> None:
+        for topic, name in keys:
+            self.hub.forget(topic, name)
+            self.last_minute.forget(topic, name)

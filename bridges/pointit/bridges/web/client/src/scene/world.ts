@@ -1,0 +1,49 @@
+/** All that is made anew for every map and theme. */
+
+import type { Bounds } from "../geometry/bounds";
+import type { Read3, Vec3 } from "../geometry/vec";
+import type { Environment } from "../messages";
+import { Beams } from "./beams";
+import { Belts } from "./belts";
+import type { Kit } from "./kit";
+import type { Labels } from "./labels";
+import { Lamps } from "./lamps";
+import { Marks } from "./marks";
+import { People } from "./people";
+import { Room } from "./room";
+import { Strips } from "./strips";
+import { Things } from "./things";
+
+/** The parts of the scene; all are within `kit`. */
+export interface World {
+  readonly kit: Kit;
+  readonly belts: Belts;
+  readonly strips: Strips;
+  readonly lamps: Lamps;
+  readonly room: Room;
+  readonly things: Things;
+  readonly people: People;
+  readonly marks: Marks;
+  readonly beams: Beams;
+  readonly bays: readonly { id: string; at: Vec3 }[];
+}
+
+/** A map with nothing in it. */
+export const NOTHING: Environment = {
+  name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], cylinders: [], lamps: [], links: [],
+  planes: [], spheres: [], strips: [],
+};
+
+/** Build what `map` has. `isStill`: nothing moves that need not. */
+export function makeWorld(kit: Kit, map: Environment, bounds: Bounds, labels: Labels, isStill: boolean): World {
+  const belts = new Belts(kit, map), strips = new Strips(kit, map), lamps = new Lamps(kit, map);
+  const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;
+  const things = new Things(kit, lines), marks = new Marks(kit), beams = new Beams(kit);
+  const placeOf = (id: string): Read3 | null => lamps.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
+  const people = new People({ kit, marks, beams, labels, placeOf }, isStill);
+  const bays = map.bays.flatMap(({ id, belt }) => {
+    const line = belts.lines.get(belt);
+    return line ? [{ id, at: line.pointAt(line.length) }] : [];
+  });
+  return { kit, belts, strips, lamps, room: new Room(kit, map, bounds), things, people, marks, beams, bays };
+}

@@ -1,0 +1,56 @@
+// Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
+
+import type {
+  Anchor, ButtonEvent, ClockTick, ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, ImuSample, Interaction, LampColor, Localization, PointingRay, Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
+} from "./messages";
+
+/** The message of every topic, by the key's pattern. */
+export interface Topics {
+  "clock": ClockTick;
+  "conveyor/state": ConveyorState;
+  "deployment/{name}": Deployment;
+  "health/{service}": Health;
+  "leds/{led}/color": LampColor;
+  "map": Environment;
+  "objects/{tracker}": TrackedObjects;
+  "selection": Selection;
+  "selection/events": SelectionEvent;
+  "strips/frame": StripsFrame;
+  "users/{user}/anchor": Anchor;
+  "users/{user}/button": ButtonEvent;
+  "users/{user}/cursor": Cursor;
+  "users/{user}/feedback": Feedback;
+  "users/{user}/hover": Hover;
+  "users/{user}/imu": ImuSample;
+  "users/{user}/interaction": Interaction;
+  "users/{user}/localization": Localization;
+  "users/{user}/pose": UserPose;
+  "users/{user}/profile": UserProfile;
+  "users/{user}/ray": PointingRay;
+  "users/{user}/wrist": WristSample;
+}
+
+/** The service that answers each request, by the key's pattern. */
+export const SERVERS = {
+  "conveyor/add_package": "conveyor-sim",
+  "conveyor/reset": "conveyor-sim",
+  "conveyor/set_speed": "conveyor-sim",
+  "imu/{user}/set_mounting": "imu-bridge",
+  "imu/{user}/set_yaw_origin": "imu-bridge",
+  "leds/brightness": "led-driver",
+  "localizer/{user}/cancel": "localizer",
+  "localizer/{user}/point_anchor": "localizer",
+  "localizer/{user}/set_heading": "localizer",
+  "localizer/{user}/set_pose": "localizer",
+  "localizer/{user}/start": "localizer",
+  "profile/{user}/set_offset": "supervisor",
+  "pui/tolerance": "pui",
+  "pui/{user}/set_workspace": "pui",
+  "run/scenario": "cli",
+  "selector/method": "selector",
+  "selector/{user}/clear": "selector",
+  "selector/{user}/release": "selector",
+  "selector/{user}/undo": "selector",
+} as const;
+
+export type RequestKey = keyof typeof SERVERS;

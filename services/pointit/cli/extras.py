@@ -1,0 +1,44 @@
+"""What some services need beyond the base: whether it is installed, and what is said where it is not."""
+
+import importlib.metadata
+import re
+from typing import Any
+
+from pointit.runtime import ConfigError
+from pointit.services.registry import Process
+
+NAME = re.compile(r"[\w.-]+")
+EXTRA = re.compile(r"extra\s*==\s*['\"](?P<extra>[\w.-]+)['\"]")
+"""In a requirement of the distribution (PEP 508)."""
+
+
+def remedy(extra: str) -> str:
+    """Return the command that installs `extra`."""
+    return f'`pip install "pointit[{extra}]"`'
+
+
+def has_extra(extra: str) -> bool:
+    """Return whether what `extra` brings is installed; none of it is loaded."""
+    for requirement in importlib.metadata.requires("pointit") or ():
+        named, of = NAME.match(requirement), EXTRA.search(requirement)
+        if named is None or of is None or of["extra"] != extra:
+            continue
+        try:
+            importlib.metadata.version(named[0])
+        except importlib.metadata.PackageNotFoundError:
+            return False
+    return True
+
+
+def load(row: Process) -> Any:
+    """Return the service class of a row of the process table.
+
+    Raises:
+        ConfigError: it needs an extra that is not installed.
+    """
+    try:
+        return row.load()
+    except ImportError as error:
+        if not row.extra or (error.name or "").partition(".")[0] == "pointit":
+            raise  # that is no extra, but a fault of ours
+        raise ConfigError(f"{row.name} needs {remedy(row.extra)}") from error

@@ -1,0 +1,29 @@
+"""Who opens the page of a run: what their browser is given, and what it is told."""
+
+import contextlib
+import json
+from collections.abc import AsyncGenerator
+from typing import Any
+
+import httpx
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.typing import Origin
+
+
+async def entered(url: str) -> tuple[str, httpx.Response]:
+    """Return the cookie that the address gives, and the page behind it, as soon as it answers."""
+    async with httpx.AsyncClient(
+        follow_redirects=True, transport=httpx.AsyncHTTPTransport(retries=20)
+    ) as client:
+        response = await client.get(url)
+        return "; ".join(f"{name}={value}" for name, value in client.cookies.items()), response
+
+
+@contextlib.asynccontextmanager
+async def looking_on(url: str) -> AsyncGenerator[tuple[ClientConnection, dict[str, Any]]]:
+    """Hold the page open, as a browser does; yield what it is told first, too."""
+    cookie, _ = await entered(url)
+    origin = url.partition("/?")[0]
+    where = origin.replace("http", "ws", 1) + "/ws"
+    async with connect(where, additional_headers={"Cookie": cookie}, origin=Origin(origin)) as socket:
+        yield socket, json.loads(await socket.recv())

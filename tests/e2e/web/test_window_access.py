@@ -1,0 +1,175 @@
+"""Who cannot see well, has no mouse, or has a small screen can use the page too."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Browser, Page, expect
+
+from tests.e2e.web.axe import violations
+from tests.e2e.web.site import SitePage
+from tests.e2e.web.window import Theme, Window
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+THEMES: tuple[Theme, ...] = ("light", "dark")
+SIZES = ((390, 844), (320, 640), (844, 390))
+WIDER = "document.documentElement.scrollWidth - innerWidth"
+
+FOCUSED = """() => {
+  const found = document.activeElement;
+  if (!found || found === document.body) return null;
+  const face = found.matches("input[type=radio]") ? found.nextElementSibling : found;
+  const drawn = (element) => {
+    const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(element);
+    return (outlineStyle !== "none" && parseFloat(outlineWidth) >= 1) || boxShadow !== "none";
+  };
+  const { bottom, top } = face.getBoundingClientRect();
+  return { index: [...document.querySelectorAll("*")].indexOf(found), html: found.outerHTML.slice(0, 120),
+    isRinged: drawn(face), isOnScreen: bottom > 0 && top < innerHeight };
+}"""
+REACHABLE = """() => {
+  const everything = [...document.querySelectorAll("*")];
+  const groups = new Set();
+  return everything.flatMap((element, index) => {
+    if (!element.matches("a[href], button, input, select, summary, [tabindex]")) return [];
+    if (element.tabIndex < 0 || element.disabled) return [];
+    if (!element.checkVisibility({ visibilityProperty: true })) return [];
+    if (element.type === "radio") {  // one of a group, the chosen one, is reached; arrow keys do the rest
+      const all = everything.filter((each) => each.type === "radio" && each.name === element.name);
+      if (all.some((each) => each.checked) ? !element.checked : all[0] !== element) return [];
+    }
+    return [{ index, html: element.outerHTML.slice(0, 120) }];
+  });
+}"""
+
+
+@pytest_asyncio.fixture
+async def window(browser: Browser, shared_site: SitePage) -> AsyncIterator[Window]:
+    opened = await Window.open(browser, shared_site.url, reduced_motion="reduce")
+    await opened.is_shown()
+    yield opened
+    assert opened.faults == []
+
+
+async def unfold(page: Page) -> None:
+    """Open every folded part of the panel."""
+    for summary in await page.locator("#panel details:not([open]) > summary").all():
+        if await summary.is_visible():
+            await summary.click()
+
+
+async def test_axe_finds_nothing_wrong_in_any_state(window: Window) -> None:
+    page = window.page
+    found: dict[str, list[str]] = {}
+
+    async def look(state: str) -> None:
+        for theme in THEMES:
+            await page.emulate_media(color_scheme=theme)
+            if wrong := await violations(page):
+                found[f"{state}, {theme}"] = wrong
+
+    await look("scene")
+    await unfold(page)
+    await look("all parts open")
+    await page.get_by_role("tab", name="Health").click()
+    await page.wait_for_timeout(300)
+    await look("health")
+    await page.get_by_role("tab", name="Control").click()
+    await page.get_by_role("button", name="Help and keys").click()
+    await look("help")
+    await page.keyboard.press("Escape")
+    await page.get_by_role("button", name="Point with your phone").click()
+    await expect(page.get_by_role("img", name="QR code")).to_be_visible()
+    await look("pairing")
+    await page.keyboard.press("Escape")
+    await page.get_by_role("button", name="Point with the mouse").click()
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    await look("mouse")
+    await page.get_by_role("radio", name="Plan").check(force=True)
+    await expect(page.locator("svg.plan-map")).to_be_visible()
+    await look("plan")
+    assert found == {}
+
+
+async def test_tab_reaches_every_control_and_shows_where_it_is(window: Window) -> None:
+    page = window.page
+    await unfold(page)
+    await page.evaluate("document.activeElement.blur(); scrollTo(0, 0)")
+    wanted: list[dict[str, Any]] = await page.evaluate(REACHABLE)
+    reached: dict[int, dict[str, Any]] = {}
+    for _ in range(2 * len(wanted) + 10):
+        await page.keyboard.press("Tab")
+        at: dict[str, Any] | None = await page.evaluate(FOCUSED)
+        if at is not None:  # between the last and the first nothing has the focus
+            reached[at["index"]] = at
+    assert len(wanted) > 20
+    missed = [each["html"] for each in wanted if each["index"] not in reached]
+    assert missed == []
+    assert [each["html"] for each in reached.values() if not each["isRinged"]] == []
+    assert [each["html"] for each in reached.values() if not each["isOnScreen"]] == []
+
+
+async def test_keys_open_and_close(window: Window) -> None:
+    page = window.page
+    await page.locator("body").press("?")
+    dialog = page.get_by_role("dialog")
+    await expect(dialog).to_be_visible()
+    await expect(dialog).to_contain_text("Press the button at the wrist")
+    assert await page.evaluate("document.activeElement.closest('dialog') !== null")
+    await page.keyboard.press("m")  # nothing behind it is done
+    await page.keyboard.press("Escape")
+    await expect(dialog).to_be_hidden()
+    assert [part for part in window.sent if part.get("deed") == "take"] == []
+    await page.locator("body").press("q")
+    await expect(page.get_by_role("dialog")).to_be_visible()
+    await page.keyboard.press("Escape")
+    await expect(page.get_by_role("dialog")).to_be_hidden()
+    await page.locator("body").press("m")
+    await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
+    window.sent.clear()
+    await page.locator("body").press("ArrowLeft")
+    await page.locator("body").press("ArrowUp")
+    for _ in range(100):
+        if sum(part["kind"] == "aim" for part in window.sent) >= 2:
+            break
+        await page.wait_for_timeout(30)
+    assert sum(part["kind"] == "aim" for part in window.sent) >= 2
+    await page.locator("body").press("Escape")
+    await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
+
+
+async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(
+        browser, shared_site.url, size=(390, 844), is_mobile=True, has_touch=True, device_scale_factor=2
+    )
+    page = window.page
+    await window.is_shown()
+    for width, height in SIZES:
+        await page.set_viewport_size({"width": width, "height": height})
+        for tab in ("Control", "Health"):
+            await page.get_by_role("tab", name=tab).tap()
+            if tab == "Control":
+                await unfold(page)
+            assert await page.evaluate(WIDER) <= 0, (width, tab)
+        canvas = await page.locator("#view canvas").bounding_box()
+        assert canvas is not None
+        assert canvas["width"] <= width
+        assert canvas["height"] > 100, "the scene is still seen"
+    await page.set_viewport_size({"width": 390, "height": 844})
+    await page.get_by_role("tab", name="Control").tap()
+    await page.get_by_role("button", name="Point with your finger").tap()
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    canvas = await page.locator("#view canvas").bounding_box()
+    assert canvas is not None
+    window.sent.clear()
+    await page.touchscreen.tap(canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.55)
+    for _ in range(100):
+        if any(part["kind"] == "aim" for part in window.sent):
+            break
+        await page.wait_for_timeout(30)
+    assert any(part["kind"] == "aim" and part["user"] == "user1" for part in window.sent)
+    await page.get_by_role("button", name="Give back").tap()
+    await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
+    assert window.faults == []

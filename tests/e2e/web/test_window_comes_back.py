@@ -1,0 +1,75 @@
+"""The server dies and is started again: the page says so, comes back by itself, and goes on."""
+
+from collections.abc import AsyncIterator
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Browser, expect
+
+from tests.e2e.web.site import SitePage, running
+from tests.e2e.web.window import Window
+from tests.support.buses import free_port
+from tests.support.commands import Commands
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+
+class Restarting:
+    """A run at one port that is killed and started again."""
+
+    def __init__(self, commands: Commands) -> None:
+        self._commands = commands
+        self._port = str(free_port())
+        self.site: SitePage | None = None
+
+    async def start(self, token: str) -> SitePage:
+        self.site = await running(
+            self._commands,
+            *("scenario_4", "--web-port", self._port, "--set", f"web.operator_token={token}"),
+        )
+        return self.site
+
+    def kill(self) -> None:
+        assert self.site is not None
+        self.site.command.kill()
+
+
+@pytest_asyncio.fixture
+async def server(commands: Commands) -> AsyncIterator[Restarting]:
+    yield Restarting(commands)
+
+
+async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_good(
+    browser: Browser, server: Restarting
+) -> None:
+    site = await server.start("the-same-as-before")
+    window = await Window.open(browser, site.url)
+    page = window.page
+    await window.is_shown()
+    await page.get_by_role("button", name="Point with the mouse").click()
+    await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
+    lost = page.get_by_role("alert")
+
+    server.kill()
+    await expect(lost).to_contain_text("The connection is lost. What you see is old; trying again")
+    await expect(page.locator("#pill-text")).to_have_text("Lost")
+    await expect(page.get_by_role("button", name="Press the button")).to_be_hidden()
+    was_ns = await page.evaluate("window.pointit.site.sentNs")
+
+    await server.start("the-same-as-before")
+    await expect(lost).to_be_hidden(timeout=20_000)
+    await expect(page.locator("#pill-text")).to_have_text("Live")
+    await window.is_shown()
+    assert await page.evaluate("window.pointit.site.sentNs") > was_ns
+    await window.until("window.pointit.site.objects.size > 0", "the packages")
+    await expect(page.get_by_role("radio", name="Mouse")).to_be_checked(timeout=15_000)  # it took it again
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+
+    server.kill()
+    await expect(lost).to_be_visible()
+    await server.start("another-one-than-before")
+    for _ in range(8):
+        await page.get_by_role("button", name="Try now").click()
+        await page.wait_for_timeout(150)
+    await expect(lost).to_contain_text("Open the link that it printed when it was started.", timeout=20_000)
+    assert [fault for fault in window.faults if "/ws" not in fault] == []

@@ -1,0 +1,121 @@
+"""Every scenario on the page, one after the other as its header offers them: pictures that show something.
+
+`POINTIT_SHOTS=FOLDER` keeps the pictures, to be looked at.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from numpy.typing import NDArray
+from playwright.async_api import Browser, expect
+
+from tests.e2e.web.site import SitePage
+from tests.e2e.web.window import Window
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(150)]
+
+SCENARIOS = {
+    "scenario_4": "Conveyor: select the red packages",
+    "scenario_1": "Lamps: point at them",
+    "scenario_2": "Strips: move the cursor",
+    "scenario_3": "Strips: select the red segments",
+}
+"""In the order in which they are run; titles as the page has them."""
+
+LOOKS = 5
+"""A machine that does ten other things draws late."""
+LIT = """() => {
+  const { site } = window.pointit;
+  const strips = site.strips?.strips ?? [];
+  const lit = strips.reduce((sum, { rgb }) => sum + rgb.reduce((n, v) => n + (v > 60), 0), 0);
+  const lamps = [...site.lamps.values()].filter(({ color }) => Math.max(...color) > 60).length;
+  const objects = [...site.objects.values()].flatMap((each) => each.objects).length;
+  return { lit, lamps, objects, people: site.people.size };
+}"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What there is to see in a region of the page."""
+
+    colors: int
+    """Different ones, of 4096."""
+    contrast: float
+    """Standard deviation of luminance, 0 to 1."""
+    strong: int
+    """Pixels of a strong colour: lamps, packages, segments."""
+    white: int
+    """Pixels of a light that shines at full strength, or of somebody's shirt."""
+
+    @classmethod
+    def of(cls, path: Path, box: tuple[float, float, float, float]) -> "Picture":
+        whole: NDArray[np.float32] = imread(path)[:, :, :3]
+        x, y, width, height = (round(value) for value in box)
+        region = whole[y : y + height, x : x + width].reshape(-1, 3)
+        steps = (region * 15).astype(np.int64)
+        spread = region.max(axis=1) - region.min(axis=1)
+        return cls(
+            colors=len(np.unique(steps @ np.array([256, 16, 1]))),
+            contrast=float((region @ np.array([0.21, 0.72, 0.07])).std()),
+            strong=int((spread > 0.35).sum()),
+            white=int((region.min(axis=1) > 0.97).sum()),
+        )
+
+    def shows(self, scenario: str) -> bool:
+        """Return whether there is as much to see as there should be."""
+        is_lit = self.white > 100 if scenario == "scenario_2" else self.strong > 60
+        return self.colors > 60 and self.contrast > 0.04 and is_lit
+
+
+def folder(tmp_path: Path) -> Path:
+    """Return where the pictures go."""
+    wanted = os.environ.get("POINTIT_SHOTS")
+    chosen = Path(wanted) if wanted else tmp_path
+    chosen.mkdir(parents=True, exist_ok=True)
+    return chosen
+
+
+async def test_each_scenario_is_run_from_the_page_and_seen(
+    browser: Browser, site: SitePage, tmp_path: Path
+) -> None:
+    window = await Window.open(browser, site.url, theme="dark")
+    page = window.page
+    await window.is_shown()
+    chooser = page.get_by_role("combobox", name="Scenario")
+    for scenario, title in SCENARIOS.items():
+        if await chooser.input_value() != scenario:
+            await chooser.select_option(scenario)
+            await expect(page.locator("#progress")).to_contain_text(f"Starting “{title}”")
+            await expect(page.get_by_text(f"{title} is running.")).to_be_visible(timeout=30_000)
+            await expect(page.locator("#progress")).to_be_hidden()
+        await expect(chooser).to_have_value(scenario)
+        await window.is_shown()
+        is_lit = "lamps > 0" if scenario == "scenario_1" else "lit > 5"
+        lit = await window.until(
+            f"(() => {{ const seen = ({LIT})(); const {{ lit, lamps, people }} = seen;"
+            f"return people === 1 && {is_lit} && seen; }})()",
+            f"{scenario} is lit",
+            25,
+        )
+        if scenario in ("scenario_3", "scenario_4"):
+            await window.until(f"({LIT})().objects > 0", f"something moves in {scenario}", 25)
+        canvas = page.locator("#view canvas")
+        path = folder(tmp_path) / f"{scenario}.png"
+        seen: Picture | None = None
+        for _ in range(LOOKS):
+            await page.wait_for_timeout(1500)  # the camera's way to the new room
+            await page.screenshot(path=path)
+            box = await canvas.bounding_box()
+            assert box is not None
+            # without what lies over the scene: the card at the top, cameras and toasts at the bottom
+            seen = Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
+            if seen.shows(scenario):
+                break
+        else:
+            pytest.fail(f"{scenario}: there is too little to see: {seen}, {lit}")
+    assert window.faults == []
+    assert await window.violations() == []

@@ -1,0 +1,100 @@
+"""Several pages of one site: all see the same, one at a time has a person's wrist, some only look on."""
+
+import asyncio
+import time
+
+import pytest
+from playwright.async_api import Browser, expect
+
+from pointit.schemas import ConveyorState
+from pointit.schemas.topics import CONVEYOR_STATE
+from tests.e2e.web.site import SitePage
+from tests.e2e.web.window import Window
+from tests.support.commands import onlooker
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
+
+WHAT_IS_SEEN = """() => {
+  const { site } = window.pointit;
+  return {
+    map: site.map.name, people: [...site.people.keys()], lamps: [...site.lamps.keys()].sort(),
+    objects: [...site.objects.values()].flatMap(({ objects }) => objects.map(({ id }) => id)).sort(),
+    services: site.status.services.map(({ instance }) => instance).sort(), viewers: site.status.viewers,
+  };
+}"""
+
+
+async def see_the_same(*windows: Window) -> None:
+    """Wait until all see the same things; they are not looked at in the same instant."""
+    deadline_s = time.monotonic() + 10
+    while True:
+        first, *others = [await window.page.evaluate(WHAT_IS_SEEN) for window in windows]
+        if first["objects"] and all(other == first for other in others):
+            return
+        assert time.monotonic() < deadline_s, (first, others)
+        await asyncio.sleep(0.05)
+
+
+async def test_the_second_who_takes_the_mouse_has_it_and_the_first_is_told(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    first = await Window.open(browser, shared_site.url)
+    second = await Window.open(browser, shared_site.url, theme="dark")
+    for window in (first, second):
+        await window.is_shown()
+    await see_the_same(first, second)
+    await first.page.get_by_role("button", name="Point with the mouse").click()
+    await expect(first.page.locator("#guide")).to_contain_text("You are the arm now")
+    await expect(second.page.get_by_text("Another page's mouse points.")).to_be_visible()
+    await expect(second.page.locator("#guide")).to_be_hidden()
+    await second.page.locator("body").press("m")
+    await expect(second.page.locator("#guide")).to_contain_text("You are the arm now")
+    await expect(first.page.get_by_text("Another page points as user1 now.")).to_be_visible()
+    await expect(first.page.get_by_text("Another page's mouse points.")).to_be_visible()
+    box = await first.page.locator("#view canvas").bounding_box()
+    assert box is not None
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert await first.aimed_at(*middle, patience_s=0.5) is None
+    assert await second.aimed_at(*middle) is not None
+    await second.page.context.close()  # who leaves lets go
+    await expect(first.page.get_by_role("radio", name="Demo")).to_be_checked()
+    await expect(first.page.get_by_role("button", name="Point with the mouse")).to_be_visible()
+    assert first.faults == second.faults == []
+
+
+async def test_a_viewer_is_offered_nothing_and_refused_everything(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.viewer_url)
+    page = window.page
+    await window.is_shown()
+    await expect(page.get_by_text("Looking on")).to_be_visible()
+    await expect(page.get_by_text("This page only looks on.")).to_be_visible()
+    await expect(page.locator("#guide")).to_be_hidden()
+    for name in ("Press the button", "Undo", "Clear", "Localize", "Add a package", "Stop the belts"):
+        await expect(page.get_by_role("button", name=name)).to_be_hidden()
+    await expect(page.get_by_role("combobox", name="Scenario")).to_be_hidden()
+    await expect(page.get_by_role("radio", name="Mouse")).to_be_hidden()
+    for key in "m", " ", "p", "s", "x", "q":
+        await page.locator("body").press(key)
+    await page.get_by_role("tab", name="Health").click()
+    await expect(page.get_by_text("Services", exact=True)).to_be_visible()
+    await expect(page.get_by_role("link", name="Download the last minute")).to_be_hidden()
+    await see_the_same(window)
+    assert [part for part in window.sent if part["kind"] != "ack"] == []
+    async with onlooker(shared_site.endpoint) as seen, shared_site.operator(shared_site.viewer_url) as viewer:
+        states: list[ConveyorState] = []
+        seen.bus.subscribe(CONVEYOR_STATE, lambda state, _name: states.append(state))
+        for wish in (
+            {"key": "conveyor/set_speed", "query": {"speed_mps": 0.0}},
+            {"key": "run/scenario", "query": {"scenario": "scenario_1"}},
+            {"deed": "take", "name": "user1"},
+            {"deed": "press", "name": "user1"},
+            {"deed": "pair", "name": "user1"},
+            {"deed": "open_lan"},
+        ):
+            assert await viewer.refusal(**wish)
+        await seen.sees_more(states, "the belts' state")
+        assert all(belt.speed_mps > 0 for belt in states[-1].belts)
+    await expect(page.get_by_text("Another page's mouse points.")).to_be_hidden()
+    assert window.faults == []

@@ -208,12 +208,13 @@ async def test_wishes_are_granted_one_after_the_other() -> None:
         await until(lambda: [name for name, _ in itertools.groupby(names)] == order, what=f"not {names}")
 
 
-async def _report(bus: ZenohBus, user: str) -> None:
+async def _report(bus: Bus, user: str) -> None:
     reports = bus.publisher(HEALTH, f"pointing.{user}")
+    health = Health(
+        stamp_ns=1, service="pointing", instance=f"pointing.{user}", user=user, pid=1, host="other"
+    )
     while True:
-        reports.put(
-            Health(stamp_ns=1, service="pointing", instance=f"pointing.{user}", user=user, pid=1, host="other")
-        )
+        reports.put(health)
         await asyncio.sleep(0.1)
 
 
@@ -236,6 +237,7 @@ async def test_a_wish_that_cannot_be_changes_nothing(asked: dict[str, Any], sent
         with pytest.raises(RefusedError, match=sentence):
             await run.asks(**asked)
         reporting.cancel()
+        await asyncio.wait({reporting})
         assert run.stage.monitor is before
         count = before.cursor_count
         await until(lambda: before.cursor_count > count, PATIENCE_S, "more cursors")

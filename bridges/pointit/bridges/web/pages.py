@@ -140,7 +140,7 @@ class Pages:
             self._bus.warn(
                 "lag",
                 f"pages show what was {p95_ms:.0f} ms ago (95th percentile): this machine or theirs is busy, "
-                "or the network slow; the plan instead of the scene is lighter for a machine without graphics",
+                "or the network slow; the plan is lighter than the scene for a machine without graphics",
             )
         else:
             self._bus.clear("lag")

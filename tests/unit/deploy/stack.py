@@ -1,0 +1,31 @@
+"""The compose files as compose reads them."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+DEPLOY = Path(__file__).parents[3] / "deploy"
+VARIABLE = re.compile(r"\$\{(\w+)(?::([-?])([^}]*))?\}")
+
+
+def substituted(text: str, variables: dict[str, str]) -> str:
+    """Return `text` with `${NAME}`, `${NAME:-default}` and `${NAME:?error}` replaced."""
+
+    def value(found: re.Match[str]) -> str:
+        name, kind, rest = found.groups()
+        if variables.get(name):
+            return variables[name]
+        assert kind == "-", f"{name} has no value: {rest}"
+        return str(rest)
+
+    return VARIABLE.sub(value, text)
+
+
+def compose(name: str, **variables: str) -> dict[str, Any]:
+    """Return a compose file with its variables replaced."""
+    text = (DEPLOY / name).read_text(encoding="utf-8")
+    body = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
+    read: dict[str, Any] = yaml.safe_load(substituted(body, variables))
+    return read

@@ -1,0 +1,210 @@
+"""The compose files start what the registry knows, as it takes it, and confine every container."""
+
+import os
+import re
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from pointit.cli.main import front
+from pointit.cli.scenario import read_scenario
+from pointit.runtime.config import read_yaml
+from pointit.runtime.process import load_config
+from pointit.services.registry import PROCESSES, process
+from tests.unit.deploy.stack import DEPLOY, VARIABLE, compose
+
+BASE = compose("compose.yaml")
+PERSON = compose("compose.user.yaml", USER_NAME="anna")
+HARDWARE = compose("compose.hardware.yaml", IMU_DEVICE="/dev/ttyUSB0")
+LEDS = compose("compose.leds.yaml", LED_DEVICE="/dev/ttyACM0")
+ZENOHD = compose("compose.zenohd.yaml")
+WHOLE = [(name, row) for stack in (BASE, PERSON) for name, row in stack["services"].items()]
+COMMANDS = [
+    row["command"]
+    for stack in (BASE, PERSON, HARDWARE, LEDS)
+    for row in stack["services"].values()
+    if "command" in row
+]
+
+
+def mounted(row: dict[str, Any]) -> dict[str, str]:
+    """Return the volumes of a container, where by what."""
+    return {volume.split(":")[0]: volume.split(":", 1)[1] for volume in row.get("volumes", [])}
+
+
+def test_every_file_is_known_to_these_tests() -> None:
+    assert {path.name for path in DEPLOY.glob("*.yaml")} == {
+        "compose.yaml",
+        "compose.user.yaml",
+        "compose.hardware.yaml",
+        "compose.leds.yaml",
+        "compose.zenohd.yaml",
+    }
+    named = " ".join(COMMANDS)
+    for path in (DEPLOY / "config").glob("*.yaml"):
+        assert f"--config /config/{path.name}" in named, path
+
+
+def test_every_shared_service_of_the_scenario_runs() -> None:
+    started = {row["command"].split()[1] for _, row in WHOLE if row.get("command", "").startswith("service ")}
+    assert started == {*read_scenario("scenario_4").site, "web"}
+    assert all(process(name).scope == "site" for name in started)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_is_one_that_pointit_takes(command: str) -> None:
+    words = command.split()
+    group: Any = front()
+    while isinstance(group, click.Group):
+        found = group.get_command(click.Context(group), words[0])
+        assert found is not None, words[0]
+        group, words = found, words[1:]
+    with group.make_context(group.name, list(words)):
+        pass
+
+
+@pytest.mark.parametrize("file", sorted((DEPLOY / "config").glob("*.yaml")), ids=lambda path: path.name)
+def test_a_configuration_is_one_that_its_service_takes(file: Path) -> None:
+    (command,) = {command for command in COMMANDS if command.endswith(f"/{file.name}")}
+    service = process(command.split()[1]).load()
+    config = load_config(service, [file], {})
+    service.check(config)
+
+
+def test_configurations_are_those_of_the_scenario() -> None:
+    site = read_scenario("scenario_4").site
+    for name, parameters in site.items():
+        service = process(name).load()
+        here = load_config(service, [DEPLOY / "config" / f"{name}.yaml"], {})
+        assert here == service.CONFIG.model_validate(parameters), name
+
+
+def test_people_are_given_the_scenario_whose_configurations_these_are() -> None:
+    people = [command for command in COMMANDS if command.startswith("user ")]
+    assert len(people) == 3
+    assert all("--scenario scenario_4" in command for command in people)
+    assert "user-sim" in read_scenario("scenario_4").user
+
+
+@pytest.mark.parametrize(("name", "row"), WHOLE, ids=[name for name, _ in WHOLE])
+def test_every_container_is_confined(name: str, row: dict[str, Any]) -> None:
+    assert row["read_only"] is True
+    assert row["cap_drop"] == ["ALL"]
+    assert row["security_opt"] == ["no-new-privileges"]
+    assert row["init"] is True
+    assert row["stop_grace_period"] == "5s"
+    assert row["mem_limit"]
+    assert row["pids_limit"]
+    assert row["logging"]["options"]["max-size"]
+    assert row["tmpfs"][0].startswith("/tmp:")  # noqa: S108 - the container's own
+    assert row["restart"] == ("no" if name == "init" else "unless-stopped")
+    for forbidden in ("privileged", "network_mode", "pid", "ipc", "cap_add", "devices"):
+        assert forbidden not in row
+    assert row.get("user", "10001:10001").startswith("10001:")
+    for published in row.get("ports", []):
+        assert published.startswith("127.0.0.1:")
+
+
+def test_overlays_weaken_nothing() -> None:
+    allowed = {"user", "command", "devices", "image", "pull_policy", "entrypoint", "healthcheck"}
+    for stack in (HARDWARE, LEDS, ZENOHD):
+        for row in stack["services"].values():
+            assert set(row) <= allowed
+            assert row["user"].startswith("10001:")
+            assert isinstance(row["command"], str)  # lists of two files are put one after the other by some
+
+
+def test_both_files_confine_alike() -> None:
+    assert BASE["x-container"] == PERSON["x-container"]
+    mine, other = BASE["services"]["user"], PERSON["services"]["user"]
+    assert mine["environment"] | {"HEALTH_OF": "anna"} == other["environment"]
+    assert mine["volumes"] == other["volumes"]
+
+
+def test_the_page_is_published_on_this_machine_only_whatever_is_said() -> None:
+    open_wide = compose("compose.yaml", LISTEN="0.0.0.0", PAGE_PORT="1234")["services"]  # noqa: S104
+    assert open_wide["web"]["ports"] == ["127.0.0.1:1234:9090"]
+    assert all(port.startswith("0.0.0.0:7447") for port in open_wide["router"]["ports"])
+    assert [name for name, row in open_wide.items() if "ports" in row] == ["router", "web"]
+
+
+def test_each_gets_its_own_credentials_only_and_cannot_write_them() -> None:
+    for stack in (BASE, PERSON):
+        volumes = {name: mounted(row) for name, row in stack["services"].items()}
+        assert [name for name, where in volumes.items() if "site" in where] == ["init"]
+        for name, where in volumes.items():
+            if name == "init":
+                continue
+            credentials = {volume for volume in where if volume in ("services", "web", "person", "router")}
+            assert len(credentials) == 1, name
+            assert all(where[volume].endswith(":ro") for volume in credentials)
+            expected = {"router": "router", "web": "web", "user": "person"}.get(name, "services")
+            assert credentials == {expected}
+
+
+def test_only_who_is_published_has_a_way_out() -> None:
+    for stack in (BASE, PERSON):
+        for name, row in stack["services"].items():
+            assert row["networks"] == (["site", "outside"] if name in ("router", "web") else ["site"])
+    assert BASE["networks"]["site"]["internal"] is True
+    assert PERSON["networks"]["site"] == {"name": BASE["networks"]["site"]["name"], "external": True}
+
+
+def test_what_is_shared_between_the_files_has_one_name() -> None:
+    for name in ("site", "router"):
+        assert PERSON["volumes"][name] == BASE["volumes"][name] | {"external": True}
+    names = [volume["name"] for volume in BASE["volumes"].values()]
+    assert len(names) == len(set(names))
+    other = compose("compose.yaml", SITE="hall")
+    assert not {volume["name"] for volume in other["volumes"].values()} & set(names)
+
+
+def test_health_is_that_of_the_container_itself() -> None:
+    for name, row in BASE["services"].items():
+        if name == "init":
+            continue
+        about = row["environment"]["HEALTH_OF"]
+        assert about == {"router": "router:7447", "user": "user1"}.get(name, name)
+        assert row["environment"]["WAIT_FOR"].split("/")[1] in {"credentials", "router"}
+
+
+def test_variables_are_explained() -> None:
+    for name in ("compose.yaml", "compose.user.yaml", "compose.hardware.yaml", "compose.leds.yaml"):
+        text = (DEPLOY / name).read_text(encoding="utf-8")
+        told = "\n".join(line for line in text.splitlines() if line.startswith("#"))
+        told += (DEPLOY / "compose.yaml").read_text(encoding="utf-8")
+        for found in VARIABLE.finditer(text):
+            assert f"{found[1]}=" in told or f"{found[1]}:" in told, (name, found[1])
+
+
+def test_the_image() -> None:
+    text = (DEPLOY / "Dockerfile").read_text(encoding="utf-8")
+    assert "ARG BASE=docker.io/library/python:3.11-slim" in text
+    last = text.split("FROM ${BASE}\n")[1]
+    assert "\nUSER 10001:10001\n" in last
+    assert "\nHEALTHCHECK " in last
+    assert "COPY --from=build /opt/pointit" in last
+    ignored = (DEPLOY.parent / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    assert "*" in ignored  # what is not named stays out: no key, no recording, no history
+    (extras,) = re.findall(r"ARG EXTRAS=(.*)", text)
+    needed = {row.extra for row in PROCESSES if row.name in BASE["services"]} - {""}
+    assert needed <= set(extras.split(","))
+
+
+def _scripts() -> Sequence[Path]:
+    return [path for path in sorted((DEPLOY / "image").iterdir()) if path.name != "forward"]
+
+
+@pytest.mark.parametrize("script", _scripts(), ids=lambda path: path.name)
+def test_a_script_is_one(script: Path) -> None:
+    assert os.access(script, os.X_OK)
+    assert subprocess.run(["/bin/sh", "-n", str(script)], check=False).returncode == 0
+
+
+def test_yaml_has_no_key_twice() -> None:
+    for path in DEPLOY.rglob("*.yaml"):
+        read_yaml(path)

@@ -1,0 +1,135 @@
+"""The container's entry: waits for credentials, begins again with growing pauses, ends when it is told to."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+from tests.support.buses import free_port
+from tests.unit.deploy.stack import DEPLOY
+
+IMAGE = DEPLOY / "image"
+PATIENCE_S = 20.0
+
+
+@contextlib.contextmanager
+def started(
+    tmp_path: Path, script: str, *arguments: str, **environment: str
+) -> Generator[subprocess.Popen[str]]:
+    """Begin `entry ARGUMENTS` where `pointit` is `script`, which notes in `log` that it was run."""
+    fake = tmp_path / "pointit"
+    fake.write_text(f'#!/bin/sh\necho "$@" >> {tmp_path}/log\n{script}\n', encoding="utf-8")
+    fake.chmod(0o755)
+    with subprocess.Popen(
+        ["/bin/sh", str(IMAGE / "entry"), *arguments],
+        env={"PATH": f"{tmp_path}:{os.environ['PATH']}", **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def runs(tmp_path: Path) -> list[str]:
+    log = tmp_path / "log"
+    return log.read_text(encoding="utf-8").splitlines() if log.exists() else []
+
+
+def wait_for_runs(tmp_path: Path, count: int) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while len(runs(tmp_path)) < count:
+        assert time.monotonic() < end_s, runs(tmp_path)
+        time.sleep(0.02)
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
+    process.send_signal(signal.SIGTERM)
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, out
+
+
+def test_it_waits_for_its_credentials(tmp_path: Path) -> None:
+    link = tmp_path / "link.json"
+    with started(tmp_path, "exec sleep 60", "service", "pui", WAIT_FOR=str(link)) as process:
+        assert process.stdout is not None
+        assert "waits for" in process.stdout.readline()
+        assert runs(tmp_path) == []
+        link.touch()
+        wait_for_runs(tmp_path, 1)
+        assert runs(tmp_path) == ["service pui"]
+        ended(process)
+
+
+def test_it_ends_while_it_waits(tmp_path: Path) -> None:
+    with started(tmp_path, "exit 0", "router", WAIT_FOR=str(tmp_path / "never")) as process:
+        assert process.stdout is not None
+        assert "waits for" in process.stdout.readline()
+        assert ended(process)[0] == 0
+        assert runs(tmp_path) == []
+
+
+def test_what_ends_by_itself_is_begun_again_after_pauses_that_grow(tmp_path: Path) -> None:
+    with started(tmp_path, "exit 3", "service", "pui") as process:
+        wait_for_runs(tmp_path, 3)
+        code, out = ended(process)
+        assert code == 0
+        lines = [line for line in out.splitlines() if "ended by itself" in line]
+        assert [line.split("; ")[1] for line in lines] == ["again in 1 s", "again in 2 s", "again in 4 s"]
+        assert "exit code 3" in lines[0]
+
+
+def test_it_passes_the_signal_on_and_takes_the_exit_code(tmp_path: Path) -> None:
+    script = f"trap 'kill $!; echo asked >> {tmp_path}/log; exit 5' TERM\nsleep 60 &\nwait"
+    with started(tmp_path, script, "user", "anna") as process:
+        wait_for_runs(tmp_path, 1)
+        time.sleep(0.2)  # the trap is set after the line in the log
+        assert ended(process)[0] == 5
+        assert runs(tmp_path) == ["user anna", "asked"]
+
+
+@pytest.mark.parametrize("arguments", [("doctor",), ("--help",), ("site", "show")])
+def test_what_ends_by_nature_is_run_once(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    with started(tmp_path, "exit 4", *arguments, WAIT_FOR=str(tmp_path / "never")) as process:
+        process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 4
+        assert runs(tmp_path) == [" ".join(arguments)]
+
+
+def test_the_forwarder_passes_on_both_ways() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as inner:
+        outer = free_port()
+        process = subprocess.Popen(
+            [sys.executable, str(IMAGE / "forward"), str(outer), str(inner.getsockname()[1])]
+        )
+        try:
+            client = connected(outer)
+            with client, inner.accept()[0] as server:
+                client.sendall(b"to the page")
+                assert server.recv(100) == b"to the page"
+                server.sendall(b"from the page")
+                assert client.recv(100) == b"from the page"
+                server.close()
+                assert client.recv(100) == b""
+        finally:
+            process.kill()
+            process.wait()
+
+
+def connected(port: int) -> socket.socket:
+    end_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+        except ConnectionRefusedError:
+            assert time.monotonic() < end_s
+            time.sleep(0.05)

@@ -143,7 +143,7 @@ async def test_a_killed_run_leaves_no_orphan(commands: Commands, endpoint: str, 
     await until(lambda: len(run.family()) >= count, 30, "its children")
     children = run.family()[1:]
     run.process.kill()
-    await until(lambda: not any(is_alive(child) for child in children), 3, "the children to end")
+    await until(lambda: not any(is_alive(child) for child in children), 10, "the children to end")
 
 
 def is_alive(process: psutil.Process) -> bool:

@@ -4,6 +4,7 @@ import type { Reply } from "../site/asks";
 import type { Desk } from "../desk";
 import { el, icon, show, write } from "../dom";
 import { capital } from "../format";
+import { phoneSays } from "../words";
 
 export interface Pairing {
   open(): void;
@@ -97,7 +98,7 @@ export function pairingDialog(desk: Desk): Pairing {
       if (line?.phone && line.moved_by === "phone") {
         dialog.close();
         desk.toasts.show("done", `The phone points as ${offeredTo} now.`);
-      } else if (line?.phone) write(wait, `${capital(line.phone)}.`);
+      } else if (line?.phone) write(wait, `${capital(phoneSays(line.phone))}.`);
     },
   };
 }

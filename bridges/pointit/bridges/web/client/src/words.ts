@@ -40,11 +40,6 @@ export function thing(site: Site, id: string, kind = ""): string {
   return [kind || object?.kind, noun].filter(Boolean).join(" ");
 }
 
-/** What is paired, in words for people. */
-export function phoneSays(phone: string): string {
-  return phone === "paired, not heard yet" ? "waiting for the phone" : phone;
-}
-
 /** What ends an id; ids begin with what tells runs of PointIt apart. */
 function ending(id: string): string {
   return id.slice(id.lastIndexOf("-") + 1);

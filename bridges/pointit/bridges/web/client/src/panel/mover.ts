@@ -5,7 +5,6 @@ import type { Desk } from "../desk";
 import { el, icon, section, show, write } from "../dom";
 import type { Mouse } from "../mouse";
 import { slider } from "../slider";
-import { phoneSays } from "../words";
 import type { Pairing } from "./pairing";
 import type { Part } from "./part";
 
@@ -52,7 +51,7 @@ export function moverPart(desk: Desk, mouse: Mouse, pairing: Pairing): Part {
       const isMine = person?.line?.is_mine ?? false;
       who.set(moved === "mouse" && !isMine ? "" : moved); // another page's mouse is none of these
       show(takeOver, moved === "mouse" && !isMine && desk.mayDo("take"));
-      const phone = phoneSays(person?.line?.phone ?? "");
+      const phone = person?.line?.phone ?? "";
       const charge = person?.line?.battery;
       write(line, moved === "own"
         ? desk.isSimulated(user) ? `${user} is simulated and points by themself.` : `${user} points with their own device.`

@@ -4,7 +4,6 @@ import type { Reply } from "../site/asks";
 import type { Desk } from "../desk";
 import { el, icon, show, write } from "../dom";
 import { capital } from "../format";
-import { phoneSays } from "../words";
 
 export interface Pairing {
   open(): void;
@@ -98,7 +97,7 @@ export function pairingDialog(desk: Desk): Pairing {
       if (line?.phone && line.moved_by === "phone") {
         dialog.close();
         desk.toasts.show("done", `The phone points as ${offeredTo} now.`);
-      } else if (line?.phone) write(wait, `${capital(phoneSays(line.phone))}.`);
+      } else if (line?.phone) write(wait, `${capital(line.phone)}.`);
     },
   };
 }

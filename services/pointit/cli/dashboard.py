@@ -9,6 +9,8 @@ from pointit.cli import browser
 from pointit.cli.link import site_options
 from pointit.cli.opening import CLOCK_PATIENCE_S
 from pointit.cli.page import EVERYWHERE, PORT, Page, can_be, missing, page_of
+from pointit.cli.page_tokens import kept_tokens
+from pointit.cli.run_options import NEW_LINK
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
@@ -32,6 +34,7 @@ from pointit.schemas.topics import SERVICE_ALIVE
 )
 @click.option("--lan", is_flag=True, help="open the page to the local network too, by HTTPS")
 @click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+@click.option("--new-link", is_flag=True, help=NEW_LINK)
 @click.option(
     "--view-only", is_flag=True, help="print the link for who may look on, and none that may control"
 )
@@ -41,6 +44,7 @@ def command(
     host: str,
     lan: bool,
     no_browser: bool,
+    new_link: bool,
     view_only: bool,
     site: str,
     connect: tuple[str, ...],
@@ -56,7 +60,11 @@ def command(
     setup_logging("warning" if log_level == "info" else log_level)
     if not can_be():
         raise missing("pointit dashboard")
-    page = page_of(Settings(), asked=_asked(port, host, is_lan=lan), option="--port")
+    asked = _asked(port, host, is_lan=lan)
+    tokens, notes = kept_tokens(site, renew=new_link)
+    for note in notes:
+        click.echo(note, err=True)
+    page = page_of(Settings(), asked=asked, tokens=tokens, option="--port")
     check_launches([page.launch()])
     return run_async(_serve(page, link_of(site, connect), is_open=not no_browser, view_only=view_only))
 

@@ -1,6 +1,5 @@
 """The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
 
-import secrets
 import socket
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -9,6 +8,7 @@ from typing import Any
 from pointit.bridges.web.config import WebConfig
 from pointit.cli.extras import has_extra, load, remedy
 from pointit.cli.launches import PAGE
+from pointit.cli.page_tokens import Tokens
 from pointit.cli.settings import Settings, layers_of, service_of
 from pointit.runtime import AnyService, ConfigError, Launch, ListenError
 from pointit.services import registry
@@ -21,9 +21,6 @@ LAN_PORT = 8443
 
 PORTS_TO_TRY = 10
 """Ports from the usual one on that are tried when none was asked for."""
-
-TOKEN_BYTES = 18
-"""Of a token: 144 bits, and an address that fits a line of 80 columns."""
 
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
 
@@ -83,24 +80,27 @@ def page_of(
     below: Mapping[str, Any] | None = None,
     asked: Mapping[str, Any] | None = None,
     places: Mapping[str, Mapping[str, Any]] | None = None,
+    tokens: Tokens | None = None,
     option: str = "--web-port",
 ) -> Page:
-    """Return the page, with tokens of its own, at ports that are free now.
+    """Return the page, at ports that are free now.
 
     Args:
         chosen: files and `--set`, which win.
         below: what a scenario says of it.
         asked: what options of the command line say of it.
         places: by user, where people are taken to stand.
+        tokens: unless others are set by hand; none: new ones.
         option: of the command line, which another port is chosen with.
 
     Raises:
         ConfigError: a parameter is wrong.
         ListenError: the port that was asked for is taken, or all that are tried are.
     """
+    tokens = tokens or Tokens()
     usual = {
-        "operator_token": secrets.token_urlsafe(TOKEN_BYTES),
-        "viewer_token": secrets.token_urlsafe(TOKEN_BYTES),
+        "operator_token": tokens.operator,
+        "viewer_token": tokens.viewer,
         "places": dict(places or {}),
     }
     sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}

@@ -34,6 +34,8 @@ class Plan:
     """Only this person's part is told and drawn; empty for everybody's."""
     notes: Sequence[str] = ()
     """Sentences that are said at the start."""
+    afterword: str = ""
+    """A sentence that is said below the summary."""
     summary: Path | None = None
     as_json: bool = False
     page: Page | None = None

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pointit.cli.finite import Finite
 from pointit.cli.launches import PAGE, Choices, user_launches
 from pointit.cli.newcomer import USUAL, look_round
 from pointit.cli.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
+from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.plan import Plan
 from pointit.cli.program import Program, places, staged
 from pointit.cli.run_options import page_options, shared_options
@@ -24,6 +26,7 @@ from pointit.runtime.environment import check_environment
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import given_credentials, link_of, link_options, log_option, run_async
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
+from pointit.schemas.topics import check_name
 from pointit.services.registry import PROCESSES
 
 
@@ -161,6 +164,7 @@ def run(
         speed=speed,
         processes=options["processes"],
         notes=(*notes, *assumed_places(launches, choices)),
+        afterword=f"There was no page: {REMEDY}." if page is None and notes else "",
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,
         view=not options["no_view"],
@@ -176,7 +180,7 @@ def run(
     return execute(plan, options["log_level"])
 
 
-def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, list[str]]:
+def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, Sequence[str]]:
     """Return the page of a run, if it has one, and what is to be said of it.
 
     Raises:
@@ -184,7 +188,7 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
         ListenError: its port is taken.
     """
     port: int | None = options["web_port"]
-    asked = {"--web-port": port is not None, "--lan": options["lan"]}
+    asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
     if options["no_web"]:
         for option, is_given in asked.items():
             if is_given:
@@ -195,15 +199,22 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
         for option, is_given in asked.items():
             if is_given:
                 raise missing(option)
-        return None, [f"{REMEDY}; --no-web says nothing of it"]
+        return None, [f"{REMEDY}; --no-web runs without it and without this note"]
     said = {"port": port} if port is not None else {}
+    tokens, notes = kept_tokens(options["site"], renew=options["new_link"])
     page = page_of(
         choices,
         below=scenario.site.get(PAGE, {}),
         asked=said | ({"lan": True} if options["lan"] else {}),
         places=places(scenario, choices),
+        tokens=tokens,
     )
-    return page, []
+    if options["new_link"] and page.config.operator_token != tokens.operator:
+        notes = (
+            *notes,
+            "--new-link changes nothing of the link to control: its token is set by hand",
+        )
+    return page, notes
 
 
 @click.command("user")
@@ -222,6 +233,7 @@ def user(name: str, scenario: str | None, place: int | None, **options: Any) -> 
 
     Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
     """
+    check_name(name, "user")
     if scenario is None or place is None:
         link = _link(options)
         found = (USUAL, 1) if not link.connect else look_round(link.site, link.connect)

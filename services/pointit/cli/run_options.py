@@ -10,6 +10,11 @@ from pointit.cli.finite import Finite
 from pointit.cli.page import PORT
 from pointit.cli.person_options import PERSON_OPTIONS
 
+NEW_LINK = (
+    "give the page new links; those from before open nothing any more  [default: the site's links, which "
+    "stay the same, so that an open page comes back after a new start at the same port]"
+)
+
 
 def shared_options(function: Any) -> Any:
     """Add the options that `run` and `user` share."""
@@ -85,6 +90,7 @@ def page_options(function: Any) -> Any:
             help="open the page to the local network too, by HTTPS, which phones need",
         ),
         click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
+        click.option("--new-link", is_flag=True, help=NEW_LINK),
     )
     for option in reversed(options):
         function = option(function)

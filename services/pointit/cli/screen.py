@@ -51,7 +51,7 @@ def on_screen(
             left_s,
             _first_person(stage) if has_keyboard() else "",
             page=page.url if page is not None and stage.has_page else "",
-            is_looked_on=end_s() is not None and not left_s() and looks_on(),
+            is_looked_on=end_s() is not None and looks_on(),
         )
 
     live = Live(get_renderable=drawn, console=console, refresh_per_second=REFRESH_HZ, transient=True)

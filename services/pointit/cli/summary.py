@@ -110,6 +110,8 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
     else:
         for line in summary_lines(summary):
             click.echo(line)
+        if plan.afterword:
+            click.echo(plan.afterword)
     if plan.summary is not None:
         try:
             plan.summary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

@@ -26,6 +26,8 @@ BORDER_WIDTH = 4
 """Columns that the frame and its padding take."""
 MOST_STRIPS = 6
 """More are drawn side by side, without the marks below them."""
+MARGINS = 6
+"""Columns that a line in the frame's own border leaves."""
 BORDER_HEIGHT = 2
 GAP_WIDTH = 2
 CELLS_PER_M = 8
@@ -34,6 +36,7 @@ OLD_NEWS, PLACES, NEWS, WORDS, STRIPS = range(5)
 """What is left out of a terminal too low for all, the first first."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown, the chain from wrist to light."""
+END = "Ctrl-C ends it"
 
 
 def draw(
@@ -53,7 +56,7 @@ def draw(
         remaining_s: returns for how long it goes on; 0 when it does not end by itself.
         button_of: whose button the Space key is, if anybody's.
         page: the address of the page, if there is one.
-        is_looked_on: its time is over, and it goes on for a page that is open.
+        is_looked_on: a page is open, for which it goes on when its time is over.
     """
     return _View(monitor, title, remaining_s, button_of, page, is_looked_on)
 
@@ -84,14 +87,19 @@ class _View:
 
     def _subtitle(self, whole_width: int) -> str:
         is_roomy, left_s = whole_width >= ROOMY_WIDTH, self.remaining_s()
-        if self.is_looked_on and is_roomy:
-            return "a page is open: goes on until Ctrl-C or it closes"
+        if self.is_looked_on:
+            if left_s <= 0:
+                is_open = "a page is open"
+                return f"{is_open}: goes on until Ctrl-C or it closes" if is_roomy else f"{is_open}, {END}"
+            if not is_roomy:
+                return f"{left_s:.0f} s left + page, {END}"
         hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
         if self.is_looked_on:
-            hints.append("a page is open")
-        if self.button_of and is_roomy:
-            hints.append(f"Space is {self.button_of}'s button")
-        return ", ".join([*hints, "Ctrl-C ends it"])
+            hints.append("a page is open: goes on after that")
+        button = f"Space is {self.button_of}'s button"
+        if self.button_of and is_roomy and len(", ".join([*hints, button, END])) <= whole_width - MARGINS:
+            hints.append(button)
+        return ", ".join([*hints, END])
 
     def _parts(self, width: int, whole_width: int) -> list[tuple[Worth, RenderableType]]:
         """Return what there is to show, and what of it can be missed on a low terminal."""

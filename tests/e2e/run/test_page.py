@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
+import httpx
 import pytest
 
 from pointit.runtime import RefusedError
@@ -12,6 +13,7 @@ from pointit.schemas import Deployment, Environment, RunScenario
 from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO
 from tests.e2e.run.visitor import entered, looking_on
 from tests.support.bench import until
+from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, onlooker, summary_of
 
 ADDRESS = re.compile(r"page: (http://\S+?/\?token=[\w-]+)")
@@ -161,10 +163,29 @@ async def test_ctrl_c_ends_it_with_a_page_open(
     assert "Traceback" not in ended.err
 
 
+async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, endpoint: str) -> None:
+    port = str(free_port())
+    start = ("run", "scenario_2", "--no-view", "--web-port", port, "--listen", endpoint)
+    first = commands.start(*start)
+    url = await address_of(first)
+    cookie, _ = await entered(url)
+    assert (await first.stop()).code == 0
+    headers = {"Cookie": cookie}  # what a browser has kept
+    for arguments, status in (((), 200), (("--new-link",), 403)):
+        command = commands.start(*start, *arguments)
+        assert (await address_of(command) == url) == (status == 200)
+        async with httpx.AsyncClient(transport=httpx.AsyncHTTPTransport(retries=20)) as client:
+            assert (await client.get(url.partition("?")[0], headers=headers)).status_code == status
+        assert (await command.stop()).code == 0
+
+
 @pytest.mark.parametrize("has_page", [False, True])
 async def test_a_dashboard_beside_a_run(commands: Commands, endpoint: str, *, has_page: bool) -> None:
     page = ("--web-port", "0") if has_page else ("--no-web",)
     commands.start("run", "scenario_2", "--no-view", *page, "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        there = "web" if has_page else "pui"  # the page is loaded beside a run that has begun
+        await until(lambda: there in seen.present, CHANGE_S, there)
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0")
     url = await address_of(dashboard)
     instance = "web.2" if has_page else "web"

@@ -38,7 +38,7 @@ async def test_the_first_screen_comes_fast_and_clean(browser: Browser, site: Sit
         await expect(window.page.get_by_role("button", name="Point with the mouse")).to_be_visible()
         renderer = await window.page.evaluate("window.pointit.stats.renderer")
         assert any(name in renderer for name in ("SwiftShader", "llvmpipe")), renderer
-        await expect(window.page.locator("#chip")).to_have_text("Light mode: no graphics processor")
+        await expect(window.page.locator("#chip")).to_have_text("Drawn simply: no graphics processor")
         await expect(window.page.locator("#chip")).to_be_visible()
         assert await window.page.evaluate("window.pointit.site.faults.count") == 0
         assert await window.violations() == []

@@ -21,13 +21,18 @@ from pointit.cli.launches import Choices
 from pointit.cli.main import command
 from pointit.cli.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_of
 from pointit.cli.person_options import Pose
+from pointit.cli.plan import Plan
 from pointit.cli.program import PLACES, places
 from pointit.cli.scenario import read_scenario
 from pointit.cli.settings import Settings
+from pointit.cli.summary import sum_up
 from pointit.runtime import ConfigError, Exchange, ListenError, MemoryBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import KeyNameError
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.unit.cli_run.drawn import monitor_of
 from tests.unit.cli_run.stand_in import StandIn
 
 
@@ -77,9 +82,12 @@ def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) 
     assert PORT == 8090
 
 
-def test_a_port_that_was_asked_for_and_is_taken_is_an_error() -> None:
+def test_a_port_that_was_asked_for_and_is_taken_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_port()
     with taken(port):
+        error = invoke(monkeypatch, "dashboard", "--port", str(port))
+        assert isinstance(error, ListenError)
+        assert str(error).endswith("Address already in use; choose another port with --port")
         for asked, settings in (({"port": port}, ()), ({}, (f"web.port={port}",))):
             with pytest.raises(
                 ListenError,
@@ -209,7 +217,7 @@ def test_who_asks_for_a_page_without_the_extra_is_told_the_remedy(
     assert str(error).endswith('the page needs `pip install "pointit[web]"`')
 
 
-@pytest.mark.parametrize("arguments", [("--lan",), ("--web-port", "0")])
+@pytest.mark.parametrize("arguments", [("--lan",), ("--web-port", "0"), ("--new-link",)])
 def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
     error = invoke(monkeypatch, "run", "--no-web", *arguments)
     assert isinstance(error, ConfigError)
@@ -217,6 +225,64 @@ def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments:
     error = invoke(monkeypatch, "run", "--no-web", "--set", "web.rate_hz=3")
     assert isinstance(error, ConfigError)
     assert "web is not among what this starts" in str(error)
+
+
+def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    plans: list[Plan] = []
+
+    def execute(plan: Plan, _log_level: str) -> int:
+        plans.append(plan)
+        return 0
+
+    monkeypatch.setattr("pointit.cli.run.execute", execute)
+    remedy = 'the page needs `pip install "pointit[web]"`'
+    for arguments in ((), ("--no-web",)):
+        assert invoke(monkeypatch, "run", *arguments, has_extra=False) is None
+    without, unasked = plans
+    assert without.notes[0] == f"{remedy}; --no-web runs without it and without this note"
+    assert without.afterword == f"There was no page: {remedy}."
+    assert (unasked.afterword, [note for note in unasked.notes if "page" in note]) == ("", [])
+
+
+def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    plan = Plan(name="mine", launches=(), link=Link(), afterword="There was no page.")
+    sum_up(plan, monitor_of(), 1.0)
+    assert capsys.readouterr().out.splitlines()[-1] == "There was no page."
+    sum_up(replace(plan, as_json=True), monitor_of(), 1.0)
+    assert "There was no page." not in capsys.readouterr().out
+
+
+def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plans: list[Plan] = []
+
+    def execute(plan: Plan, _log_level: str) -> int:
+        plans.append(plan)
+        return 0
+
+    monkeypatch.setattr("pointit.cli.run.execute", execute)
+    mine = ("--set", "web.operator_token=a-token-of-mine")
+    for arguments in ((), (), mine, ("--new-link",), ("--site", "other"), (), ("--new-link", *mine)):
+        assert invoke(monkeypatch, "run", "--web-port", "0", *arguments) is None
+    pages = [plan.page for plan in plans]
+    first, again, own, new, elsewhere, last, _ = (page.config.operator_token for page in pages if page)
+    assert first == again
+    assert own == "a-token-of-mine"
+    assert len({first, new, elsewhere}) == 3
+    assert last == new
+    assert all(page is not None and page.is_usual for page in pages[:2])  # else all is loaded
+    assert any("--new-link changes nothing" in note for note in plans[-1].notes)
+
+
+def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def look_round(*_: object) -> None:
+        raise AssertionError("looked for the site")
+
+    monkeypatch.setattr("pointit.cli.run.look_round", look_round)
+    error = invoke(monkeypatch, "user", "anna/x", "--connect", "tcp/127.0.0.1:1")
+    assert isinstance(error, KeyNameError)
+    assert str(error).startswith("user 'anna/x'")
 
 
 def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:

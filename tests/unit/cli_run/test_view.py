@@ -3,6 +3,7 @@
 import io
 import re
 import time
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -140,6 +141,11 @@ def test_it_says_that_it_goes_on_for_an_open_page() -> None:
     assert sentence in shown(everything(), 80, is_looked_on=True)[-1]
     assert "a page is open, Ctrl-C ends it" in shown(everything(), 40, is_looked_on=True)[-1]
     assert "a page is open" not in "".join(shown(everything(), left_s=3.0))
+    soon: dict[str, Any] = {"left_s": 12.0, "is_looked_on": True, "button_of": "user1"}
+    sentence = "12 s left, a page is open: goes on after that, "
+    assert f"{sentence}Ctrl-C ends it" in shown(everything(), 72, **soon)[-1]
+    assert f"{sentence}Space is user1's button, Ctrl-C ends it" in shown(everything(), 100, **soon)[-1]
+    assert "12 s left + page, Ctrl-C ends it" in shown(everything(), 40, **soon)[-1]
 
 
 def everything() -> Monitor:

@@ -1,6 +1,5 @@
 """What Foxglove's viewers see looks as in the page: the numbers are the same, in Python and in TypeScript."""
 
-import json
 import re
 from pathlib import Path
 
@@ -19,8 +18,7 @@ def told(name: str) -> list[float]:
         rf"^export const {name}(?:: \w+)? = (\[[^\]]*\]|[\d.]+)(?: as const)?;$", LOOKS, re.MULTILINE
     )
     assert found, name
-    value = json.loads(found[1])
-    return value if isinstance(value, list) else [value]
+    return [float(part) for part in found[1].strip("[]").split(",")]
 
 
 def test_sizes_and_lengths_are_the_pages() -> None:

@@ -189,7 +189,7 @@ def test_what_people_are_told_of_a_wrist(wrists: Wrists) -> None:
     assert wrists.line("ben", "page1", START).assumed is None
     wrists.take("anna", "page1", "mouse")
     assert wrists.line("anna", "page1", START).is_mine
-    assert wrists.line("anna", "page1", START, paired="phone1").phone == "paired, not heard yet"
+    assert wrists.line("anna", "page1", START, paired="phone1").phone == "waiting for the phone"
     wrists.turn("anna", "phone1", turn(), START)
     line = wrists.line("anna", "page2", START, paired="phone1")
     assert (line.moved_by, line.is_mine, line.battery) == ("mouse", False, 0.5)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import functools
 import logging
+import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,9 @@ LOOK_S = 3.0
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
+EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - told apart
+"""Hosts that stand for all addresses of this machine, and that no viewer can open."""
+
 
 @dataclass(slots=True)
 class _Mirrored:
@@ -49,6 +53,17 @@ class _Mirrored:
     name: str
     message: Message
     is_new: bool = True
+
+
+def own_address() -> str:
+    """Return this machine's address in its network, or its name where it has no route; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # of no machine (RFC 5737): only a route is looked for
+            address: str = probe.getsockname()[0]
+        except OSError:
+            return socket.gethostname()
+    return address
 
 
 class Foxglove(Service[FoxgloveConfig]):
@@ -87,6 +102,8 @@ class Foxglove(Service[FoxgloveConfig]):
         """
         config = self.config
         address = self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
+        if config.host in EVERYWHERE:
+            address = f"ws://{own_address()}:{address.rpartition(':')[2]}"
         try:
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
             if config.host not in LOOPBACK:

@@ -207,7 +207,7 @@ class Wrists:
         if not paired:
             said = ""
         elif phone is None:
-            said = "paired, not heard yet"
+            said = "waiting for the phone"
         elif now_ns - phone.heard_ns > SILENT_S * NS_PER_S:
             said = "paired, but silent"
         else:

@@ -32,7 +32,7 @@ import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
 import type { ViewStats } from "./view";
-import { stateTitle, thing } from "./words";
+import { called, plainly, stateTitle } from "./words";
 
 declare global {
   interface Window {
@@ -63,7 +63,7 @@ const connection = new Connection(site, {
   },
 });
 const desk = new Desk(site, settings, connection, new Toasts(at("toasts")), () => refresh());
-const mouse = new Mouse(desk, () => stage.view);
+const mouse = new Mouse(desk, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
 const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "progress", "guide", "cameras", "toasts", "chip"].map(at), desk, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
@@ -136,12 +136,12 @@ function tell(happened: Happened): void {
   }
   const { event } = happened;
   if (event.user !== (mine || desk.user)) return;
-  const what = thing(site, event.object_id, event.kind);
+  const what = called(site, event.object_id, event.kind);
   if (event.event === "selected") {
     guide.selected(event);
     say(`Selected: ${what}`, mine !== "");
   } else if (event.event === "deselected") say(`Taken back: ${what}`, mine !== "");
-  else if (event.event === "refused" && mine) desk.toasts.show("info", event.reason || `${capital(what)} could not be selected.`);
+  else if (event.event === "refused" && mine) desk.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
   isStale = true;
 }
 
@@ -176,9 +176,9 @@ function showHeader(): void {
 }
 
 function showConnection(isConnected: boolean, attempt: number): void {
-  const isLost = !isConnected && (site.hello !== null || attempt > 1);
+  const isLost = !isConnected && (site.hello !== null || attempt > 1 || connection.isRefused);
   show(at("lost"), isLost);
-  const text = site.hello && attempt <= 6
+  const text = connection.isRefused ? "PointIt was started anew: open the link that it prints." : site.hello && attempt <= 6
     ? "The connection is lost. What you see is old; trying again …"
     : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";
   write(at("lost-text"), isLost ? text : "");

@@ -14,6 +14,8 @@ export interface Situation {
   hover: Hover | null;
   /** What is hovered, in words. */
   hovered: string;
+  /** This person has selected what is hovered. */
+  isTheirs: boolean;
   scenario: string;
   /** Objects can be selected here. */
   canSelect: boolean;
@@ -64,6 +66,10 @@ export function guidance(now: Situation): Guidance {
   if (hover?.object_id && now.canSelect) {
     if (hover.action === "refuse") return { mode: "point", title, text: `${now.hovered} cannot be had: ${hover.taken_by ? `${hover.taken_by} has it` : "it is too late for it"}.`, progress: null };
     if (hover.action === "deselect") return { mode: "point", title, text: `${now.hovered} is yours; staying takes it back.`, progress: hover.progress };
+    if (now.isTheirs || (hover.is_selected && hover.action === "")) {
+      const text = hover.taken_by ? `${now.hovered} belongs to ${hover.taken_by}. Go on with the next.` : `${now.hovered} is yours. Go on with the next.`;
+      return { mode: "point", title, text, progress: null };
+    }
     return { mode: "point", title, text: `${now.hovered}: stay on it …`, progress: hover.progress };
   }
   return { mode: "point", title, text: goal(now.scenario, now.canSelect), progress: null };

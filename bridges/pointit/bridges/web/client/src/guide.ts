@@ -55,6 +55,7 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
         movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === desk.mine,
         interaction: person?.interaction ?? null, hover: person?.hover ?? null,
         hovered: capital(thing(site, person?.hover?.object_id ?? "")), scenario: desk.scenario,
+        isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === person?.hover?.object_id && owner === user) ?? false,
         canSelect: desk.isPresent("selector"),
         success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
         count: site.selection?.objects.filter((each) => each.user === user).length ?? 0,

@@ -1,8 +1,13 @@
 /** The mouse as a person's wrist: taking it, keeping it over a lost connection, giving it back. */
 
 import type { Desk } from "./desk";
-import type { Vec3 } from "./geometry/vec";
+import { add, turn, type Vec3 } from "./geometry/vec";
 import type { View } from "./view";
+
+/** An arm that rests points to the floor so far before the feet, m. */
+const REST_M = 0.4;
+/** The mouse has to be out of the stage for so long, ms: what it pointed at last has been told by then. */
+const OUT_MS = 150;
 
 export class Mouse {
   /** Whose wrist this page wants to have; empty: nobody's. */
@@ -11,8 +16,15 @@ export class Mouse {
   private isAsking = false;
   private pointing = "";
   tremor = 0;
+  private leaving: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(private readonly desk: Desk, private readonly view: () => View | null) {}
+  constructor(private readonly desk: Desk, private readonly view: () => View | null, stage: HTMLElement) {
+    stage.addEventListener("pointerleave", ({ pointerType }) => {
+      clearTimeout(this.leaving); // a finger that is lifted has not gone anywhere else
+      if (pointerType === "mouse") this.leaving = setTimeout(() => this.rest(), OUT_MS);
+    });
+    stage.addEventListener("pointerenter", () => clearTimeout(this.leaving));
+  }
 
   /** Take the wrist of the chosen person; the server has them begin to point. */
   async take(): Promise<void> {
@@ -51,6 +63,14 @@ export class Mouse {
   /** Point there, {W}. */
   aim(at: Vec3): void {
     if (this.pointing) this.desk.connection.aim(this.pointing, at);
+  }
+
+  /** Let the arm hang, so that nothing is selected while the mouse is busy elsewhere; aiming again ends it. */
+  private rest(): void {
+    const person = this.desk.mine;
+    if (!person?.pose || person.interaction?.state !== "pointing") return; // who is being found has to go on pointing at the lamp
+    this.view()?.rest();
+    this.aim(add(person.pose.position_m, turn([REST_M, 0, 0], person.pose.yaw_rad)));
   }
 
   /** Follow what the server says of who has the wrist. */

@@ -29,7 +29,7 @@ test("settings survive what is not theirs", () => {
 });
 
 const situation: Situation = {
-  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "",
+  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", isTheirs: false,
   scenario: "scenario_4", canSelect: true, success: "", count: 0,
 };
 const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });
@@ -46,6 +46,11 @@ test("a newcomer is told one thing at a time", () => {
   assert.match(guidance(mine).text, /red package/);
   assert.equal(guidance({ ...mine, interaction: interaction("idle") }).mode, "idle");
   assert.equal(guidance({ ...mine, hover, hovered: "Red package" }).progress, 0.4);
+  for (const own of [{ hover: { ...hover, action: "" as const, is_selected: true } }, { hover, isTheirs: true }]) {
+    const had = guidance({ ...mine, hovered: "Red package", ...own });
+    assert.equal(had.text, "Red package is yours. Go on with the next.");
+    assert.equal(had.progress, null);
+  }
   const taken = guidance({ ...mine, hover: { ...hover, action: "refuse", taken_by: "ben" }, hovered: "Red package" });
   assert.equal(taken.progress, null);
   assert.match(taken.text, /ben has it/);

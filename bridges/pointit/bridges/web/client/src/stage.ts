@@ -96,7 +96,7 @@ export class Stage {
     view.keepClear?.(this.covered());
     const { software, renderer } = view.stats;
     show(this.chip, software);
-    write(this.chip, software ? "Light mode: no graphics processor" : "");
+    write(this.chip, software ? "Drawn simply: no graphics processor" : "");
     this.chip.title = renderer;
   }
 

@@ -36,6 +36,8 @@ export interface View {
   setPointing(on: boolean, user: string): void;
   /** Move the aimed-at place by so many metres to the right of the view and up (away) in it; for arrow keys. */
   nudge(right: number, away: number): void;
+  /** The arm rests: show no aim until the person points again. */
+  rest(): void;
   /** Remove everything from the page. */
   dispose(): void;
 }

@@ -40,10 +40,25 @@ export function thing(site: Site, id: string, kind = ""): string {
   return [kind || object?.kind, noun].filter(Boolean).join(" ");
 }
 
+/** What ends an id; ids begin with what tells runs of PointIt apart. */
+function ending(id: string): string {
+  return id.slice(id.lastIndexOf("-") + 1);
+}
+
+/** An object among others: `red 24`. */
+export function called(site: Site, id: string, kind = ""): string {
+  return `${kind || objectOf(site, id)?.kind || thing(site, id)} ${ending(id)}`;
+}
+
+/** Why something happened to an object, with its id as people are told it; empty: nothing is to be told. */
+export function plainly({ object_id: id, reason }: SelectionEvent): string {
+  return id ? reason.replaceAll(id, ending(id)) : reason;
+}
+
 /** How the log tells a selection event. */
 export function eventLine(site: Site, event: SelectionEvent): { severity: LogLine["severity"]; text: string } {
-  const what = `${thing(site, event.object_id, event.kind)} ${event.object_id}`;
-  const why = event.reason ? `: ${event.reason}` : "";
+  const what = called(site, event.object_id, event.kind);
+  const why = event.reason ? `: ${plainly(event)}` : "";
   switch (event.event) {
     case "selected": return { severity: "info", text: `selected ${what}` };
     case "deselected": return { severity: "info", text: `took back ${what}${why}` };

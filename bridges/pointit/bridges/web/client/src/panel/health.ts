@@ -107,7 +107,7 @@ export function healthPart(desk: Desk, stats: () => ViewStats | null): Part {
       const viewers = site.status?.viewers ?? 1;
       const { traffic } = site;
       write(page, [
-        view ? `${Math.round(view.fps)} frames/s with ${rendererName(view.renderer)}${view.software ? " (no graphics processor: light mode)" : ""}` : "no view",
+        view ? `${Math.round(view.fps)} frames/s with ${rendererName(view.renderer)}${view.software ? " (drawn simply: no graphics processor)" : ""}` : "no view",
         `${traffic.batches} updates/s, ${bytes(traffic.bytes)}/s`, traffic.dropped ? `${traffic.dropped} events missed` : "",
         `${viewers} ${viewers === 1 ? "page looks on" : "pages look on"}`, `PointIt ${site.hello?.version ?? ""}`,
       ].filter(Boolean).join(" · "));

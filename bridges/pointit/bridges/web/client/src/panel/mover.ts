@@ -17,6 +17,7 @@ export function moverPart(desk: Desk, mouse: Mouse, pairing: Pairing): Part {
   });
   who.element.classList.add("bare");
   const line = el("p", { className: "muted" });
+  const takeOver = el("button", { type: "button", onclick: () => void mouse.take() }, icon("mouse"), el("span", { text: "Take over" }));
   const tremor = slider({
     label: "Tremor of the mouse's arm", min: 0, max: 3, step: 0.1,
     text: (value) => (value ? `${value.toFixed(1)}°` : "none"), send: (value) => mouse.shake(value),
@@ -25,7 +26,7 @@ export function moverPart(desk: Desk, mouse: Mouse, pairing: Pairing): Part {
   const unpair = el("button", { type: "button", onclick: () => void desk.ask({ deed: "pair", name: desk.user, query: { off: true } }) },
     icon("close"), el("span", { text: "Unpair the phone" }));
   const paired = el("p", { className: "muted" });
-  const element = section("Who points", who.element, line, tremor.element, pair, paired, unpair);
+  const element = section("Who points", who.element, line, takeOver, tremor.element, pair, paired, unpair);
 
   async function release(): Promise<void> {
     if (desk.mine?.user === desk.user) await mouse.give();
@@ -46,9 +47,10 @@ export function moverPart(desk: Desk, mouse: Mouse, pairing: Pairing): Part {
       if (desk.mayDo("take")) options.push({ value: "mouse", label: "Mouse", icon: "mouse" });
       if (desk.mayDo("pair")) options.push({ value: "phone", label: "Phone", icon: "phone" });
       who.offer(options);
-      who.set(moved);
       show(element, user !== "" && options.length > 1);
       const isMine = person?.line?.is_mine ?? false;
+      who.set(moved === "mouse" && !isMine ? "" : moved); // another page's mouse is none of these
+      show(takeOver, moved === "mouse" && !isMine && desk.mayDo("take"));
       const phone = person?.line?.phone ?? "";
       const charge = person?.line?.battery;
       write(line, moved === "own"

@@ -39,7 +39,8 @@ export function nowPart(desk: Desk): Part {
   function showGauge(): void {
     const hover = desk.person?.hover;
     const isOn = Boolean(hover?.object_id && site.people.get(desk.user)?.interaction?.state === "pointing");
-    show(gaugeRow, isOn);
+    show(gaugeRow, desk.isPresent("selector")); // its place is kept, so that what is below does not jump
+    mark(gaugeRow, "data-shown", isOn ? "" : null);
     if (!isOn || !hover) return;
     gauge.value = hover.progress;
     const what = capital(thing(site, hover.object_id));

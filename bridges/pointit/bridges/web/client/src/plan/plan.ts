@@ -120,6 +120,10 @@ class Plan implements View {
     this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), from[0] + right, from[1] + away, 0.02));
   }
 
+  rest(): void {
+    if (!this.followed) show(this.layers.aim, false);
+  }
+
   dispose(): void {
     this.gestures.dispose();
     this.sized.disconnect();

@@ -19,6 +19,8 @@ export class Aim {
   /** Where the pointer is, -1 to 1 from left to right and from below to above; null: not over the picture. */
   readonly pointer = new THREE.Vector2();
   isOver = false;
+  /** The person does not point now: nothing shows where they did. */
+  isResting = false;
   private pending = false;
   private readonly fingers = new Set<number>();
   private readonly caster = new THREE.Raycaster();
@@ -52,7 +54,7 @@ export class Aim {
 
   set(on: boolean): void {
     this.on = on;
-    this.pending = false;
+    this.pending = this.isResting = false;
     if (!on) this.at = null;
     this.picture.canvas.style.cursor = on ? "crosshair" : "grab";
     this.wake();
@@ -76,7 +78,7 @@ export class Aim {
   /** Cast if anything has changed; returns the new place. `turned`: the camera was moved by aiming itself. */
   tick(targets: (into: THREE.Object3D[]) => void, turned: boolean): Vec3 | null {
     if (!this.on || !(this.pending || (turned && this.isOver))) return null;
-    this.pending = false;
+    this.pending = this.isResting = false;
     this.picture.camera.updateMatrixWorld();
     this.caster.setFromCamera(this.pointer, this.picture.camera);
     return this.cast(targets, true);
@@ -99,6 +101,7 @@ export class Aim {
 
   /** Move the place on what it is on; on upright things away is up. @param start where to begin, if nowhere yet */
   nudge(right: number, away: number, start: Read3, targets: (into: THREE.Object3D[]) => void): Vec3 {
+    this.isResting = false;
     const at: Vec3 = this.at ? [...this.at] : [...start];
     const { matrixWorld } = this.picture.camera, e = matrixWorld.elements;
     const length = Math.hypot(e[0]!, e[1]!) || 1, rx = e[0]! / length, ry = e[1]! / length;
@@ -118,7 +121,7 @@ export class Aim {
 
   /** The ghost: where it is aimed at, and what is missing from there to the person's cursor. */
   mark(marks: Marks, beams: Beams, cursor: Read3 | null, dark: boolean): void {
-    if (!this.on || !this.at) return;
+    if (!this.on || !this.at || this.isResting) return;
     const color: Read3 = dark ? [255, 255, 255] : [25, 30, 38];
     marks.add(this.at, 0.045, color, { faces: true, thick: 0.2, alpha: 0.9 });
     marks.add(this.at, 0.012, color, { faces: true, thick: 0.9, alpha: 0.9 });

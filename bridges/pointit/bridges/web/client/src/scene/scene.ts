@@ -137,6 +137,11 @@ class Scene implements View {
     this.options.onAim(this.aim.nudge(right, away, start, this.targets));
   }
 
+  rest(): void {
+    this.aim.isResting = true;
+    this.wake();
+  }
+
   private tearDown(): void {
     this.world?.people.dispose();
     this.world?.kit.dispose();
@@ -179,7 +184,7 @@ class Scene implements View {
     this.dirty = false;
     const chosen = this.site?.people.get(this.camera.user);
     const isAiming = this.aim.on && this.aim.isOver;
-    const turned = this.camera.tick(now, seconds, People.eyes(chosen), chosen?.cursor?.direction ?? null,
+    const turned = this.camera.tick(now, seconds, People.eyes(chosen), this.aim.isResting ? null : chosen?.cursor?.direction ?? null,
       isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null);
     picture.camera.updateMatrixWorld();
     this.moves = turned;

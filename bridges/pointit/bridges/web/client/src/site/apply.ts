@@ -2,7 +2,7 @@
 
 import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
-import { note } from "./log";
+import { Episodes, note } from "./log";
 import { emptyPerson, type Happened, type Person, type Site } from "./site";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
@@ -58,9 +58,8 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "leds/{led}/color": ({ site }, message, name) => void site.lamps.set(name, message),
   "strips/frame": ({ site }, message) => void (site.strips = message),
   "conveyor/state": ({ site }, message) => void (site.conveyor = message),
-  "health/{service}": ({ site }, message, name) => {
-    const before = site.health.get(name)?.warnings ?? [];
-    for (const warning of message.warnings) if (!before.includes(warning)) note(site, "warning", name, warning);
+  "health/{service}": ({ site, warned }, message, name, at) => {
+    for (const warning of message.warnings) if (warned.isNew(name, warning, at)) note(site, "warning", name, warning);
     site.health.set(name, message);
   },
   "deployment/{name}": ({ site }, message, name) => void site.deployments.set(name, message),
@@ -94,6 +93,8 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
 export class Keeper {
   /** Everybody of whom something is known; `site.people` has those who are there. */
   private readonly known = new Map<string, Person>();
+
+  readonly warned = new Episodes();
 
   constructor(readonly site: Site) {}
 

@@ -28,6 +28,8 @@ export class Connection {
   private readonly pending = new Pending();
   private readonly keeper: Keeper;
   private clock = new SiteClock();
+  /** The server is there and does not let this page in: it is not the one that the page was opened by. */
+  isRefused = false;
   private socket: WebSocket | null = null;
   private attempt = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -125,6 +127,7 @@ export class Connection {
   private opened(): void {
     if (this.site.lostAt) note(this.site, "info", "page", "connected again");
     this.attempt = 0;
+    this.isRefused = false;
     this.clock = new SiteClock();
     this.keeper.clear();
     this.isCatchingUp = true;
@@ -141,12 +144,20 @@ export class Connection {
     if (this.site.connected) {
       this.site.lostAt = performance.now();
       note(this.site, "warning", "page", "the connection was lost");
-    }
+    } else void this.findOut();
     this.site.connected = false;
     const wait = BACK_OFF_MS[Math.min(this.attempt, BACK_OFF_MS.length - 1)]!;
     this.attempt += 1;
     this.events.onState(false, this.attempt);
     this.timer = setTimeout(() => this.open(), wait * (1 + 0.3 * Math.random()));
+  }
+
+  /** Why no connection was had: a refused WebSocket does not tell. */
+  private async findOut(): Promise<void> {
+    const status = await fetch("/", { cache: "no-store" }).then((answer) => answer.status, () => 0);
+    if (this.site.connected || this.isRefused === (status === 403)) return;
+    this.isRefused = status === 403;
+    this.events.onState(false, this.attempt);
   }
 
   /** Try at once, where it would be tried later: the network or the person is back. */

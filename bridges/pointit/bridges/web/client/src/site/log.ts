@@ -9,6 +9,24 @@ export function note(site: Site, severity: LogLine["severity"], who: string, tex
   if (site.log.length > LOG_LINES) site.log.splice(0, site.log.length - LOG_LINES);
 }
 
+/** A warning that was not heard for so long begins anew, ms. */
+const EPISODE_MS = 10_000;
+
+/** Warnings that stand on, often with other figures each second, are one episode each. */
+export class Episodes {
+  /** When each was heard last, by service and sentence without its numbers. */
+  private readonly heard = new Map<string, number>();
+
+  /** Whether an episode begins with this warning, heard `at` (`performance.now()`, ms). */
+  isNew(service: string, warning: string, at: number): boolean {
+    for (const [key, last] of this.heard) if (at - last > EPISODE_MS) this.heard.delete(key);
+    const key = `${service} ${warning.replaceAll(/\d+([.,]\d+)*/g, "#")}`;
+    const isNew = !this.heard.has(key);
+    this.heard.set(key, at);
+    return isNew;
+  }
+}
+
 /** The lines that have every word of `filter`, newest first, at most `most`. */
 export function matching(log: readonly LogLine[], filter: string, most: number): LogLine[] {
   const words = filter.toLowerCase().split(/\s+/).filter(Boolean);

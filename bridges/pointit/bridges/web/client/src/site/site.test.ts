@@ -1,14 +1,15 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { encode } from "@msgpack/msgpack";
-import type { Health } from "../messages";
+import type { Health, SelectionEvent } from "../messages";
 import type { Ask, PersonLine, Status } from "../wire";
 import { Keeper } from "./apply";
 import { Asks, Refusal } from "./asks";
 import { decodeBatch, numberOf, Pending } from "./batch";
 import { losses, rates } from "./figures";
-import { matching, note } from "./log";
+import { Episodes, matching, note } from "./log";
 import { emptySite, LOG_LINES } from "./site";
+import { called, eventLine } from "../words";
 import { LatencyHistory, quantile, quantiles, SiteClock } from "./timing";
 
 const cursor = (seq: number): Uint8Array => encode({ seq, stamp_ns: 5, point_m: [1, 2, 3] });
@@ -144,6 +145,23 @@ test("the log is bounded, filtered by words, newest first", () => {
   const found = matching(site.log, "ANNA warning", 3);
   assert.deepEqual(found.map((line) => line.text), [448, 446, 444].map((n) => `line ${n}`));
   assert.deepEqual(matching(site.log, "nothing like it", 3), []);
+});
+
+test("a warning that stands on is told once, whatever its figures; one that comes back is told again", () => {
+  const episodes = new Episodes();
+  const isNew = (at: number, warning: string, service = "imu"): boolean => episodes.isNew(service, warning, at);
+  assert.equal(isNew(0, "12.5 of 100 samples are late"), true);
+  for (let at = 1000; at < 30_000; at += 1000) assert.equal(isNew(at, `${at / 7} of 100 samples are late`), false);
+  assert.equal(isNew(30_000, "3 of 100 samples are late", "ray"), true);
+  assert.equal(isNew(60_000, "12.5 of 100 samples are late"), true);
+});
+
+test("an object is called by its kind and the end of its id", () => {
+  const site = emptySite();
+  assert.equal(called(site, "a1b2-24", "red"), "red 24");
+  assert.equal(called(site, "a1b2-24"), "object 24");
+  const event = { event: "refused", object_id: "a1b2-24", kind: "red", user: "anna", reason: "a1b2-24 is gone" } as SelectionEvent;
+  assert.equal(eventLine(site, event).text, "could not select red 24: 24 is gone");
 });
 
 const health = (user: string, key: string, rate: number): Health => ({

@@ -1,0 +1,69 @@
+"""The tokens of a site's pages: the same at every start, as long as nobody else could have read them."""
+
+from pathlib import Path
+
+import pytest
+
+from pointit.cli.page_tokens import kept_tokens
+
+
+def kept_at(state: Path, site: str = "lab") -> Path:
+    return state / site / "web" / "tokens.json"
+
+
+def test_they_stay_the_same_for_a_site_and_nobody_else_reads_them(own_state: Path) -> None:
+    tokens, notes = kept_tokens("lab")
+    assert not notes
+    assert kept_tokens("lab") == (tokens, ())
+    assert kept_at(own_state).stat().st_mode & 0o777 == 0o600
+    assert kept_at(own_state).parent.stat().st_mode & 0o777 == 0o700
+    assert [path.name for path in kept_at(own_state).parent.iterdir()] == ["tokens.json"]
+    other, _ = kept_tokens("other")
+    assert len({tokens.operator, tokens.viewer, other.operator, other.viewer}) == 4
+    assert min(len(tokens.operator), len(tokens.viewer)) >= 22
+
+
+def test_they_can_be_forgotten() -> None:
+    tokens, _ = kept_tokens("lab")
+    new, notes = kept_tokens("lab", renew=True)
+    assert not {new.operator, new.viewer} & {tokens.operator, tokens.viewer}
+    assert not notes
+    assert kept_tokens("lab") == (new, ())
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o602])
+def test_those_that_others_could_read_or_change_are_made_anew(own_state: Path, mode: int) -> None:
+    tokens, _ = kept_tokens("lab")
+    kept_at(own_state).chmod(mode)
+    new, (note,) = kept_tokens("lab")
+    assert not {new.operator, new.viewer} & {tokens.operator, tokens.viewer}
+    assert note.endswith(f"{kept_at(own_state)} could be read by others")
+    assert kept_tokens("lab") == (new, ())
+    assert kept_at(own_state).stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"operator": "short", "viewer": "short"}',
+        f'{{"operator": "{"a" * 24}", "viewer": "{"a" * 24}"}}',
+        f'{{"operator": "{"a" * 23}&", "viewer": "{"b" * 24}"}}',
+        "\0" * 9000,
+    ],
+)
+def test_a_broken_file_is_made_anew_and_not_shown(own_state: Path, text: str) -> None:
+    kept_tokens("lab")
+    kept_at(own_state).write_text(text)
+    new, (note,) = kept_tokens("lab")
+    assert note.endswith("does not hold two tokens")
+    assert kept_tokens("lab") == (new, ())
+
+
+def test_where_nothing_can_be_kept_it_is_said(own_state: Path) -> None:
+    own_state.write_text("no folder")
+    tokens, notes = kept_tokens("lab")
+    assert tokens.operator
+    assert "the link of the page is for this time only" in notes[-1]

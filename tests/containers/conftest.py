@@ -1,0 +1,122 @@
+"""A secured site of its own for two people, in containers; made once, taken down whatever happens."""
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.buses import free_port
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+BASE = "docker.io/library/python:3.11-slim"
+IMAGE = "localhost/pointit-test:latest"
+PODMAN = shutil.which("podman") or ""
+COMPOSE = shutil.which("podman-compose") or ""
+PATIENCE_S = 90.0
+
+
+def missing() -> str:
+    """Return why no containers can be run here; empty when they can."""
+    if not PODMAN or not COMPOSE:
+        return "podman and podman-compose are not installed"
+    if os.geteuid() != 0:
+        return "networks of containers need root here"
+    if subprocess.run([PODMAN, "image", "exists", BASE], check=False).returncode:
+        return f"the base image {BASE} is not on this machine"
+    return ""
+
+
+def podman(*arguments: str, check: bool = True, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Run podman; what it says is in the result."""
+    done = subprocess.run(
+        [PODMAN, *arguments], check=False, capture_output=True, text=True, timeout=timeout_s
+    )
+    assert not check or done.returncode == 0, done.stderr + done.stdout
+    return done
+
+
+def until(holds: Callable[[], bool], what: Callable[[], str], patience_s: float = PATIENCE_S) -> float:
+    """Wait until something holds; return how long that took, s."""
+    began_s = time.monotonic()
+    while not holds():
+        assert time.monotonic() - began_s < patience_s, what()
+        time.sleep(0.2)
+    return time.monotonic() - began_s
+
+
+@dataclass(frozen=True)
+class Stack:
+    """What runs."""
+
+    site: str
+    port: int
+    page_port: int
+
+    def compose(self, file: str, *arguments: str, **variables: str) -> str:
+        """Run podman-compose on one of the files; return what it has said."""
+        own = {"SITE": self.site, "PORT": str(self.port), "PAGE_PORT": str(self.page_port), "IMAGE": IMAGE}
+        done = subprocess.run(
+            [COMPOSE, "-f", str(DEPLOY / file), *arguments],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            env={**os.environ, **own, **variables},
+        )
+        return done.stdout + done.stderr
+
+    def name(self, service: str) -> str:
+        """Return the container's name."""
+        return f"{self.site}-{service}"
+
+    def log(self, service: str) -> str:
+        """Return what a container has logged."""
+        done = podman("logs", self.name(service), check=False)
+        return done.stdout + done.stderr
+
+    def inside(self, service: str, *command: str) -> subprocess.CompletedProcess[str]:
+        """Run a command in a container."""
+        return podman("exec", self.name(service), *command, check=False)
+
+    def about(self, service: str) -> dict[str, Any]:
+        """Return what podman knows of a container."""
+        (known,) = json.loads(podman("inspect", self.name(service)).stdout)
+        return dict(known)
+
+    def doctor(self, *arguments: str) -> dict[str, Any]:
+        """Return what `pointit doctor` says in the keeper's container."""
+        done = self.inside("keeper", "pointit", "doctor", "--json", *arguments)
+        return dict(json.loads(done.stdout)) if done.stdout.startswith("{") else {"healthy": False}
+
+
+@pytest.fixture(scope="session")
+def stack() -> Generator[Stack]:
+    """Bring the site up as README.md says, and a second person."""
+    if why := missing():
+        pytest.skip(why)
+    podman(
+        *("build", "--quiet", "--network", "host", "--format", "docker", "--tag", IMAGE),
+        *("--file", str(DEPLOY / "Dockerfile"), str(DEPLOY.parent)),
+        timeout_s=600,
+    )
+    made = Stack(site=f"test{os.getpid()}", port=free_port(), page_port=free_port())
+    second = {"USER_NAME": "anna", "USER_PLACE": "2"}
+    try:
+        made.compose("compose.yaml", "up", "-d")
+        made.compose("compose.user.yaml", "up", "-d", **second)
+        yield made
+    finally:
+        made.compose("compose.user.yaml", "down", **second)
+        made.compose("compose.yaml", "down")
+        for kind in ("volume", "network"):
+            names = podman(kind, "ls", "--format", "{{.Name}}").stdout.split()
+            for name in names:
+                if name == made.site or name.startswith(f"{made.site}-"):
+                    podman(kind, "rm", "--force", name, check=False)

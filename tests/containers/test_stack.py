@@ -1,0 +1,187 @@
+"""The site in containers: it works for two people, is well, is confined, comes back, and ends in time."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.containers.conftest import Stack, podman, until
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+SHARED = ("keeper", "pui", "selector", "led-driver", "conveyor-sim", "web")
+PEOPLE = ("user1", "anna")
+ALL = ("router", *SHARED, *PEOPLE)
+SERVICES = 6 + 2 * 5
+HANDED = {"router": {"ca.pem", "cert.pem", "key.pem", "router.json5"}}
+OWN = {"ca.pem", "cert.pem", "key.pem", "link.json"}
+END_S = 5.0
+
+
+def test_what_two_people_select_leaves_at_bay_1(stack: Stack) -> None:
+    def done() -> bool:  # a person's process tells what that person did
+        logs = {name: stack.log(name) for name in PEOPLE}
+        return all(re.search(rf"\d selected by {name}", log) for name, log in logs.items()) and any(
+            re.search(r"red \d+ dispatched at bay 1", log) for log in logs.values()
+        )
+
+    until(done, lambda: "\n".join(stack.log(name) for name in ("init", *ALL)), 240.0)
+
+
+def test_all_is_well_inside(stack: Stack) -> None:
+    found: dict[str, Any] = {}
+
+    def well() -> bool:
+        found.clear()
+        found.update(stack.doctor())
+        return bool(found["healthy"]) and len(found["services"]) == SERVICES
+
+    until(well, lambda: str(found))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_container_tells_that_it_is_well(stack: Stack, name: str) -> None:
+    def well() -> bool:
+        return podman("healthcheck", "run", stack.name(name), check=False).returncode == 0
+
+    until(well, lambda: stack.log(name))
+
+
+def test_nobody_is_told_of_refusals(stack: Stack) -> None:
+    assert "refused" not in stack.log("router")
+    assert all("may not" not in stack.log(name) for name in ALL)
+
+
+def test_the_page_answers_whoever_has_its_link_on_this_machine(stack: Stack) -> None:
+    def link() -> str:
+        found = re.findall(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", stack.log("web"))
+        return found[-1] if found else ""
+
+    until(lambda: bool(link()), lambda: stack.log("web"))
+    jar = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    with jar.open(link(), timeout=10) as answer:
+        assert b"PointIt" in answer.read()
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(f"http://127.0.0.1:{stack.page_port}/", timeout=10)
+    assert refused.value.code == 403
+    refused.value.close()
+    ports = podman("port", stack.name("web")).stdout.split("->")
+    assert ports[-1].strip() == f"127.0.0.1:{stack.page_port}"
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_container_is_confined(stack: Stack, name: str) -> None:
+    about = stack.about(name)
+    host = about["HostConfig"]
+    assert host["ReadonlyRootfs"] is True
+    assert host["Privileged"] is False
+    assert host["NetworkMode"] != "host"
+    assert host["Memory"] > 0
+    assert not about["EffectiveCaps"]
+    status = stack.inside(name, "cat", "/proc/self/status").stdout
+    assert re.search(r"^CapBnd:\t0+$", status, re.MULTILINE)
+    assert re.search(r"^NoNewPrivs:\t1$", status, re.MULTILINE)
+    assert re.search(r"^Uid:\t10001\t", status, re.MULTILINE)
+    assert stack.inside(name, "touch", "/opt/pointit/x").returncode != 0
+    assert stack.inside(name, "touch", "/tmp/x").returncode == 0  # noqa: S108 - the container's own
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_container_has_its_own_credentials_only(stack: Stack, name: str) -> None:
+    found = stack.inside(
+        name, "find", "/credentials", "/handed", "/router", "/site", "/state", "-name", "*.*"
+    )
+    files = {path for path in found.stdout.split() if path.endswith((".pem", ".json5", "link.json"))}
+    folder = "/router" if name == "router" else "/credentials"
+    pages_own = {"/state/certificate.pem", "/state/key.pem"} if name == "web" else set[str]()
+    assert files - pages_own == {f"{folder}/{file}" for file in HANDED.get(name, OWN)}
+    assert stack.inside(name, "touch", f"{folder}/x").returncode != 0
+    if name != "router":
+        link = stack.inside(name, "cat", "/credentials/link.json").stdout
+        expected = name if name in (*PEOPLE, "web") else "services"
+        assert f'"name": "{expected}"' in link
+
+
+def test_no_key_is_in_the_image(stack: Stack) -> None:
+    done = podman(
+        *("run", "--rm", "--network", "none", "--entrypoint", "find", stack.about("pui")["ImageName"]),
+        *("/", "-xdev", "-name", "key.pem", "-o", "-name", "*.key", "-o", "-path", "/etc/passwd"),
+        check=False,
+    )
+    assert done.stdout.split() == ["/etc/passwd"]  # it has looked
+
+
+def test_who_is_not_published_has_no_way_out(stack: Stack) -> None:
+    code = (
+        "import socket\n"
+        "try: socket.create_connection(('192.0.2.1', 80), 2)\n"
+        "except OSError as error: print(error.errno)"
+    )
+    for name in ("pui", "anna"):
+        assert stack.inside(name, "python3", "-c", code).stdout.strip() == "101"  # ENETUNREACH
+
+
+def test_credentials_that_are_carried_away_join_from_there(stack: Stack, tmp_path: Path) -> None:
+    for name in ("dashboard1", "guest1"):
+        podman("cp", f"{stack.name('init')}:/site/identities/{name}", str(tmp_path))
+        folder = str(tmp_path / name)
+        done = subprocess.run(
+            [sys.executable, "-m", "pointit.cli", "doctor", "--only", "pui", "--credentials", folder],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert done.returncode == 0, done.stderr + done.stdout
+
+
+@pytest.mark.parametrize("name", ["selector", "router", "anna"])
+def test_a_killed_container_comes_back(stack: Stack, name: str) -> None:
+    before = stack.about(name)["State"]["Pid"]
+    os.kill(before, signal.SIGKILL)
+
+    def back() -> bool:
+        pid = stack.about(name)["State"]["Pid"]
+        return pid not in (0, before)
+
+    assert until(back, lambda: stack.log(name)) < 10
+    until(lambda: bool(stack.doctor()["healthy"]), lambda: str(stack.doctor()))
+
+
+def test_a_killed_program_is_begun_again(stack: Stack) -> None:
+    code = (
+        "import os, pathlib, signal\n"
+        "for path in pathlib.Path('/proc').glob('[0-9]*'):\n"
+        "    if b'bin/pointit\\0service' in (path / 'cmdline').read_bytes():\n"
+        "        os.kill(int(path.name), signal.SIGKILL)\n"
+        "        print('killed')"
+    )
+    assert stack.inside("pui", "python3", "-c", code).stdout.strip() == "killed"
+    until(lambda: "exit code 137); again in 1 s" in stack.log("pui"), lambda: stack.log("pui"))
+    until(lambda: bool(stack.doctor()["healthy"]), lambda: str(stack.doctor()))
+
+
+def test_who_is_revoked_is_refused_and_that_is_told(stack: Stack) -> None:
+    said = stack.compose("compose.yaml", "run", "-T", "--rm", "--no-deps", "init", "site", "revoke", "anna")
+    assert "anna may do nothing any more" in said
+    until(lambda: f"{stack.site}/anna may not" in stack.log("router"), lambda: stack.log("router"), 15)
+    until(lambda: "this identity (anna) may do nothing here" in stack.log("anna"), lambda: stack.log("anna"))
+
+
+def test_every_container_ends_in_time(stack: Stack) -> None:
+    """The last test: nothing runs afterwards. The router ends last, as `podman-compose down` has it."""
+    took_s: dict[str, float] = {}
+    for name in reversed(ALL):
+        began_s = time.monotonic()
+        podman("stop", "--time", "20", stack.name(name))
+        took_s[name] = time.monotonic() - began_s
+        assert stack.about(name)["State"]["ExitCode"] == 0, stack.log(name)
+    assert max(took_s.values()) < END_S, took_s

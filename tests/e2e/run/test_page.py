@@ -107,14 +107,14 @@ async def test_another_scenario_takes_its_place(
         doctor = await commands.pointit("doctor", "--connect", endpoint)
         assert "selector" not in doctor.out  # nothing of the other scenario is missed
     family = command.family()
-    assert len(family) == (14 if processes else 1)
+    assert len(family) == (15 if processes else 1)
     ended = await command.stop()
     assert ended.code == 0, ended.err
     assert ended.took_s < 2
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
     assert summary["scenario"] == "scenario_2"
-    assert len(summary["services"]) == 13
+    assert len(summary["services"]) == 14
 
 
 async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ async def test_two_systems_on_one_router_do_not_see_each_other(commands: Command
             assert summary["site"] == site
             assert summary["selected"] > 0
             assert summary["wrong"] == 0
-            assert len(summary["services"]) == 4 + 4 * users
+            assert len(summary["services"]) == 5 + 4 * users
 
 
 @pytest.mark.slow

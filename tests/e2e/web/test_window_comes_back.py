@@ -68,8 +68,9 @@ async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_
     server.kill()
     await expect(lost).to_be_visible()
     await server.start("another-one-than-before")
-    for _ in range(8):
-        await page.get_by_role("button", name="Try now").click()
-        await page.wait_for_timeout(150)
-    await expect(lost).to_contain_text("Open the link that it printed when it was started.", timeout=20_000)
-    assert [fault for fault in window.faults if "/ws" not in fault] == []
+    await expect(lost).to_contain_text(
+        "PointIt was started anew: open the link that it prints", timeout=20_000
+    )
+    # a browser reports by itself what a page asks of a server that is not there, or not its own any more
+    asked = ("/ws", f"failed: {site.origin}/", "ERR_CONNECTION_REFUSED", "403")
+    assert [fault for fault in window.faults if not any(each in fault for each in asked)] == []

@@ -21,8 +21,8 @@ from tests.support.cli_site import Ended, Site, interrupt
 POINTING = ("-m", "pointit.services.pointing", "--user", "anna")
 
 
-def expect(site: Site, *services: ExpectedService) -> None:
-    site.bus.publisher(DEPLOYMENT, "test").put(Deployment(stamp_ns=1, name="test", services=services))
+def expect(site: Site, *services: ExpectedService, name: str = "test") -> None:
+    site.bus.publisher(DEPLOYMENT, name).put(Deployment(stamp_ns=1, name=name, services=services))
 
 
 def findings(ended: Ended) -> list[tuple[str, str]]:

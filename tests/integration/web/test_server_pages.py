@@ -287,7 +287,7 @@ async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest
         assert offer["url"].startswith(opened["reply"]["url"] + "/phone?token=")
         assert offer["qr_svg"].startswith("<svg")
         assert drawn_by == [False]
-        await until(lambda: "paired" in page.person("anna")["phone"])
+        await until(lambda: "waiting" in page.person("anna")["phone"])
 
 
 async def test_the_figures_are_told_in_health() -> None:

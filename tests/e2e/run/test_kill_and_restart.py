@@ -65,6 +65,7 @@ def undisturbed(before: dict[str, Health], seen: Onlooker, killed: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(240)
 async def test_each_service_may_be_killed_and_started_again(commands: Commands, endpoint: str) -> None:
     endless = (

@@ -27,6 +27,7 @@ async def found(commands: Commands, endpoint: str) -> list[dict[str, Any]]:
     return [finding for finding in report["findings"] if "the clock of machine" in finding["sentence"]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("keeper", "ahead_s"), [(True, 1.5), (True, -0.2), (True, 0.0), (False, 1.5), (False, -1.5)]
 )

@@ -33,6 +33,7 @@ async def is_run_by(seen: Onlooker, command: Command, patience_s: float = TAKEN_
     await seen.sees_cursors("anna", patience_s=max(5.0, patience_s - (time.monotonic() - began_s)))
 
 
+@pytest.mark.long
 async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
     commands: Commands, endpoint: str
 ) -> None:

@@ -76,6 +76,7 @@ async def light_p99_ms(seen: Onlooker) -> float:
     return p99_ms
 
 
+@pytest.mark.long
 async def test_fifty_pages_all_get_frames_and_the_light_is_as_fast(site: SitePage) -> None:
     async with onlooker(site.endpoint) as seen:
         await seen.sees_more(seen.cursors["user1"], "cursors")

@@ -56,7 +56,11 @@ def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> Non
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    ("kind", "most_deg"), [(STEADY, 3.0), ((), BOUND_DEG)], ids=["steady", "as measured"]
+    ("kind", "most_deg"),
+    [
+        pytest.param(STEADY, 3.0, id="steady", marks=pytest.mark.long),
+        pytest.param((), BOUND_DEG, id="as measured"),
+    ],
 )
 def test_so_it_is_for_most_people(kind: tuple[str, ...], most_deg: float) -> None:
     errors_deg = [final_error_deg(three_minutes(seed, *kind, *EVERY_MINUTE)) for seed in range(1, 21)]

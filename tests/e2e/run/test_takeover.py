@@ -5,6 +5,8 @@ import json
 import signal
 import time
 
+import pytest
+
 from tests.support.bench import until
 from tests.support.commands import Command, Commands, Onlooker, onlooker
 

@@ -1,6 +1,7 @@
 """The page: how old what it shows is, and what serving it costs the run and each client the network."""
 
 import asyncio
+import json
 import statistics
 import tempfile
 import time
@@ -136,15 +137,22 @@ async def browser(site: SitePage, path: str, duration_s: float, *, view: str) ->
     async with chromium(path) as opened:
         page = await (await opened.new_context(viewport={"width": 1280, "height": 800})).new_page()
         await page.add_init_script(f"localStorage.setItem('pointit', '{{\"view\":\"{view}\"}}')")
+        latencies: list[float] = []
+
+        def on_sent(payload: str | bytes) -> None:
+            told = json.loads(payload)
+            if told["kind"] == "ack" and told["latency_ms"] is not None:
+                latencies.append(told["latency_ms"])
+
+        page.on("websocket", lambda socket: socket.on("framesent", on_sent))
         await page.goto(site.url)
         await asyncio.sleep(WARM_S)
-        seen = int(await page.evaluate("window.pointit.site.latencies.length"))
+        latencies.clear()
         cpu_s, began_s = browser_cpu_s(), time.monotonic()
         frames = asyncio.create_task(frame_rates(page, duration_s))
         result = await watched(site, duration_s)
         cpu_s, wall_s = browser_cpu_s() - cpu_s, time.monotonic() - began_s
         fps = await frames
-        latencies = await page.evaluate(f"window.pointit.site.latencies.slice({seen})")
         stats = await page.evaluate("window.pointit.stats")
         traffic = await page.evaluate("window.pointit.site.traffic")
     return {

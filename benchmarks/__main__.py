@@ -13,13 +13,13 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import bare_chain, cores, our_chain, page, startup, users
+from benchmarks import bare_chain, cores, our_chain, page, ros2, startup, users
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.process import SWITCH_INTERVAL_S
 from pointit.runtime.state import VARIABLE
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "startup", "cores", "page")
+PARTS = ("latency", "users", "startup", "cores", "page", "ros2")
 ROUNDS = 3
 """Baseline and ours take turns, so that both see the same machine."""
 
@@ -88,7 +88,8 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
         console.print("start-up …")
         result["startup"] = startup.start()
         console.print(
-            f"command to first cursor {result['startup']['command_to_first_cursor_s']} s, "
+            f"command to first light {result['startup']['command_to_first_light_s']} s, "
+            f"to first cursor {result['startup']['command_to_first_cursor_s']} s, "
             f"peak memory {result['startup']['memory_peak_mb']} MB"
         )
     if "cores" in wanted:
@@ -101,6 +102,10 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
         console.print("page: browsers and bare clients of a run …")
         result["page"] = asyncio.run(page.measure(max(duration, page.LEAST_S)))
         console.print(page_table(result["page"]))
+    if "ros2" in wanted:
+        console.print("ROS 2: the bridge as a process, a node beside it …")
+        result["ros2"] = asyncio.run(ros2.measure(duration))
+        console.print(ros2_table(result["ros2"]))
     result["after"] = machine()
     console.print(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
@@ -171,6 +176,30 @@ def page_table(page_result: dict[str, Any]) -> Table:
             f"{row['cost_of_page']:.1%}" if "cost_of_page" in row else "",
             f"{age['p50']:.1f} / {age['p95']:.1f} / {age['p99']:.1f}" if age else "",
             f"{light_ms:.1f}" if light_ms is not None else "-",
+        )
+    return table
+
+
+def ros2_table(ros2_result: dict[str, Any]) -> Table:
+    """Return what the bridge to ROS 2 costs beside a bare relay, as a table."""
+    trip = ros2_result["round_trip"]
+    load = ros2_result["before"]["load_average"][0]
+    table = Table(
+        title=f"Bridge to ROS 2, load {load}: started in {ros2_result['start_s']} s; round trip p50 "
+        f"{trip['p50_ms']:.2f} ms, p99 {trip['p99_ms']:.2f} ms, {trip['lost']} of {trip['count']} lost"
+    )
+    for column in ("what", "messages/s", "CPU of a core", "µs per message", "lost"):
+        table.add_column(column, justify="left" if column == "what" else "right")
+    rows = [("bare relay of bytes", ros2_result["bare_relay"]), ("nothing", ros2_result["nothing"])]
+    rows += [(way, row) for way in ("out", "in", "both") for row in ros2_result[way]]
+    for name, row in rows:
+        us = row["us_per_message"]
+        table.add_row(
+            name,
+            f"{row['messages_per_second']:.0f}",
+            f"{row['cpu_share_of_a_core']:.1%}",
+            f"{us:.0f}" if us else "-",
+            f"{row['lost']}",
         )
     return table
 

@@ -1,11 +1,14 @@
-"""What holds for every test: no task outlives it, no state of this machine is read or written."""
+"""What holds for every test: no task, no command outlives it; no state of this machine is read or written."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 import pytest_asyncio
+
+from tests.support.buses import free_port
+from tests.support.commands import Commands
 
 
 @pytest.fixture(autouse=True)
@@ -27,3 +30,21 @@ async def no_task_is_left() -> AsyncIterator[None]:
         task.cancel()
     await asyncio.gather(*left, return_exceptions=True)
     assert not left, f"tasks left running: {[task.get_name() for task in left]}"
+
+
+@pytest.fixture
+def commands(tmp_path: Path) -> Iterator[Commands]:
+    """Start `pointit …`; nothing outlives the test."""
+    folder = tmp_path / "printed"
+    folder.mkdir()
+    started = Commands(folder)
+    try:
+        yield started
+    finally:
+        started.kill_all()
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """Return an address that nobody listens at."""
+    return f"tcp/127.0.0.1:{free_port()}"

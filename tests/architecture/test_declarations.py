@@ -12,7 +12,7 @@ from pointit.runtime import Config, Context, Exchange, MemoryBus
 from pointit.runtime.health import ServiceBus
 from pointit.schemas.topics import USER_ALIVE
 from pointit.services.registry import PROCESSES, Process
-from tests.support.bench import ManualClock
+from tests.support.bench import ManualClock, until
 
 RECORDING = """\
 t,qw,qx,qy,qz,robot_x,robot_y,robot_z
@@ -31,8 +31,13 @@ def at_any_port(kind: type[Config], _folder: Path) -> Config:
     return kind.model_validate({"port": 0})
 
 
+def in_a_graph_of_its_own(kind: type[Config], _folder: Path) -> Config:
+    return kind.model_validate({"backend": {"mode": "router", "endpoint": "tcp/127.0.0.1:0"}})
+
+
 CONFIGURATIONS: dict[str, Callable[[type[Config], Path], Config]] = {
     "robot-replay": with_a_recording,
+    "ros2": in_a_graph_of_its_own,
     "web": at_any_port,
 }
 """For services that do not start without being told something, or that would disturb others."""
@@ -54,6 +59,7 @@ async def test_a_service_declares_what_its_row_says(row: Process, tmp_path: Path
     try:
         for _ in range(20):
             await asyncio.sleep(0)
+        await until(lambda: bool(view.writes) or not row.writes or life.done(), 10, "a writer")
         if life.done():
             life.result()
         assert_within(row.name, "reads", view.reads, row.reads)

@@ -23,10 +23,12 @@ OUTSIDERS = {"cli", "external", "every service"}
 
 DEVICES = {
     "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py"},
+    "keeper": {"record.py"},
     "led-driver": {"expander.py"},
     "web": {
         "answers.py",
         "app.py",
+        "certificate.py",
         "guard.py",
         "lan.py",
         "pages.py",
@@ -36,8 +38,23 @@ DEVICES = {
         "serving.py",
         "session.py",
     },
+    "ros2": {
+        "backends.py",
+        "complaints.py",
+        "inbox.py",
+        "outbox.py",
+        "rclpy_backend.py",
+        "rclpy_seat.py",
+        "rclpy_services.py",
+        "rclpy_topics.py",
+        "ros2dds.py",
+        "seat.py",
+        "zenoh_backend.py",
+        "zenoh_services.py",
+        "zenoh_topics.py",
+    },
 }
-"""Modules beside `service.py` that wait for devices or time; no cores."""
+"""Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 
 LONGEST = 400
 
@@ -94,6 +111,7 @@ def test_every_service_is_what_its_row_says(row: Process) -> None:
     assert row.name == service.NAME
     assert row.scope == service.SCOPE
     assert issubclass(service.CONFIG, Config)
+    assert row.config() is service.CONFIG
 
 
 @rows
@@ -130,6 +148,7 @@ def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
     harmless = set(sources.importers("pointit.runtime.config", cores))
     harmless |= set(sources.importers("pointit.runtime.errors", cores))
     harmless |= set(sources.importers("pointit.runtime.complaint", cores))
+    harmless |= set(sources.importers("pointit.runtime.skew", cores))
     found = {place for module in doors for place in sources.importers(module, cores)}
     assert not found - harmless, f"{row.name}: a core gets inputs and the time, and returns messages"
 

@@ -225,6 +225,23 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert machine.calls == ["pointit schema --check"]
 
 
+@pytest.mark.parametrize("browser", ["", "google-chrome"])
+def test_ci_says_when_there_is_no_browser(machine: Machine, browser: str) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    for script in ("test", "check"):
+        (machine.root / "scripts" / script).write_text("#!/bin/sh\n", encoding="utf-8")
+    machine.add("id", "#!/bin/sh\necho 0\n")
+    machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
+    if browser:
+        machine.add(browser, "#!/bin/sh\n")
+    done = machine.run("../.ci/run")
+    assert done.returncode == 0
+    assert machine.calls == ([] if browser else ["apt-get update"])
+    warnings = [line for line in done.stderr.splitlines() if "IN A BROWSER ARE SKIPPED" in line]
+    assert len(warnings) == (0 if browser else 2)  # before the tests and after them
+    assert ("E: no net" in done.stderr) == (not browser)
+
+
 def test_all_scripts_are_executable_and_parse() -> None:
     for script in (*(ROOT / "scripts").iterdir(), ROOT / ".ci" / "run"):
         assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - whichever bash

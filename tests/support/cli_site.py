@@ -14,19 +14,7 @@ from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample
 from pointit.schemas.topics import IMU
 from tests.support.bench import until
-from tests.support.buses import free_port
-
-PATIENCE_S = 30.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ended:
-    """A command that ended."""
-
-    code: int
-    out: str
-    err: str
-    took_s: float
+from tests.support.commands import PATIENCE_S, Ended
 
 
 @dataclass
@@ -106,7 +94,3 @@ async def interrupt(process: asyncio.subprocess.Process) -> tuple[int, float]:
 async def next_line(stream: asyncio.StreamReader | None) -> str:
     assert stream is not None
     return (await asyncio.wait_for(stream.readline(), PATIENCE_S)).decode()
-
-
-def free_endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"

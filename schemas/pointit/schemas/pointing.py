@@ -214,10 +214,35 @@ class Interaction(Message):
     ] = False
 
 
+class Goal(Message):
+    """A place at which a person pointed in two steps, where a robot is to go, {W}; no safety function.
+
+    `stamp_ns`: of the ray with which it was confirmed. Who receives it judges it: late, or unsure, it is not
+    to be followed.
+    """
+
+    position_m: Vec3
+    yaw_rad: Annotated[Real, Field(description="azimuth from the person to the place: facing on, on arrival")]
+    surface_id: Annotated[
+        str, Field(description="level plane of the map it is on, or `workspace/horizontal`; empty: unknown")
+    ] = ""
+    age_s: Annotated[Extent, Field(description="of that ray when the goal was given")]
+    position_sigma_m: Annotated[
+        Extent, Field(description="1 sigma along the worse direction, of the person's place and aim")
+    ]
+    clearance_m: Annotated[
+        Extent, Field(description="on the floor from the place to the nearest person whose place is known")
+    ]
+    proposed_ns: Annotated[Ns, Field(description="stamp of the ray with which it was proposed")]
+    confirmed_by: Annotated[
+        Literal["again", "press"], Field(description="by pointing there once more, or by their button")
+    ]
+
+
 class Feedback(Message):
     """A cue for the person's senses."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     cue: Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
     text: str = ""
@@ -232,3 +257,4 @@ class Feedback(Message):
     color: Annotated[Rgb | None, Field(description="what a state lamp is to show for a moment")] = None
     target_id: Annotated[str, Field(description="what the person is asked to point at")] = ""
     waits: Annotated[bool, Field(description="there is nothing to do yet but wait for the next cue")] = False
+    point_m: Annotated[Vec3 | None, Field(description="the place that it is about, {W}; empty: none")] = None

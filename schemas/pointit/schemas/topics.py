@@ -43,6 +43,7 @@ __all__ = [
     "CURSOR",
     "DEPLOYMENT",
     "FEEDBACK",
+    "GOAL",
     "HEALTH",
     "HOVER",
     "IMU",
@@ -104,15 +105,15 @@ WRIST = Topic(
     message=person.WristSample,
     delivery=_LATEST,
     rate_hz=None,
-    writers=("web",),
-    about="the hand of who points with a page: mouse or phone",
+    writers=("web", "ros2"),
+    about="the hand of who points with a page, mouse or phone, or with a sensor in ROS",
 )
 BUTTON = Topic(
     key="users/{user}/button",
     message=person.ButtonEvent,
     delivery=_EVENT,
     rate_hz=None,
-    writers=("imu-bridge", "user-sim", "web", "cli"),
+    writers=("imu-bridge", "user-sim", "web", "ros2", "cli"),
     about="the person's button",
 )
 PROFILE = Topic(
@@ -136,7 +137,7 @@ POSE = Topic(
     message=pointing.UserPose,
     delivery=_STATE,
     rate_hz=None,
-    writers=("localizer", "external"),
+    writers=("localizer", "ros2", "external"),
     about="{H} in {W}",
 )
 LOCALIZATION = Topic(
@@ -184,8 +185,16 @@ FEEDBACK = Topic(
     message=pointing.Feedback,
     delivery=_EVENT,
     rate_hz=None,
-    writers=("supervisor", "selector"),
+    writers=("supervisor", "selector", "goal"),
     about="cues: haptic, chime, light",
+)
+GOAL = Topic(
+    key="users/{user}/goal",
+    message=pointing.Goal,
+    delivery=_EVENT,
+    rate_hz=None,
+    writers=("goal",),
+    about="where the person sends a robot",
 )
 MAP = Topic(
     key="map",
@@ -248,7 +257,7 @@ CLOCK = Topic(
     message=system.ClockTick,
     delivery=_STATE,
     rate_hz=None,
-    writers=("cli",),
+    writers=("cli", "ros2"),
     about="simulated time",
 )
 HEALTH = Topic(
@@ -281,6 +290,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     HOVER,
     INTERACTION,
     FEEDBACK,
+    GOAL,
     MAP,
     OBJECTS,
     SELECTION,

@@ -1,9 +1,7 @@
-"""Files that hold secrets: written as a whole, never readable by others, one writer at a time."""
+"""A site's files: read with a limit, changed by one writer at a time."""
 
 import contextlib
-import os
 import sys
-import tempfile
 from collections.abc import Generator
 from pathlib import Path
 
@@ -27,30 +25,6 @@ def read(path: Path) -> bytes:
         raise
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
-
-
-def put(path: Path, content: bytes, mode: int) -> None:
-    """Put `content` in the place of `path`, all of it or nothing; new folders are the owner's alone.
-
-    Raises:
-        ConfigError: it cannot be written; names the file.
-    """
-    try:
-        for folder in reversed(path.parents):  # `parents=True` would give its mode to the last one only
-            folder.mkdir(exist_ok=True, mode=0o700)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).chmod(mode)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 @contextlib.contextmanager

@@ -1,7 +1,11 @@
 """Who was refused what, read from a router's own log: the only place where Zenoh tells of it.
 
 At level TRACE its access control writes a line for every decision. Those that it works out beforehand for a
-key it hears of (`caching permissions`, then one line for each kind of message) are nobody's attempts.
+key it hears of (`caching permissions`, then one line for each kind of message) are nobody's attempts. What
+is let in and dropped right after is too long for its key. Who writes too often is told, too.
+
+A key may hold anything but what colours are made of, which Zenoh writes as text: a line that does not begin
+with a colour is the rest of a key, with which somebody wants to lay the blame on others.
 """
 
 import re
@@ -12,12 +16,37 @@ KINDS = 9
 MOST_KEYS = 3
 MOST_NAMES = 1000
 """Connections and identities remembered; somebody may come again and again."""
+MOST_WRITTEN = 10_000
+"""Keys that are counted at a time."""
+FLOOD_HZ = 1000.0
+"""No key needs more: wrists give 200 Hz at most, and of most keys only the newest counts."""
+ID_LENGTH = 32
+"""Characters of a connection's own name, at most."""
+
+OWN = "\x1b["
+"""What each line of Zenoh's own begins with."""
+PLAIN = "\x1b[0m "
+"""After the coloured part of a line, before what it says."""
+LONGEST_KEY = 100
+"""Characters of a key that are kept and shown."""
 
 COLOR = re.compile(r"\x1b\[[0-9;]*m")
-THREAD = re.compile(r"ThreadId\((\d+)\)")
-KNOWN = re.compile(r"(\w+) on \S*?(?:CertCommonName|Username)\(([^)]+)\)")
-DENIED = re.compile(r"(\w+)(?: on \S+)? is unauthorized to (.+?) \(ingress\) on (\S+)")
-HANDSHAKE = re.compile(r"WARN .*zenoh_link_(?:tls|quic)\S*: (.+?)(?:\. Hint: .*)?\.?$")
+THREAD = "ThreadId("
+DECIDED = re.compile(
+    r"(?:Using cached result: )?(\w+)(?: on (\S+))? is (?:un)?authorized to (.+?) \(ingress\) on (\S+)"
+)
+"""Connection, what is known of it, kind of message, key; anchored: the rest of a line may be anything."""
+KNOWN = re.compile(r"(?:CertCommonName|Username)\(([^)]+)\)")
+HANDSHAKE = re.compile(
+    r"WARN .*zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
+)
+PLAIN_TCP = "received corrupt message of type InvalidContentType"
+"""Of TLS's first message: it was none."""
+WITHOUT = "came without credentials, by plain TCP instead of TLS"
+DECISION = "authorized to "
+WORKS_OUT = "caching permissions"
+WRITES = " is authorized to Put (ingress) on "
+DROPPED = "interceptor: Msg intercepted!"
 
 VERBS = {
     "Put": "write",
@@ -31,77 +60,159 @@ VERBS = {
     "Liveliness Subscriber": "watch",
 }
 """By the name of the message, without `Declare`; to undeclare what was refused is nobody's attempt."""
+LATE_VERBS = {
+    message: "write" if verb in ("write", "answer", "be present as") else "read"
+    for message, verb in VERBS.items()
+}
+"""The same of what writers keep for late joiners, below `@adv` of their key."""
+TOO_LONG_VERBS = {
+    "Put": "write such long messages to",
+    "Query": "ask such long questions of",
+    "Reply": "give such long answers to",
+}
 
-FILTER = "off,zenoh::net::routing::interceptor::access_control=trace,zenoh_link_tls=warn,zenoh_link_quic=warn"
+FILTER = "off,zenoh::net::routing::interceptor=trace,zenoh_link_tls=warn,zenoh_link_quic=warn"
 """What of its log Zenoh has to write for this."""
 
 
 class Refused:
-    """Counts attempts that a router has refused."""
+    """Counts attempts that a router has refused, and who writes without measure."""
 
     def __init__(self) -> None:
+        self.total = 0
+        """How many attempts there were so far."""
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
         self._handshakes: Counter[str] = Counter()
+        self._written: Counter[str] = Counter()
+        """By the end of the line: connection and key."""
         self._names: dict[str, str] = {}
         """Identity by connection."""
         self._working_out: dict[str, int] = {}
         """By thread: lines still to come that are no attempts."""
+        self._let_in: dict[str, str] = {}
+        """By thread: its last line, if that lets something in."""
 
     def take(self, line: str) -> None:
         """Take one line of the log."""
-        if "Using cached" in line and "unauthorized" not in line:
+        if not line.startswith(OWN):
             return
-        line = COLOR.sub("", line)
-        if "access_control" not in line:
-            if found := HANDSHAKE.search(line):
-                self._handshakes[found[1]] += 1
-            return
-        thread = THREAD.search(line)
-        where = thread[1] if thread else ""
-        if "caching permissions" in line:
+        at = line.find(THREAD) + len(THREAD)
+        where = line[at : line.find(")", at)]
+        before = self._let_in.pop(where, "")
+        decision, works_out = line.find(DECISION), line.find(WORKS_OUT)
+        if works_out >= 0 and (decision < 0 or works_out < decision):  # the key that follows may say anything
             self._working_out[where] = KINDS
-            return
-        if (known := KNOWN.search(line)) and len(self._names) < MOST_NAMES:
-            self._names[known[1]] = known[2]
-        if "Using cached" not in line and self._working_out.get(where, 0):
+        elif decision < 0:
+            self._take_other(COLOR.sub("", line), before)
+        elif self._working_out.get(where, 0) and "Using cached" not in line[:decision]:
             self._working_out[where] -= 1
-            return
-        if found := DENIED.search(line):
-            self._count(*found.groups())
+            self._read(line)
+        elif line.startswith("un", decision - 2):
+            self._count(line, LATE_VERBS if "/@adv" in line else VERBS)
+        else:
+            self._let_in[where] = line
+            self._take_let_in(line)
 
-    def take_sentences(self) -> list[str]:
-        """Return what has been refused since the last time, a sentence for each identity, and forget it."""
-        sentences: list[str] = []
-        for name, attempts in sorted(self._attempts.items()):
-            told = [
-                f"{verb} {key}" + (f" ({count} times)" if count > 1 else "")
-                for (verb, key), count in attempts.most_common(MOST_KEYS)
+    def take_sentences(self, elapsed_s: float) -> dict[str, str]:
+        """Return what was refused in the last `elapsed_s`, and who wrote too often, and forget it.
+
+        Returns:
+            A sentence by the identity it is about, `SITE/NAME`; by an empty name, of whom nobody knows.
+        """
+        clauses: dict[str, list[str]] = defaultdict(list)
+        for name, attempts in self._attempts.items():
+            clauses[name].append(f"may not {_listed(attempts)}: refused")
+        for name, floods in self._floods(elapsed_s).items():
+            key, count = floods.most_common(1)[0]
+            clauses[name].append(
+                f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
+            )
+        sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
+        if self._handshakes:
+            reasons = [
+                reason + (f" ({count} times)" if count > 1 else "")
+                for reason, count in self._handshakes.most_common(MOST_KEYS)
             ]
-            more = f" and {len(attempts) - MOST_KEYS} more" if len(attempts) > MOST_KEYS else ""
-            sentences.append(f"{name} may not {', '.join(told)}{more}: refused")
-        for reason, count in self._handshakes.most_common(MOST_KEYS):
-            times = f" ({count} times)" if count > 1 else ""
-            sentences.append(f"somebody was not let in{times}: {reason}")
-        self._attempts.clear()
-        self._handshakes.clear()
+            sentences[""] = f"somebody was not let in: {', '.join(reasons)}"
+        for counted in (self._attempts, self._handshakes, self._written):
+            counted.clear()
         return sentences
 
-    def _count(self, connection: str, message: str, key: str) -> None:
-        verb = VERBS.get(message.removeprefix("Declare/Undeclare ").removeprefix("Declare "))
-        if (
-            verb is None
-            or "/@adv" in key
-            or (len(self._attempts) >= MOST_NAMES and connection not in self._names)
-        ):
-            return  # what goes with a key that is counted itself
+    def _take_let_in(self, line: str) -> None:
+        """Count what is written; without regular expressions, for this is done for every message."""
+        at = line.find(WRITES)
+        if at < 0:
+            return
+        written = line[max(at - ID_LENGTH, 0) : at + len(WRITES) + LONGEST_KEY]
+        if written not in self._written:
+            self._read(line)
+            if len(self._written) >= MOST_WRITTEN:
+                return
+        self._written[written] += 1
+
+    def _take_other(self, line: str, before: str) -> None:
+        if before and line.endswith(DROPPED):
+            self._count(before, TOO_LONG_VERBS)
+        elif found := HANDSHAKE.search(line):
+            self.total += 1
+            self._handshakes[WITHOUT if found[1].startswith(PLAIN_TCP) else found[1]] += 1
+
+    def _read(self, line: str) -> tuple[str, str, str] | None:
+        """Return connection, kind of message and key of a decision on what came in; none of any other."""
+        body = line[line.rfind(PLAIN, 0, line.find(DECISION)) + len(PLAIN) :]
+        found = DECIDED.match(body)
+        if found is None:
+            return None
+        connection, properties, message, key = found.groups()
+        if properties and (known := KNOWN.search(properties)):
+            # Who connects chooses the name of the connection: it may be one that somebody else had before.
+            if connection not in self._names and len(self._names) >= MOST_NAMES:
+                self._names.pop(next(iter(self._names)))
+            self._names[connection] = known[1]
+        return connection, message.removeprefix("Declare/Undeclare ").removeprefix("Declare "), key
+
+    def _who(self, connection: str) -> str:
         name = self._names.get(connection, f"connection {connection[:8]}")
-        who = name.rpartition("/")[0] or name
+        return name.rpartition("/")[0] or name
+
+    def _count(self, line: str, verbs: dict[str, str]) -> None:
+        read = self._read(line)
+        verb = verbs.get(read[1]) if read is not None else None
+        if read is None or verb is None:
+            return
+        connection, _, key = read
+        self.total += 1
+        who = self._who(connection)
+        if who not in self._attempts and len(self._attempts) >= MOST_NAMES:
+            return
         attempts, attempt = self._attempts[who], (verb, _without(key))
         if attempt in attempts or len(attempts) < MOST_NAMES:
             attempts[attempt] += 1
+
+    def _floods(self, elapsed_s: float) -> dict[str, Counter[str]]:
+        floods: dict[str, Counter[str]] = defaultdict(Counter)
+        for line, count in self._written.items():
+            if count > FLOOD_HZ * elapsed_s:
+                connection, _, key = line.partition(WRITES)
+                floods[self._who(re.split(r"\W", connection)[-1])][_without(key)] += count
+        return floods
+
+
+def _listed(attempts: Counter[tuple[str, str]]) -> str:
+    """Return what somebody may not, by verb: `write map (2 times), users/ben/imu and 4 more, ask leds/x`."""
+    by_verb: dict[str, list[str]] = defaultdict(list)
+    for (verb, key), count in attempts.most_common():
+        by_verb[verb].append(key + (f" ({count} times)" if count > 1 else ""))
+    return ", ".join(
+        f"{verb} {', '.join(keys[:MOST_KEYS])}"
+        + (f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else "")
+        for verb, keys in by_verb.items()
+    )
 
 
 def _without(key: str) -> str:
     """Return a key without the site's namespace and without what an identity tests its rights by."""
     plain = key.partition("/@")[0]
-    return plain.split("/", 2)[2] if plain.startswith("pointit/") and plain.count("/") > 1 else plain
+    plain = plain.split("/", 2)[2] if plain.startswith("pointit/") and plain.count("/") > 1 else plain
+    shown = "".join(letter if letter.isprintable() else "?" for letter in plain[:LONGEST_KEY])
+    return shown + ("…" if len(plain) > LONGEST_KEY else "")

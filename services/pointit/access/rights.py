@@ -25,9 +25,9 @@ from pointit.schemas.topics import (
 )
 from pointit.services.registry import PROCESSES, Process
 
-Role = Literal["user", "services", "web", "dashboard", "operator", "supervisor", "router"]
-"""Whose identity it is: a person's services; those all share; the page's server; who only looks on; who may
-ask too; who may do anything on the site; another router of the site."""
+Role = Literal["user", "services", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
+"""Whose identity it is: a person's services; those all share; the page's server; the bridge to ROS 2; who
+only looks on; who may ask too; who may do anything on the site; another router of the site."""
 
 ROLES: tuple[Role, ...] = get_args(Role)
 
@@ -41,7 +41,7 @@ ALL = "**"
 
 @dataclass(frozen=True, kw_only=True)
 class Rights:
-    """Keys below the site's namespace, each perhaps with `*` for any name; sorted."""
+    """Keys below the site's namespace, each perhaps with `*` for any name or `$*` for its end; sorted."""
 
     writes: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
@@ -64,18 +64,28 @@ def rights_of(role: Role, name: str) -> Rights:
         return _user(name)
     if role == "services":
         return _services()
-    if role == "web":
-        page = [row for row in PROCESSES if row.name == "web"]
-        return Rights(
-            writes=_sorted([*_anywhere(row.writes for row in page), HEALTH.at("web")]),
-            reads=_anywhere([SHOWN]),
-            asks=_anywhere([REQUESTS]),
-            announces=(SERVICE_ALIVE.at("web"),),
-        )
+    if role in ("web", "ros2"):
+        return _bridge(role)
     return Rights(
         reads=_anywhere([SHOWN]),
         asks=_anywhere([REQUESTS]) if role == "operator" else (),
     )
+
+
+def _bridge(name: str) -> Rights:
+    """Return what the bridge `name` may do: as its row of the table says, and ask."""
+    (row,) = (row for row in PROCESSES if row.name == name)
+    return Rights(
+        writes=_sorted([*_anywhere([row.writes]), *_numbered(HEALTH.at(name))]),
+        reads=_anywhere([SHOWN, row.reads]),
+        asks=_anywhere([REQUESTS]),
+        announces=_numbered(SERVICE_ALIVE.at(name)),
+    )
+
+
+def _numbered(key: str) -> tuple[str, ...]:
+    """Return the key of the first of a kind, and the pattern of all others, as `web.2`."""
+    return (key, f"{key}.$*")
 
 
 def _user(name: str) -> Rights:

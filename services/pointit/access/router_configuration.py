@@ -16,8 +16,12 @@ from pointit.schemas.topics import ANY, HEALTH, REQUESTS, TOPICS, Delivery, Requ
 
 LARGEST_BYTES = 1024 * 1024
 """No message of a site is longer."""
-LARGEST_TRAVELLING_BYTES = 2 * LARGEST_BYTES
-"""What is longer is not even put together from its fragments."""
+LARGEST_TRAVELLING_BYTES = 16 * LARGEST_BYTES
+"""What is longer is not even put together from its fragments, and nobody learns of it; what is shorter is
+dropped where the router knows who sent it, and says so."""
+ONE_STREAM = "?multistream=0"
+"""Of QUIC: with a stream for each priority, as Zenoh would have it, a question may overtake the declaration
+of the key it is about; the router drops it then without a word."""
 MOST_SESSIONS = 1000
 LEASE_MS = 3000
 
@@ -44,6 +48,8 @@ class Routed:
     site: str
     port: int
     members: Sequence[Member]
+    former: Sequence[str] = ()
+    """Common names of certificates that were replaced or revoked."""
     folder: str = ""
     """Where the router's own files are: nothing (its own folder), or a path with `/` behind."""
     password: bool = False
@@ -77,6 +83,11 @@ def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0"
             subject = f"{routed.site}/{member.name}"
             subjects.append({"id": subject, who: [member.common_name]})
             policies.append({"rules": [rule["id"] for rule in own], "subjects": [subject]})
+        if routed.former:
+            nothing, former = f"{routed.site}/nothing", f"{routed.site}/former ones"
+            rules.append(_nothing(routed.site, nothing))
+            subjects.append({"id": former, who: list(routed.former)})
+            policies.append({"rules": [nothing], "subjects": [former]})
         if routed.dashboard_rate_hz:
             thinned += _thinned(routed)
     made: dict[str, Any] = {
@@ -161,10 +172,10 @@ def _listeners(routed: Routed, addresses: Sequence[str]) -> list[str]:
     server = f"listen_certificate_file={files}cert.pem;listen_private_key_file={files}key.pem"
     if not routed.password:
         server += f";root_ca_certificate_file={files}ca.pem;enable_mtls=true"
-    protocols = ("tls", "quic") if routed.dashboard_rate_hz else ("tls",)
+    links = (("tls", ""), ("quic", ONE_STREAM)) if routed.dashboard_rate_hz else (("tls", ""),)
     return [
-        f"{protocol}/{_bracketed(address)}:{routed.port}#{server}"
-        for protocol in protocols
+        f"{protocol}/{_bracketed(address)}:{routed.port}{metadata}#{server}"
+        for protocol, metadata in links
         for address in addresses
     ]
 
@@ -208,6 +219,17 @@ def _limits(site: str) -> list[dict[str, Any]]:
         }
         for (message, size), keys in sorted(by_size.items())
     ]
+
+
+def _nothing(site: str, name: str) -> Rule:
+    """Return the only right of who has none: Zenoh logs no decision on whom no rule is for."""
+    return {
+        "id": name,
+        "permission": "allow",
+        "messages": ["put"],
+        "flows": ["egress"],
+        "key_exprs": [f"{namespace(site)}/nothing"],
+    }
 
 
 def _thinned(routed: Routed) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ Every change is written as a whole, `site.json` last but for the router's config
 """
 
 import datetime as dt
+import functools
 import json
 import secrets
 import shutil
@@ -20,23 +21,30 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, ValidationError
 
 from pointit.access import router_configuration
-from pointit.access.files import locked, put, read
+from pointit.access.files import locked, read
 from pointit.access.rights import Role
 from pointit.access.router_configuration import Member, Routed, common_name
 from pointit.runtime.complaint import complaint
 from pointit.runtime.config import Config
 from pointit.runtime.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD, LinkFile
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.files import put
 from pointit.schemas.topics import check_name
 
 if TYPE_CHECKING:
     from pointit.access.authority import Issued
 
 STATE = "site.json"
+UNTRACKED = ".gitignore"
 ROUTER = "router"
 CONFIGURATION = "router.json5"
 USERS = "users.txt"
 SECRET_BYTES = 24
+MOST_FORMER = 20
+"""Certificates of an identity that are named when somebody still uses them."""
+
+_keep = functools.partial(put, durable=True)
+"""A certificate that was handed out must not be unknown after a power cut."""
 
 
 class Identity(Config):
@@ -82,13 +90,16 @@ class SiteFolder:
             return SiteState.model_validate_json(read(file))
         except FileNotFoundError as error:
             raise ConfigError(
-                f"{self.path}: holds no site ({STATE} is missing); make one with `pointit site init NAME`"
+                f"{self.path}: holds no site ({STATE} is missing); name the folder of one, "
+                "or make one with `pointit site init NAME`"
             ) from error
         except ValidationError as error:
             raise ConfigError(f"{file}: {complaint(error, SiteState)}") from error
 
     def found(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
         """Make the folder with an authority, the router's files, and an identity for each of `names`.
+
+        Git leaves it alone, wherever it is: it is full of private keys.
 
         Args:
             state: its settings; identities in it are ignored.
@@ -105,9 +116,11 @@ class SiteFolder:
                     f"{self.path}: holds a site already; choose another --folder, or change it with "
                     "`pointit site user`, `renew` or `revoke`"
                 )
+            if not (self.path / UNTRACKED).exists():
+                _keep(self.path / UNTRACKED, b"*\n", mode=0o644)
             authority = _certifying().found(state.site, now)
-            put(self.path / "authority" / KEY, authority.key, 0o600)
-            put(self.path / "authority" / CA, authority.certificate, 0o644)
+            _keep(self.path / "authority" / KEY, authority.key)
+            _keep(self.path / "authority" / CA, authority.certificate, mode=0o644)
             return self._issue(state.model_copy(update={"identities": {}}), {ROUTER: "router", **names}, now)
 
     def add(self, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
@@ -235,12 +248,12 @@ class SiteFolder:
     def _carry(self, state: SiteState, name: str, identity: Identity, issued: "Issued") -> None:
         """Write the folder of one identity."""
         folder = self.identity_folder(name)
-        put(folder / CA, read(self.path / "authority" / CA), 0o644)
+        _keep(folder / CA, read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:
-            put(folder / KEY, issued.key, 0o600)
-            put(folder / CERTIFICATE, issued.certificate, 0o644)
+            _keep(folder / KEY, issued.key)
+            _keep(folder / CERTIFICATE, issued.certificate, mode=0o644)
         else:
-            put(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode(), 0o600)
+            _keep(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode())
         if identity.role == "router":
             return
         protocol = "quic" if identity.role == "dashboard" and state.dashboard_rate_hz else "tls"
@@ -254,7 +267,7 @@ class SiteFolder:
             valid_from=identity.valid_from,
             valid_until=identity.valid_until,
         )
-        put(folder / LINK, (link.model_dump_json(indent=1) + "\n").encode(), 0o644)
+        _keep(folder / LINK, (link.model_dump_json(indent=1) + "\n").encode(), mode=0o644)
 
     def _write(self, state: SiteState) -> None:
         """Write the state, and what a router goes by that has no more than its own folder."""
@@ -264,10 +277,11 @@ class SiteFolder:
                 for member in _routed(state, "").members
                 if member.role != "router"
             ]
-            put(self.path / ROUTER / USERS, "".join(lines).encode(), 0o600)
-        put(self.path / STATE, (json.dumps(state.model_dump(mode="json"), indent=1) + "\n").encode(), 0o644)
+            _keep(self.path / ROUTER / USERS, "".join(lines).encode())
+        kept = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
+        _keep(self.path / STATE, kept.encode(), mode=0o644)
         configuration = router_configuration.text([_routed(state, "")])
-        put(self.path / ROUTER / CONFIGURATION, configuration.encode(), 0o600)
+        _keep(self.path / ROUTER / CONFIGURATION, configuration.encode())
 
 
 def _certifying() -> ModuleType:
@@ -292,11 +306,24 @@ def _routed(state: SiteState, folder: str, uplinks: tuple[str, ...] = ()) -> Rou
             for name, identity in state.identities.items()
             if identity.state == "valid"
         ],
+        former=_former(state),
         folder=folder,
         password=state.password,
         dashboard_rate_hz=state.dashboard_rate_hz,
         uplinks=uplinks,
     )
+
+
+def _former(state: SiteState) -> list[str]:
+    """Return the newest common names of certificates that are worth nothing any more."""
+    found: list[str] = []
+    for name, identity in state.identities.items():
+        newest = identity.generation - (identity.state == "valid")
+        found += [
+            common_name(state.site, name, generation)
+            for generation in range(max(newest - MOST_FORMER, 0) + 1, newest + 1)
+        ]
+    return found
 
 
 def _known(state: SiteState, name: str) -> Identity:

@@ -1,27 +1,30 @@
 """`pointit doctor`: what runs, what is stale, what is wrong, what to do."""
 
 import asyncio
+import datetime as dt
 import socket
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import click
 from rich.text import Text
 
 from pointit.cli.finite import Finite
+from pointit.cli.identities import ending, section, seen_from
 from pointit.cli.link import PATIENCE_S, address, joined, quiet, site_options, telling
 from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.narrowed import is_about, narrowed
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
 from pointit.diagnosis.writers import split
-from pointit.runtime.bus import Bus
 from pointit.runtime.errors import ConnectError
-from pointit.runtime.process import EXIT_FAILED, run_async
+from pointit.runtime.process import EXIT_FAILED, given_credentials, run_async
+from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
-from pointit.schemas.topics import CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
+from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
 
 LEAST_S = 1.2
 """Listen at least so long: whoever reports once a second is heard."""
@@ -42,17 +45,35 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     help="how long to look for somebody who answers, s",
 )
 @click.option("--only", default="", metavar="NAME", help="look at this service or person only")
+@click.option(
+    "--site-folder",
+    "folder",
+    type=click.Path(path_type=Path),
+    help="tell how long everybody's certificates of this site's folder last  [default: the folder that holds "
+    "the credentials, if one does; else they alone]",
+)
 @json_option
-def command(*, timeout_s: float, only: str, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def command(
+    *,
+    timeout_s: float,
+    only: str,
+    folder: Path | None,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
     """Say what runs on a site, what is stale, what is wrong and what to do.
 
     It listens for one to three seconds. The exit code is 0 when all is well, 1 when something is wrong (notes
     about what was wrong once do not count), 130 when Ctrl-C ended it before it knew. With --only it is 1 too
-    when nothing of that name runs.
+    when nothing of that name runs. On a secured site it shows until when certificates last.
 
     Example: pointit doctor --only pui
     """
     quiet()
+    credentials = given_credentials()
+    known = seen_from(credentials, folder, dt.datetime.now(dt.UTC))
+    known = [row for row in known if not only or row["name"] == only]
     look = _Look(only)
     try:
         run_async(_listen(look, site, connect, timeout_s))
@@ -62,15 +83,18 @@ def command(*, timeout_s: float, only: str, as_json: bool, site: str, connect: t
             code="unreachable",
             service="",
             sentence=f"nothing runs at {', '.join(connect)}",
-            remedy="start with `pointit run`, or say with --connect where it runs",
+            remedy="start its router with `pointit router`, or say with --connect where it is"
+            if credentials
+            else "start with `pointit run`, say with --connect where it runs, or, on a secured site, with "
+            "--credentials who you are",
         )
-        return _show(Observation(began_s=0.0, now_s=0.0), [finding], site, as_json=as_json)
+        return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
     if look.seen is None:
         return INTERRUPTED
     findings = diagnose(look.seen)
     if only:
         findings = narrowed(findings, look.seen, only)
-    return _show(look.seen, findings, site, only=only, as_json=as_json)
+    return _show(look.seen, findings, known, site, only=only, as_json=as_json)
 
 
 class _Look:
@@ -87,7 +111,7 @@ class _Look:
         self._deployments: dict[str, Deployment] = {}
         self._speed = 1.0
 
-    async def watch(self, bus: Bus) -> None:
+    async def watch(self, bus: ZenohBus) -> None:
         """Look until there is enough to tell; then `seen` holds it."""
         self._began_s = time.monotonic()
         bus.subscribe(CLOCK, self._on_clock)
@@ -102,6 +126,7 @@ class _Look:
                 await asyncio.wait_for(self._news.wait(), left_s)
             except TimeoutError:
                 break
+        sees_nobody = not self._present and not self._deployments
         self.seen = Observation(
             began_s=self._began_s,
             now_s=time.monotonic(),
@@ -111,6 +136,7 @@ class _Look:
             deployments=self._deployments,
             host=socket.gethostname(),
             speed=self._speed,
+            denied=await bus.denies("reads", HEALTH, ANY) if sees_nobody else "",
         )
 
     def _is_enough(self) -> bool:
@@ -130,7 +156,10 @@ class _Look:
         self._news.set()
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:
-        self._deployments[name] = deployment
+        if deployment.services:
+            self._deployments[name] = deployment
+        else:  # ended on purpose
+            self._deployments.pop(name, None)
 
     def _on_clock(self, tick: ClockTick, _name: str) -> None:
         self._speed = tick.speed
@@ -147,7 +176,15 @@ ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
 """What a narrow terminal does without."""
 
 
-def _show(seen: Observation, findings: list[Finding], site: str, *, only: str = "", as_json: bool) -> int:
+def _show(
+    seen: Observation,
+    findings: list[Finding],
+    known: Sequence[Row],
+    site: str,
+    *,
+    only: str = "",
+    as_json: bool,
+) -> int:
     healthy = is_healthy(findings)
     there = seen.present | seen.expected.keys()
     instances = sorted(each for each in there if not only or is_about(each, only))
@@ -158,6 +195,7 @@ def _show(seen: Observation, findings: list[Finding], site: str, *, only: str = 
                 "healthy": healthy,
                 "services": [_record(seen, instance) for instance in instances],
                 "findings": [asdict(finding) for finding in findings],
+                "identities": known,
                 "deployments": {name: item.model_dump() for name, item in seen.deployments.items()},
             }
         )
@@ -174,6 +212,10 @@ def _show(seen: Observation, findings: list[Finding], site: str, *, only: str = 
     )
     if figures:
         print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
+    if known:
+        print_table(screen, section(known))
+    if others := ending(row for row in known if not row["own"]):  # of its own it was warned when it began
+        click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
     for finding in findings:
         who = f"{finding.service}: " if finding.service else ""
         screen.print(
@@ -183,7 +225,8 @@ def _show(seen: Observation, findings: list[Finding], site: str, *, only: str = 
             )
         )
     if healthy:
-        screen.print(Text(f"all is well: {len(instances)} services run", style="green"))
+        many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
+        screen.print(Text(f"all is well: {many}", style="green"))
     return 0 if healthy else EXIT_FAILED
 
 

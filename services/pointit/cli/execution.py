@@ -44,7 +44,7 @@ def execute(plan: Plan, log_level: str) -> int:
     Raises:
         ConfigError: a service cannot work as configured; nothing was started.
     """
-    check_launches(plan.launches)
+    check_launches(plan.launches, plan.link.addresses)
     if plan.page is not None and not plan.page.is_usual:
         check_launches([plan.page.launch()])
     console = Console(stderr=True)

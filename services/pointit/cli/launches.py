@@ -12,6 +12,9 @@ from pointit.runtime import ConfigError, Launch
 from pointit.schemas.topics import check_name
 from pointit.services import registry
 
+ROS2 = "ros2"
+"""The process of the bridge to ROS 2: of a run that asks for it, or of a scenario that names it."""
+
 PAGE = "web"
 """The process of the page: of a run, not of a scenario, and so not among a scenario's services."""
 
@@ -60,6 +63,8 @@ class Choices(Settings):
     """For each person in turn: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
     leds: str = ""
     """Empty, or `expander:PORT`."""
+    ros2: bool = False
+    """The site is a node in a ROS 2 graph too: as with `page`, ROS may move people's wrists."""
     page: bool = False
     """People may point with a page: who is simulated has an imu-bridge too, which waits for one."""
 
@@ -90,9 +95,12 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         if "selector" not in scenario.site:
             raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
         extra["selector"] = {"method": choices.method}
+    services = dict(scenario.site)
+    if choices.ros2:
+        services.setdefault(ROS2, {})
     return [
         _launch(scenario, name, ({}, parameters, extra.get(name, {})), choices)
-        for name, parameters in scenario.site.items()
+        for name, parameters in services.items()
         if name != PAGE
     ]
 
@@ -126,7 +134,7 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         services.setdefault("imu-bridge", {})
         extra["imu-bridge"] = _device(device)
         extra["supervisor"]["autostart"] = True  # many devices have no button
-    elif choices.page:
+    elif choices.page or choices.ros2 or ROS2 in scenario.site:
         services.setdefault("imu-bridge", {})
     return [
         _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices, user)

@@ -4,8 +4,9 @@ import contextlib
 import os
 import socket
 import tempfile
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Generator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import click
@@ -16,10 +17,12 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.link import joined, quiet, site_options
 from pointit.cli.load_figures import Measured, Search
 from pointit.cli.load_rig import Group, rigged, router_process
+from pointit.cli.load_site import secured_site
 from pointit.cli.output import INTERRUPTED, Section, json_option, print_json, show
 from pointit.cli.scenario import read_scenario
-from pointit.runtime import Launch
+from pointit.runtime import ConfigError, Launch
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
+from pointit.runtime.credentials import Credentials
 from pointit.runtime.process import EXIT_FAILED, given_credentials, run_async
 from pointit.runtime.state import VARIABLE
 from pointit.runtime.succession import claim
@@ -49,6 +52,8 @@ class Load:
     layout: Layout
     shards: int
     router: bool
+    secured: bool
+    """The router wants certificates, and encrypts."""
     site: str
     connect: tuple[str, ...]
     """Of a running site; empty: one of its own."""
@@ -61,7 +66,8 @@ class Load:
             "users": f"users in {self.shards} processes",
             "services": "a process a service",
         }
-        return words[self.layout] + (" through a router" if self.router else "")
+        through = " through a secured router" if self.secured else " through a router" if self.router else ""
+        return words[self.layout] + through
 
 
 @click.command("load", params=site_options())
@@ -100,6 +106,11 @@ class Load:
 )
 @click.option("--router", is_flag=True, help="let processes meet at a router, as on several machines")
 @click.option(
+    "--secured",
+    is_flag=True,
+    help="at a router with certificates, encryption and access rules, made for this test",
+)
+@click.option(
     "--sweep", is_flag=True, help="find how many people are carried: p99 of 50 ms at most and no drops"
 )
 @json_option
@@ -111,6 +122,7 @@ def command(
     layout: Layout,
     shards: int,
     router: bool,
+    secured: bool,
     sweep: bool,
     as_json: bool,
     site: str,
@@ -132,6 +144,11 @@ def command(
     is_own = credentials is None and context.get_parameter_source("connect") is ParameterSource.DEFAULT
     if credentials is not None:
         os.environ[CREDENTIALS] = str(credentials.folder)  # for the processes
+    if secured and not is_own:
+        raise ConfigError(
+            "--secured makes a site of its own; leave it out with --connect or --credentials, where the site "
+            "that runs there is secured or not"
+        )
     if is_own:  # services keep what they must not lose: not among what this machine's user keeps
         os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
     load = Load(
@@ -140,7 +157,8 @@ def command(
         duration_s=duration_s,
         layout=layout,
         shards=shards,
-        router=router,
+        router=router or secured,
+        secured=secured,
         site=site,
         connect=() if is_own else connect,
     )
@@ -243,19 +261,41 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
             yield bus, load.connect[0], None
         return
     async with contextlib.AsyncExitStack() as stack:
-        endpoint = _free_endpoint()
-        router = await stack.enter_async_context(router_process(endpoint)) if load.router else None
-        joins = (endpoint,) if load.router else ()
-        listens = (endpoint,) if not load.router and load.layout != "one" else ()
-        bus = await ZenohBus.open(Link(site=load.site, connect=joins, listen=listens), patience_s=5.0)
+        port = _free_port()
+        endpoint = f"tls/127.0.0.1:{port}" if load.secured else f"tcp/127.0.0.1:{port}"
+        credentials, options = None, ["--listen", endpoint]
+        if load.secured:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-site-"))
+            credentials = secured_site(Path(folder), load.site, port)
+            options = ["--site-folder", folder]
+            stack.enter_context(_given(credentials))
+        router = await stack.enter_async_context(router_process(options)) if load.router else None
+        link = Link(
+            site=load.site,
+            connect=(endpoint,) if load.router else (),
+            listen=(endpoint,) if not load.router and load.layout != "one" else (),
+            credentials=credentials,
+        )
+        bus = await ZenohBus.open(link, patience_s=5.0)
         stack.push_async_callback(bus.close)
         yield bus, endpoint, router
 
 
-def _free_endpoint() -> str:
+@contextlib.contextmanager
+def _given(credentials: Credentials) -> Generator[None]:
+    """Let the processes of this test have these credentials."""
+    os.environ[CREDENTIALS] = str(credentials.folder)
+    try:
+        yield
+    finally:
+        del os.environ[CREDENTIALS]
+
+
+def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        port: int = probe.getsockname()[1]
+    return port
 
 
 def _tell(text: str) -> None:

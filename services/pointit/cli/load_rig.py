@@ -244,22 +244,21 @@ async def _end_all(workers: Sequence[Worker]) -> None:
 
 
 @contextlib.asynccontextmanager
-async def router_process(endpoint: str) -> AsyncGenerator[int]:
-    """Yield the process id of a router that listens at `endpoint`."""
+async def router_process(options: Sequence[str]) -> AsyncGenerator[int]:
+    """Yield the process id of a `pointit router` with these options, which listens."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
         "pointit.cli",
         "router",
-        "--listen",
-        endpoint,
+        *options,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         process_group=0,
     )
     try:
         if process.stdout is None or not await process.stdout.readline():
-            raise ConfigError(f"the router at {endpoint} has ended: what it said stands above")
+            raise ConfigError("the router has ended: what it said stands above")
         yield process.pid
     finally:
         with contextlib.suppress(ProcessLookupError):

@@ -19,7 +19,7 @@ from pointit.runtime import Launch, WallClock, run_services
 from pointit.runtime.config import Layers
 from pointit.runtime.credentials import VARIABLE, read_credentials
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import run_async, run_command
+from pointit.runtime.process import run_async, run_program
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import IMU
@@ -104,4 +104,4 @@ def command() -> int:
 
 
 if __name__ == "__main__":
-    run_command(command)
+    run_program(command)

@@ -127,6 +127,6 @@ command = front()
 
 def main() -> NoReturn:
     """Run the command line; what `pointit` and `python -m pointit.cli` call."""
-    from pointit.runtime.process import run_command  # noqa: PLC0415 - the table above is wanted without it
+    from pointit.runtime.process import run_program  # noqa: PLC0415 - the table above is wanted without it
 
-    run_command(command)
+    run_program(command)

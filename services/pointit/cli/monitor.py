@@ -92,6 +92,8 @@ class Monitor:
     """How near a ray came to each lamp that was pointed at."""
     first_cursor_unix_s: float | None = None
     """When the first cursor on a surface came, wall time."""
+    first_frame_unix_s: float | None = None
+    """When the strips had their first light, wall time: everything runs."""
     _listening: list[Closable] = field(default_factory=list[Closable])
 
     def attach(self, bus: Bus) -> None:
@@ -260,4 +262,6 @@ class Monitor:
     def _on_frame(self, frame: StripsFrame, _name: str) -> None:
         self.frame = frame
         self.frame_count += 1
+        if self.first_frame_unix_s is None:
+            self.first_frame_unix_s = time.time()
         self.latency.on_frame(frame, self.clock.now_ns(), self.clock.speed)

@@ -2,15 +2,17 @@
 
 import asyncio
 from collections.abc import Collection, Sequence
+from typing import cast
 
+from pointit.access.rights import ALL, Role, rights_of
 from pointit.cli.launches import CURSOR_COLORS
 from pointit.cli.link import joined
 from pointit.cli.scenario import scenario_names
-from pointit.runtime import Bus, ConnectError
-from pointit.runtime.process import run_async
+from pointit.runtime import Bus, ConfigError, ConnectError
+from pointit.runtime.process import given_credentials, run_async
 from pointit.schemas import Deployment, UserProfile
 from pointit.schemas.base import Rgb
-from pointit.schemas.topics import DEPLOYMENT, PROFILE
+from pointit.schemas.topics import DEPLOYMENT, PROFILE, USER_ALIVE
 
 USUAL = "scenario_4"
 """What is run where none is named, and whose parameters a person has where no shipped one runs."""
@@ -19,6 +21,23 @@ LISTEN_S = 0.3
 
 Found = tuple[str, int]
 """A scenario, and a place of it, from 1 on."""
+
+
+def check_person(name: str) -> None:
+    """Refuse to be the person `name` by credentials of which the router would refuse everything.
+
+    Raises:
+        ConfigError: the running command's credentials are somebody else's.
+    """
+    credentials = given_credentials()
+    if credentials is None:
+        return
+    link = credentials.link
+    if {ALL, USER_ALIVE.at(name)}.isdisjoint(rights_of(cast("Role", link.role), link.name).announces):
+        raise ConfigError(
+            f"--credentials {credentials.folder}: these are of {link.name} (role {link.role}), who may not "
+            f"take part as {name}; use those of {name}, made with `pointit site user add {name}`"
+        )
 
 
 def look_round(site: str, connect: Sequence[str]) -> Found | None:

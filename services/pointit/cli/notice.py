@@ -1,11 +1,15 @@
-"""What a run tells the site of itself: which scenario, which services, what starts them again."""
+"""What a run tells the site of itself: which scenario, which services, what starts them again.
+
+Who ends on purpose tells that nothing is to run any more. Who vanishes does not: what it has told outlives
+it, and `doctor` says what is missing.
+"""
 
 import time
 from collections.abc import Sequence
 
 from pointit.cli.plan import Plan
 from pointit.runtime import Bus, Launch
-from pointit.runtime.bus import Publisher
+from pointit.runtime.bus import Closable, Publisher
 from pointit.schemas import Deployment, ExpectedService
 from pointit.schemas.topics import DEPLOYMENT
 
@@ -20,19 +24,26 @@ class Notice:
         self._bus = bus
         self._name = ""
         self._publisher: Publisher[Deployment] | None = None
+        self._hearing: Closable | None = None
+        self._stamp_ns = 0
+        """Of what was told last."""
+        self._is_anothers = False
+        """Another process has told something under the same name since then."""
 
     def post(self, plan: Plan, lines: Sequence[Line]) -> None:
         """Tell what `plan` runs, in place of what was told before."""
         if self._publisher is None or self._name != plan.name:
             self.take_down()
             self._publisher, self._name = self._bus.publisher(DEPLOYMENT, plan.name), plan.name
+            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, plan.name, kept=False)
+        self._stamp_ns, self._is_anothers = time.time_ns(), False
         services = tuple(
             ExpectedService(service=launch.service.NAME, user=launch.user, command=command)
             for launch, command in lines
         )
         self._publisher.put(
             Deployment(
-                stamp_ns=time.time_ns(),
+                stamp_ns=self._stamp_ns,
                 name=plan.name,
                 services=services,
                 scenario=plan.scenario,
@@ -42,7 +53,15 @@ class Notice:
         )
 
     def take_down(self) -> None:
-        """Tell nobody any more who comes from now on."""
+        """Tell that nothing of it is to run any more, unless the name went over to another process."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
+            if not self._is_anothers:
+                publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
             publisher.retire()
+        if self._hearing is not None:
+            self._hearing.close()
+            self._hearing = None
+
+    def _on_deployment(self, deployment: Deployment, _name: str) -> None:
+        self._is_anothers |= deployment.stamp_ns > self._stamp_ns

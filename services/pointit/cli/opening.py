@@ -9,7 +9,7 @@ from pointit.cli.stage import PRESENCE_PATIENCE_S, refuse_names_in_use
 from pointit.runtime import Clock, ListenError, SimulatedClock, SiteClock, WallClock
 from pointit.runtime.presence import present
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
+from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ async def open_bus(plan: Plan) -> ZenohBus:
             if number:
                 log.warning(
                     "%s is taken; listening at %s: tell other commands with --connect %s",
-                    DEFAULT_ENDPOINT,
+                    plan.link.listen[0],
                     link.listen[0],
                     link.listen[0],
                 )

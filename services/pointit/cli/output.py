@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,11 @@ PIPE_WIDTH = 1000
 
 ROOMY_WIDTH = 130
 """A terminal with fewer columns does without some of a table's."""
+
+CONTROLS = {code: "?" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != ord("\n")}
+"""Characters that are none."""
+
+_UNMINDED = re.compile("[\x7f-\x9f\u2028\u2029]")
 
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended before it had its answer."""
@@ -73,7 +79,7 @@ def print_table(screen: Console, section: Section) -> None:
             no_wrap=column in section.whole,
         )
     for row in section.rows:
-        table.add_row(*(cell(row[column]) for column in columns))
+        table.add_row(*(_harmless(cell(row[column])) for column in columns))
     screen.print(table)
 
 
@@ -91,6 +97,12 @@ def cell(value: Any) -> Text:
     return Text(str(value))
 
 
+def _harmless(text: Text) -> Text:
+    """Return `text` without what commands terminals: others on the site may have written it."""
+    text.plain = text.plain.translate(CONTROLS)
+    return text
+
+
 def console() -> Console:
     """Return a console on standard output, as wide as the terminal or as the rows need."""
     return Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
@@ -103,14 +115,15 @@ def print_json(value: Any, *, indent: int | None = 2) -> None:
 
 def to_json(value: Any, *, indent: int | None = None) -> str:
     """Return `value` as JSON; bytes become hexadecimal text."""
-    return json.dumps(value, indent=indent, default=_plain, ensure_ascii=False)
+    return _escaped(json.dumps(value, indent=indent, default=_plain, ensure_ascii=False))
 
 
 def to_line(value: Any) -> str:
     """Return `value` on one line, as YAML's flow style: numbers rounded to six digits, bytes counted."""
     if isinstance(value, Mapping):
         pairs = cast("Mapping[str, Any]", value).items()
-        return "{" + ", ".join(f"{key}: {to_line(inner)}" for key, inner in pairs if inner is not None) + "}"
+        shown = (f"{_key(key)}: {to_line(inner)}" for key, inner in pairs if inner is not None)
+        return "{" + ", ".join(shown) + "}"
     if isinstance(value, list | tuple):
         items = cast("Sequence[Any]", value)
         return "[" + ", ".join(to_line(item) for item in items) + "]"
@@ -118,7 +131,16 @@ def to_line(value: Any) -> str:
         return f"<{len(value)} bytes>"
     if isinstance(value, float):
         return _number(value)
-    return json.dumps(value, ensure_ascii=False)
+    return _escaped(json.dumps(value, ensure_ascii=False))
+
+
+def _key(key: str) -> str:
+    return key if key.isprintable() else _escaped(json.dumps(key, ensure_ascii=False))
+
+
+def _escaped(text: str) -> str:
+    """Return JSON text without what commands terminals or breaks lines, which JSON does not mind."""
+    return _UNMINDED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def write_line(line: str) -> bool:

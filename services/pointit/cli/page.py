@@ -11,6 +11,7 @@ from pointit.cli.launches import PAGE
 from pointit.cli.page_tokens import Tokens
 from pointit.cli.settings import Settings, layers_of, service_of
 from pointit.runtime import AnyService, ConfigError, Launch, ListenError
+from pointit.runtime.address import own_address
 from pointit.services import registry
 
 REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
@@ -110,10 +111,11 @@ def page_of(
     if config.lan:
         is_asked = "lan_port" in layers.values
         ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")
-    here = f"http://{_shown(config.host)}:{ports['port']}/?token="
+    here = f"http://{_shown(config.host)}:{config.published_port or ports['port']}/?token="
     there = ""
     if config.lan:
-        there = f"https://{_shown(config.lan_address or own_address())}:{ports['lan_port']}/?token="
+        address = config.lan_address or own_address("127.0.0.1")
+        there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
     return Page(
         config=config.model_copy(update=ports),
         url=here + config.operator_token,
@@ -157,17 +159,6 @@ def _probe(host: str, port: int) -> int:
         probe.listen(1)
         number: int = probe.getsockname()[1]
     return number
-
-
-def own_address() -> str:
-    """Return this machine's address in its network, or that of itself alone; nothing is sent."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # of no machine (RFC 5737): only a route is looked for
-            address: str = probe.getsockname()[0]
-        except OSError:
-            return "127.0.0.1"
-    return address
 
 
 def _shown(host: str) -> str:

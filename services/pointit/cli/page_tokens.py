@@ -3,7 +3,6 @@
 import json
 import os
 import secrets
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.cli.launches import PAGE
+from pointit.runtime import ConfigError
+from pointit.runtime.files import put
 from pointit.runtime.state import site_folder
 
 TOKEN_BYTES = 18
@@ -70,10 +71,9 @@ def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str
             notes.append(f"the page has a new link, the one from before opens nothing: {path} {why}")
     tokens = Tokens()
     try:
-        _write(path, tokens)
-    except OSError as error:
-        why = error.strerror or str(error)
-        notes.append(f"the link of the page is for this time only: {path} cannot be written ({why})")
+        put(path, (json.dumps({"operator": tokens.operator, "viewer": tokens.viewer}) + "\n").encode())
+    except ConfigError as error:
+        notes.append(f"the link of the page is for this time only: {error}")
     return tokens, notes
 
 
@@ -98,20 +98,3 @@ def _read(path: Path) -> Tokens:
     if kept.operator == kept.viewer:
         raise ValueError("does not hold two tokens")
     return Tokens(operator=kept.operator, viewer=kept.viewer)
-
-
-def _write(path: Path, tokens: Tokens) -> None:
-    """Put the tokens in the place of what is there: all or nothing, never to be read by others.
-
-    Raises:
-        OSError: that cannot be.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)  # 0600 from its creation
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(json.dumps({"operator": tokens.operator, "viewer": tokens.viewer}) + "\n")
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

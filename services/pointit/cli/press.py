@@ -44,6 +44,8 @@ def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple
 
 async def _press(user: str, gesture: Gesture, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
     async with joined(site, connect) as bus:
+        if denied := await bus.denies("writes", BUTTON, user):
+            raise NoAnswerError(denied)
         answer = await press(bus, user, gesture)
     if as_json:
         print_json({"user": user, **answer.model_dump(include={"state", "reason", "next_step"})})

@@ -71,7 +71,7 @@ class Program:
         choices = self._fitting(scenario, localize=localizes)
         people = len(now.users) if query.users is None else query.users
         launches = staged(scenario, choices, people)
-        check_launches(launches)
+        check_launches(launches, now.link.addresses)
         return dataclasses.replace(
             now,
             name=Path(source).stem,

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
+from pointit.access.recent import Recent
 from pointit.access.refused import FILTER, Refused
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
@@ -21,7 +22,7 @@ from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
 
 log = logging.getLogger(__name__)
 
-TELL_S = 2.0
+TELL_S = 1.0
 """How often it is said who was refused what."""
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files that a configuration of `pointit site` names in its own folder."""
@@ -68,7 +69,8 @@ def command(
     join: other machines should reach it only through a trusted network.
 
     With them it lets in only whom the site knows, and everybody may do only what their role needs. Changes by
-    `pointit site` take effect within a second, without a restart. Who is refused something is logged.
+    `pointit site` take effect within a second, without a restart. Who is refused something is logged, and
+    told to `pointit doctor`.
 
     Example: pointit site init lab --host 192.168.1.5 && pointit router --site-folder lab
     """
@@ -113,7 +115,7 @@ async def _guard(router: Router) -> int:
     refused = Refused()
     with listening(FILTER, refused.take):
         await router.open()
-        telling = asyncio.create_task(_tell(refused), name="refused")
+        telling = asyncio.create_task(_tell(router, refused), name="refused")
         try:
             click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
             await router.follow()
@@ -123,12 +125,19 @@ async def _guard(router: Router) -> int:
     return 0
 
 
-async def _tell(refused: Refused) -> None:
-    """Say who was refused what, soon and not more often than anybody reads."""
+async def _tell(router: Router, refused: Refused) -> None:
+    """Say who was refused what, soon and not more often than anybody reads: in the log, and to doctor."""
+    loop, recent = asyncio.get_running_loop(), Recent()
+    before_s = loop.time()
     while True:
         await asyncio.sleep(TELL_S)
-        for sentence in refused.take_sentences():
+        now_s = loop.time()
+        sentences = refused.take_sentences(now_s - before_s)
+        before_s = now_s
+        for sentence in sentences.values():
             log.warning("%s", sentence)
+        recent.add(sentences, now_s)
+        router.report(recent.of, refused.total)
 
 
 async def _route(listen: tuple[str, ...]) -> int:

@@ -12,7 +12,7 @@ from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
 from pointit.cli.launches import PAGE, Choices, user_launches
-from pointit.cli.newcomer import USUAL, look_round
+from pointit.cli.newcomer import USUAL, check_person, look_round
 from pointit.cli.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
 from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.plan import Plan
@@ -28,6 +28,9 @@ from pointit.runtime.process import given_credentials, link_of, link_options, lo
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.schemas.topics import check_name
 from pointit.services.registry import PROCESSES
+
+BESIDE_ROS = "tcp/127.0.0.1:7448"
+"""Where a run listens that is in a ROS graph too: ROS nodes take whoever listens at 7447 for their router."""
 
 
 def _check_people(choices: Choices, people: int) -> None:
@@ -72,6 +75,12 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "[default: the scenario's]",
 )
 @click.option("--leds", default="", metavar="OUTPUT", help="expander:PORT drives real strips")
+@click.option(
+    "--ros2",
+    is_flag=True,
+    help="join a ROS 2 graph too, or begin one: every topic under the names and types that ROS nodes know; "
+    "`--set ros2.backend.distro=kilted`, domain and more: `pointit service ros2 --help`",
+)
 @click.option("--site-only", is_flag=True, help="only what all people share; add people with `pointit user`")
 @click.option(
     "--speed",
@@ -105,7 +114,8 @@ def run(
     """Run SCENARIO, in which simulated people or yours point at things.
 
     scenario_1: lamps show how near one points. scenario_2: a cursor on the strips. scenario_3: select
-    moving segments. scenario_4 (default): packages on a conveyor, sent to bays. `--list` explains them.
+    moving segments. scenario_4 (default): packages on a conveyor, sent to bays. send_a_robot: goals on the
+    floor. `--list` explains them.
 
     `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
     your own.
@@ -163,7 +173,7 @@ def run(
         is_limited=options["duration"] is not None,
         speed=speed,
         processes=options["processes"],
-        notes=(*notes, *assumed_places(launches, choices)),
+        notes=(*notes, *_ros2_notes(options), *assumed_places(launches, choices)),
         afterword=f"There was no page: {REMEDY}." if page is None and notes else "",
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,
@@ -178,6 +188,14 @@ def run(
         another=None if program is None else program.plan,
     )
     return execute(plan, options["log_level"])
+
+
+def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
+    if not options["ros2"] or options["listen"] or options["connect"] or given_credentials() is not None:
+        return ()
+    return (
+        f"7447 is the ROS router's port: tell other commands with --connect {BESIDE_ROS} where this run is",
+    )
 
 
 def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, Sequence[str]]:
@@ -229,11 +247,14 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
 def user(name: str, scenario: str | None, place: int | None, **options: Any) -> int:
     """Add the person NAME to a site that runs: their IMU, pointing, localizer and supervisor.
 
-    Works from any machine (--connect) and for any number of people; each has keys of their own.
+    Works from any machine (--connect) and for any number of people; each has keys of their own. Ctrl-C ends
+    it; who vanishes otherwise is missed by `pointit doctor`: for a day, or until started again and ended by
+    Ctrl-C.
 
     Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
     """
     check_name(name, "user")
+    check_person(name)
     if scenario is None or place is None:
         link = _link(options)
         found = (USUAL, 1) if not link.connect else look_round(link.site, link.connect)
@@ -285,6 +306,7 @@ def _choices(options: dict[str, Any], leds: str) -> Choices:
         stature_m=options["stature_m"],
         imu=options["imu"],
         leds=leds,
+        ros2=options.get("ros2", False),
         files=options["files"],
         settings=options["settings"],
     )
@@ -295,7 +317,7 @@ def _link(options: dict[str, Any]) -> Link:
     if not listen and not connect:
         credentials = given_credentials()
         if credentials is None:
-            listen = (DEFAULT_ENDPOINT,)
+            listen = (BESIDE_ROS if options.get("ros2") else DEFAULT_ENDPOINT,)
         else:
             connect = credentials.link.endpoints
     return link_of(options["site"], () if listen else connect, listen)

@@ -39,7 +39,7 @@ def shared_options(function: Any) -> Any:
                 multiple=True,
                 metavar="SOURCE",
                 help="where orientations come from. sim (default): a simulated person, who wants "
-                "something, points at it and presses the button. page: only a page's mouse or phone. "
+                "something, points at it and presses the button. page: only a page's mouse or phone, or ROS. "
                 "simulated: only a simulated sensor, on an "
                 "arm that sweeps to and fro, to try what a device goes through. serial:PORT or "
                 "replay:FILE.csv: a device, or its recording. Once for each person",

@@ -8,12 +8,19 @@ from pointit.cli.extras import load
 from pointit.cli.lazy import Entry, LazyGroup
 from pointit.cli.list import services
 from pointit.cli.output import Section, json_option, show
-from pointit.runtime.process import service_command
+from pointit.runtime import ConfigError
+from pointit.runtime.process import absent_command, service_command
 from pointit.services.registry import PROCESSES, Process
 
 
 def _loader(row: Process) -> Callable[[], click.Command]:
-    return lambda: service_command(load(row))
+    def loaded() -> click.Command:
+        try:
+            return service_command(load(row))
+        except ConfigError as error:  # its help can be read before what it needs is installed
+            return absent_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
+
+    return loaded
 
 
 @click.command(

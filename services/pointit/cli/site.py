@@ -1,14 +1,15 @@
 """`pointit site`: who may do what on a site: certificates, access rules, the router's configuration."""
 
 import datetime as dt
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
 from pointit.access.rights import Role
-from pointit.access.site_folder import ROUTER, Identity, SiteFolder, SiteState
+from pointit.access.site_folder import ROUTER, SiteFolder, SiteState
+from pointit.cli import identities
 from pointit.cli.finite import Finite
 from pointit.cli.output import json_option, print_json
 from pointit.runtime.credentials import SOON
@@ -23,6 +24,7 @@ DASHBOARD_HZ = 20.0
 STANDING: dict[str, Role] = {
     "services": "services",
     "web": "web",
+    "ros2": "ros2",
     "operator": "operator",
     "supervisor": "supervisor",
 }
@@ -31,26 +33,30 @@ MOST = 256
 
 folder_option = click.option(
     "--folder",
+    "--site-folder",  # as `router` and `doctor` call it
     type=click.Path(path_type=Path),
     default=Path(),
     help="the site's folder  [default: this one; for init, ./NAME]",
 )
 
 
-@click.group("site")
+HELP = """Say who may join a site, and what each may do there.
+
+A site's folder holds a small certificate authority, the router's files, and a folder for each identity,
+to be carried to its machine and named there by --credentials (or POINTIT_CREDENTIALS). A person may write
+only under their own name; dashboards only look on. Nobody else gets in.
+
+\b
+Example:
+  pointit site init lab --host 192.168.1.5 --users anna,ben
+  pointit router --site-folder lab
+  pointit user anna --credentials lab/identities/anna
+"""
+
+
+@click.group("site", help=HELP)
 def command() -> None:
-    r"""Say who may join a site, and what each may do there.
-
-    A site's folder holds a small certificate authority, the router's files, and a folder for each identity,
-    to be carried to its machine and named there by --credentials (or POINTIT_CREDENTIALS). A person may write
-    only under their own name; dashboards only look on. Nobody else gets in.
-
-    \b
-    Example:
-      pointit site init lab --host 192.168.1.5 --users anna,ben
-      pointit router --site-folder lab
-      pointit user anna --credentials lab/identities/anna
-    """
+    """Say who may join a site, and what each may do there."""
 
 
 @command.command("init")
@@ -149,10 +155,12 @@ def add(names: tuple[str, ...], folder: Path) -> None:
     Example: pointit site user add carla --folder lab
     """
     site = SiteFolder(folder)
+    roles: dict[str, Role] = {}
     for name in names:
         check_name(name, "user")
-        _refuse_taken(name, {})
-    site.add(dict.fromkeys(names, "user"), _now())
+        _refuse_taken(name, roles)
+        roles[name] = "user"
+    site.add(roles, _now())
     for name in names:
         click.echo(f"{name} may join with the credentials in {site.identity_folder(name)}")
 
@@ -185,7 +193,8 @@ def list_people(folder: Path, *, as_json: bool) -> None:
     Example: pointit site user list --folder lab
     """
     state = SiteFolder(folder).state()
-    _tell({name: one for name, one in state.identities.items() if one.role == "user"}, state, as_json=as_json)
+    people = [name for name, one in state.identities.items() if one.role == "user"]
+    _tell(people, state, as_json=as_json)
 
 
 @command.command("renew")
@@ -235,48 +244,31 @@ def show(folder: Path, *, as_json: bool) -> None:
     Example: pointit site show --folder lab
     """
     state = SiteFolder(folder).state()
-    present = {name: one for name, one in state.identities.items() if one.state != "removed"}
-    click.get_current_context().exit(_tell(present, state, as_json=as_json))
+    click.get_current_context().exit(_tell(identities.present(state), state, as_json=as_json))
 
 
-def _tell(identities: dict[str, Identity], state: SiteState, *, as_json: bool) -> int:
-    now = _now()
-    rows = [
-        {
-            "name": name,
-            "role": one.role,
-            "generation": one.generation,
-            "state": _standing(one, now),
-            "until": one.valid_until.date().isoformat(),
-        }
-        for name, one in sorted(identities.items())
-    ]
-    ending = [row["name"] for row in rows if row["state"] in ("expired", "ends soon")]
+def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
+    rows = identities.rows_of(state, names, _now())
+    ending = identities.ending(rows)
     if as_json:
         print_json({"site": state.site, "identities": rows})
     else:
         for row in rows:
             click.echo(
-                f"{row['name']:<16} {row['role']:<11} {row['state']:<10} until {row['until']}"
+                f"{row['name']:<16} {row['role']:<11} {row['state']:<10} "
+                f"{'until ' + row['until'] if row['until'] else 'by password'}"
                 f"{'' if row['generation'] == 1 else '  no. ' + str(row['generation'])}"
             )
         if ending:
-            click.echo(f"Warning: {', '.join(map(str, ending))}: renew with `pointit site renew`", err=True)
+            click.echo(f"Warning: {', '.join(ending)}: renew with `pointit site renew`", err=True)
     return 1 if ending else 0
 
 
-def _standing(one: Identity, now: dt.datetime) -> str:
-    if one.state != "valid":
-        return one.state
-    left = one.valid_until - now
-    if left < dt.timedelta():
-        return "expired"
-    return "ends soon" if left < SOON else "valid"
-
-
 def _refuse_taken(name: str, roles: dict[str, Role]) -> None:
-    if name in {*STANDING, ROUTER} or name in roles or name.startswith("dashboard"):
+    if name in {*STANDING, ROUTER} or name.startswith("dashboard"):
         raise ConfigError(f"{name} is a name of the site's own; choose another for a person")
+    if name in roles:
+        raise ConfigError(f"{name} is named twice; name each person once, guest1, guest2, … are the guests")
 
 
 def _count(text: str) -> int:

@@ -133,6 +133,8 @@ class Stage:
         if self._opening is not None:
             self._opening.cancel()
             await asyncio.wait({self._opening})
+        if not self.has_ended:  # else it failed, and is missed
+            self._notice.take_down()
         casts = [cast for cast in (self._cast, self._page) if cast is not None]
         await asyncio.gather(*(cast.end() for cast in casts))
         if self._cast is not None:
@@ -154,10 +156,10 @@ class Stage:
 
     async def _strike(self) -> None:
         """End the scenario; return when nothing of it is told any more."""
+        self._notice.take_down()
         if self._cast is not None:
             await self._cast.end()
             self._cast = None
-        self._notice.take_down()
         self.saw_cursor |= self.monitor.first_cursor_unix_s is not None
         self.monitor.detach()
         await asyncio.sleep(GONE_S)

@@ -101,6 +101,7 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
             for lamp, miss_rad in sorted(monitor.lamp_misses_rad.items())
         },
         "first_cursor_unix_s": monitor.first_cursor_unix_s,
+        "first_frame_unix_s": monitor.first_frame_unix_s,
         "people": _people(plan, monitor),
         "not_found": _not_found(plan, monitor),
         "services": plan.instances,

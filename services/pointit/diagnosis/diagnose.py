@@ -41,13 +41,25 @@ def is_healthy(findings: Sequence[Finding]) -> bool:
 
 def _presence(seen: Observation) -> Iterator[Finding]:
     expected = seen.expected
-    if not seen.present and not expected:
+    if seen.denied:
+        yield Finding(severity="error", code="denied", service="", sentence=seen.denied, remedy="")
+    elif not seen.present and not expected:
         yield Finding(
             severity="error",
             code="empty",
             service="",
             sentence="somebody answers, but no service runs on this site",
-            remedy="start with `pointit run`, or name the right site with --site",
+            remedy="start with `pointit run`, or name the right site with --site, or its address with "
+            "--connect (of a run with --ros2: tcp/127.0.0.1:7448)",
+        )
+    elif not expected and all(map(_is_router, seen.present)):
+        yield Finding(
+            severity="error",
+            code="empty",
+            service="",
+            sentence="nothing but the router runs on this site yet",
+            remedy="start what all people share with `pointit run --site-only --credentials "
+            "FOLDER/identities/supervisor`, then each person with `pointit user NAME --credentials NAME`",
         )
     for instance, remedy in expected.items():
         if instance not in seen.present:
@@ -75,7 +87,7 @@ def _presence(seen: Observation) -> Iterator[Finding]:
                 code="silent",
                 service=instance,
                 sentence=f"is present but has not reported for {seen.silence_s(instance):.0f} s: "
-                "is it stopped or overloaded?",
+                "is it stopped, overloaded or cut off?",
                 remedy=f"look at {process} (stopped: `kill -CONT`); else "
                 + expected.get(instance, _restart(instance)),
             )
@@ -225,4 +237,10 @@ def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> 
 
 def _restart(instance: str) -> str:
     service, _, user = instance.partition(".")
+    if _is_router(instance):
+        return "if it should run: pointit router --site-folder FOLDER"
     return f"if it should run: pointit service {service}" + (f" --user {user}" if user else "")
+
+
+def _is_router(instance: str) -> bool:
+    return instance.partition(".")[0].partition("-")[0] == "router"

@@ -12,7 +12,12 @@ def is_about(instance: str, name: str) -> bool:
 
 
 def narrowed(findings: Sequence[Finding], seen: Observation, name: str) -> list[Finding]:
-    """Return the findings about `name`; one more when nothing of that name runs or should run."""
+    """Return the findings about `name`; one more when nothing of that name runs or should run.
+
+    Who may not look on knows neither, and gets them all.
+    """
+    if seen.denied:
+        return list(findings)
     if not any(is_about(instance, name) for instance in {*seen.present, *seen.left, *seen.expected}):
         return [
             Finding(

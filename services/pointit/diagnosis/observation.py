@@ -15,6 +15,7 @@ Severity = Literal["error", "warning", "note"]
 Code = Literal[
     "unreachable",
     "empty",
+    "denied",
     "absent",
     "left",
     "silent",
@@ -69,6 +70,8 @@ class Observation:
     """Of the machine that looks."""
     speed: float = 1.0
     """Of the site's clock: rates of slow simulations are slow."""
+    denied: str = ""
+    """Why this identity sees nobody, in a sentence; empty when it may look on, or nobody knows."""
 
     @property
     def expected(self) -> dict[str, str]:

@@ -39,7 +39,7 @@ def why_silent(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     if there:
         return f"{', '.join(there)} can write it and runs; does `pointit doctor` find something wrong?"
     services = [writer for writer in topic.writers if writer in _ROWS]
-    if not services:
+    if not services or topic.writers[0] not in _ROWS:  # the first is the usual one
         return f"it is written by {' or '.join(topic.writers)}"
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     row = _ROWS[services[0]]

@@ -28,6 +28,8 @@ LINK = "link.json"
 PASSWORD = "password"  # noqa: S105 - the name of the file
 
 MAX_BYTES = 64 * 1024
+ONLOOKERS = ("dashboard", "operator")
+"""Roles that may write nothing of their own, not even that they are there."""
 SOON = dt.timedelta(days=30)
 """Credentials that end sooner are warned of."""
 HANDSHAKE_S = 1.0
@@ -73,6 +75,11 @@ class Credentials:
     def who(self) -> str:
         """Return the identity for people."""
         return f"this identity ({self.link.name})"
+
+    @property
+    def is_onlooker(self) -> bool:
+        """Return whether nobody is told of what runs by this identity."""
+        return self.link.role in ONLOOKERS
 
     def check_endpoint(self, endpoint: str) -> None:
         """Refuse an address that would not be encrypted.

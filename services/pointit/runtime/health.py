@@ -21,10 +21,12 @@ from pointit.runtime.bus import (
     Recall,
     Server,
     Subscription,
-    Traffic,
 )
 from pointit.runtime.clock import Clock
-from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Quantiles, Query, Reply
+from pointit.runtime.lateness import Lateness
+from pointit.runtime.meter import Meter, Times
+from pointit.runtime.order import STREAMS, Order
+from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -35,9 +37,6 @@ log = logging.getLogger(__name__)
 
 LOG_PERIOD_S = 1.0
 """At most one log line about timers that fail in this time."""
-
-SAMPLES = 4096
-"""Times kept between two reports; the oldest give way."""
 
 
 class Warnings(Protocol):
@@ -52,50 +51,10 @@ class Warnings(Protocol):
         ...
 
 
-class _Times:
-    """Durations between two reports, a ring of fixed size."""
-
-    def __init__(self) -> None:
-        self._values = [0.0] * SAMPLES
-        self._count = 0
-
-    def add(self, value_s: float) -> None:
-        self._values[self._count % SAMPLES] = value_s
-        self._count += 1
-
-    def take(self) -> Quantiles | None:
-        values = sorted(self._values[: min(self._count, SAMPLES)])
-        self._count = 0
-        if not values:
-            return None
-
-        def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
-            return values[math.ceil(share * len(values)) - 1]
-
-        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99))
-
-
-class _Meter:
-    """One topic in one direction."""
-
-    def __init__(self, topic: AnyTopic) -> None:
-        self.topic = topic
-        self.count = 0
-        self.newest_s: float | None = None
-        self.traffics: list[Traffic] = []
-
-    def mark(self, now_s: float) -> None:
-        self.count += 1
-        self.newest_s = now_s
-
-    def total(self, counter: str) -> int:
-        return sum(getattr(traffic, counter) for traffic in self.traffics)
-
-
 class MeteredPublisher(Generic[M]):
     """Counts what goes out, and for *latest* how old the captured data are by then."""
 
-    def __init__(self, inner: Publisher[M], meter: _Meter, latency: _Times, clock: Clock) -> None:
+    def __init__(self, inner: Publisher[M], meter: Meter, latency: Times, clock: Clock) -> None:
         self._inner = inner
         self._meter = meter
         self._latency = latency
@@ -129,9 +88,9 @@ class ServiceBus:
         self._instance = instance
         self._user = user
         self._began_s = self._reported_s = time.monotonic()
-        self._meters: dict[tuple[str, str], _Meter] = {}
-        self._steps = _Times()
-        self._latency = _Times()
+        self._meters: dict[tuple[str, str], Meter] = {}
+        self._steps = Times()
+        self._latency = Times()
         self._declared: list[Closable] = []
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[Closable] = []
@@ -162,14 +121,43 @@ class ServiceBus:
         return MeteredPublisher(inner, self._meter(topic, "out"), self._latency, self._clock)
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+        self,
+        topic: Topic[M],
+        handler: Handler[M],
+        name: str = ANY,
+        *,
+        kept: bool = True,
+        in_time: Callable[[M], bool] | None = None,
     ) -> Subscription:
-        """Call `handler(message, name)` for what arrives."""
+        """Call `handler(message, name)` for what arrives.
+
+        Args:
+            topic: what is read.
+            handler: takes it.
+            name: whose; all by default.
+            kept: take what was kept of states whose writers may be gone.
+            in_time: which messages are left out, and told of, when they come much later than others before
+                them: who acts on a stream must not act on what a bad link has held up; none: all are taken.
+        """
         meter = self._meter(topic, "in")
         steps = self._steps
+        order = Order() if topic in STREAMS else None
+        if order is not None:
+            meter.orders.append(order)
+        lateness = None if in_time is None else Lateness()
+        if lateness is not None:
+            meter.latenesses.append(lateness)
+        clock = self._clock
 
         def timed(message: M, key_name: str) -> None:
             began_s = time.monotonic()
+            if order is not None and not order.admits(key_name, message.stamp_ns, began_s):
+                return
+            if lateness is not None and in_time is not None and in_time(message):
+                # seconds of the wall; but where time is slow its own, as such a clock is coarse
+                age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S / max(1.0, clock.speed)
+                if not lateness.admits(key_name, age_s, began_s):
+                    return
             meter.mark(began_s)
             handler(message, key_name)
             steps.add(time.monotonic() - began_s)
@@ -301,7 +289,8 @@ class ServiceBus:
             meter.count = 0
         self._seq += 1
         trouble = (self.trouble,) if self.trouble else ()
-        warnings = (*trouble, *self._warnings.values())
+        complaints = (each for meter in self._meters.values() for each in meter.complaints(now_s))
+        warnings = (*trouble, *complaints, *self._warnings.values())
         return Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,
@@ -326,5 +315,5 @@ class ServiceBus:
         self._publishers.append(publisher)
         return publisher
 
-    def _meter(self, topic: Topic[Any], direction: str) -> _Meter:
-        return self._meters.setdefault((topic.key, direction), _Meter(topic))
+    def _meter(self, topic: Topic[Any], direction: str) -> Meter:
+        return self._meters.setdefault((topic.key, direction), Meter(topic))

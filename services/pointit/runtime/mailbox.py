@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from pointit.runtime.bus import EVENT_CAPACITY, AnyTopic, Traffic
 from pointit.schemas import DecodeError, Message
@@ -26,13 +26,21 @@ LOG_PERIOD_S = 1.0
 """At most one log line per topic and kind of trouble in this time; one per handler that fails."""
 
 
+class Drained(Protocol):
+    """What fills on any thread and is emptied in the loop; `Mailbox` is one."""
+
+    def drain(self) -> None:
+        """Handle what is there."""
+        ...
+
+
 class Dispatcher:
     """Drains marked mailboxes in its event loop, with one wake-up for all of them."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
-        self._ready: collections.deque[Mailbox] = collections.deque()
+        self._ready: collections.deque[Drained] = collections.deque()
         self._awake = False
         self._closed = False
         self._log_lock = threading.Lock()
@@ -47,7 +55,7 @@ class Dispatcher:
             self._logged_s[key, what] = now_s
             return True
 
-    def mark(self, mailbox: "Mailbox") -> None:
+    def mark(self, mailbox: Drained) -> None:
         """Have `mailbox` drained soon; from any thread."""
         self._ready.append(mailbox)
         if not self._awake:

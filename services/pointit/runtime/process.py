@@ -18,10 +18,11 @@ import click
 from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
 from pointit.runtime.credentials import VARIABLE, Credentials, read_credentials
+from pointit.runtime.daemon_thread import leave
 from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
-from pointit.runtime.service import AnyService, Launch, check_launches, run_services
+from pointit.runtime.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
@@ -46,7 +47,16 @@ SWITCH_INTERVAL_S = 0.0005
 
 def main(service: type[AnyService]) -> NoReturn:
     """Run `service` as a process of its own: what every `__main__.py` calls."""
-    run_command(service_command(service))
+    run_program(service_command(service))
+
+
+def run_program(command: click.Command) -> NoReturn:
+    """Run a click command as all that this process does, see `run_command`; its end waits for nobody."""
+    try:
+        run_command(command)
+    except SystemExit as end:
+        leave(end.code if isinstance(end.code, int) else EXIT_FAULT)
+        raise
 
 
 def run_command(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
@@ -79,7 +89,6 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
 
 def service_command(service: type[AnyService]) -> click.Command:
     """Return the command that runs `service`, with one option for each of its parameters."""
-    kind = service.CONFIG
 
     def callback(**options: Any) -> int:
         setup_logging(options["log_level"])
@@ -89,11 +98,11 @@ def service_command(service: type[AnyService]) -> click.Command:
         config = load_config(
             service,
             [options["config"]] if options["config"] else [],
-            {leaf.path: options[_parameter(leaf.path)] for leaf in leaves(kind)},
+            {leaf.path: options[_parameter(leaf.path)] for leaf in leaves(service.CONFIG)},
         )
         link = link_of(options["site"], options["connect"], options["listen"])
         launch = Launch(service=service, config=config, user=user)
-        check_launches([launch])
+        check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
             end_with_parent()
         patience_s: float | None = None
@@ -103,6 +112,24 @@ def service_command(service: type[AnyService]) -> click.Command:
             patience_s = CLOCK_PATIENCE_S if is_default else ASKED_CLOCK_PATIENCE_S
         return run_async(_serve(launch, link, patience_s))
 
+    return _command(service.NAME, service.SCOPE, (service.__doc__ or "").strip(), service.CONFIG, callback)
+
+
+def absent_command(
+    name: str, scope: Scope, about: str, config: type[Config], error: ConfigError
+) -> click.Command:
+    """Return the command of a service that is not installed: its help, and `error` when it is run."""
+
+    def callback(**_options: Any) -> NoReturn:
+        raise error
+
+    return _command(name, scope, about, config, callback)
+
+
+def _command(
+    name: str, scope: Scope, about: str, config: type[Config], callback: Callable[..., int]
+) -> click.Command:
+    """Return the command of a service, which calls `callback` with every option."""
     parameters: list[click.Parameter] = [
         click.Option(
             ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
@@ -118,11 +145,11 @@ def service_command(service: type[AnyService]) -> click.Command:
         log_option(),
         click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
     ]
-    if service.SCOPE == "user":
+    if scope == "user":
         parameters.insert(
             0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
         )
-    for leaf in leaves(kind):
+    for leaf in leaves(config):
         description = leaf.field.description or ""
         parameters.append(
             click.Option(
@@ -131,10 +158,9 @@ def service_command(service: type[AnyService]) -> click.Command:
                 help=f"{description}  [default: {leaf.default}]",
             )
         )
-    about = (service.__doc__ or "").strip()
-    prefix = environment_prefix(service.NAME)
+    prefix = environment_prefix(name)
     note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
-    return click.Command(service.NAME, callback=callback, params=parameters, help=f"{about}\n\n{note}")
+    return click.Command(name, callback=callback, params=parameters, help=f"{about}\n\n{note}")
 
 
 def load_config(

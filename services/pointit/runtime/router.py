@@ -1,4 +1,4 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 """A Zenoh router in this process: what joins several machines where no zenohd is installed.
 
@@ -18,8 +18,19 @@ from typing import Any
 
 import zenoh
 
+from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.zenoh_session import Link, close_session, open_session
+from pointit.runtime.router_account import RouterAccount
+from pointit.runtime.tcp_silence import end_silence
+from pointit.runtime.zenoh_session import (
+    CLOSE_PATIENCE_S,
+    LEASE_MS,
+    Link,
+    close_session,
+    open_session,
+    ports_of,
+)
+from pointit.schemas.rows import NAME
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +39,8 @@ LOOK_S = 0.5
 PORT_PATIENCE_S = 5.0
 """How long the router's own port may stay taken after it was closed (QUIC: 0.1 s)."""
 PORT_RETRY_S = 0.05
+REOPEN_PATIENCE_S = 11.0
+"""How long a session's end is waited for before the next one begins; Zenoh takes 10 s at most."""
 
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Where an address names a file by a path from the configuration's own folder."""
@@ -86,7 +99,11 @@ class Router:
         self._files = tuple(files)
         self._stamp: Stamp = ()
         self._listens: tuple[str, ...] = ()
+        self._sites: tuple[str, ...] = ()
+        self._joins_another = False
         self._session: zenoh.Session | None = None
+        self._accounts: dict[str, RouterAccount] = {}
+        """By site."""
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -102,7 +119,17 @@ class Router:
         """
         self._stamp = self._look()
         config = await asyncio.to_thread(self._read)
-        self._session = await asyncio.to_thread(_opened, config)
+        self._begin(await _open(config))
+
+    def report(self, of_site: Callable[[str], Sequence[str]], refused: int) -> None:
+        """Tell each site how the router is, once a second.
+
+        Args:
+            of_site: returns what is wrong at a site, in sentences.
+            refused: how many attempts were refused so far.
+        """
+        for site, account in self._accounts.items():
+            account.report(of_site(site), refused)
 
     async def follow(self) -> None:
         """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
@@ -119,31 +146,43 @@ class Router:
                 continue
             await self._reopen(config)
 
-    async def close(self) -> None:
-        """Route no more."""
+    async def close(self, patience_s: float = CLOSE_PATIENCE_S) -> None:
+        """Route no more; wait so long until nothing of the session is left."""
         session, self._session = self._session, None
+        self._accounts.clear()
         if session is not None:
-            await close_session(session)
+            await close_session(session, patience_s=patience_s)
 
     async def _reopen(self, config: zenoh.Config) -> None:
-        await self.close()
+        await self.close(REOPEN_PATIENCE_S)
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         while True:
             try:
-                self._session = await asyncio.to_thread(_opened, config)
+                session = await _open(config)
             except ListenError:
                 if loop.time() - began_s > PORT_PATIENCE_S:
                     raise
                 await asyncio.sleep(PORT_RETRY_S)
             else:
-                log.info("the router goes by the new rules and certificates")
+                self._begin(session)
+                log.info("the router goes by the rules and certificates that there are now")
                 return
+
+    def _begin(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._accounts = {
+            site: RouterAccount(session, site, joins_another=self._joins_another) for site in self._sites
+        }
 
     def _read(self) -> zenoh.Config:
         config = parsed(self._make(), self._folder)
         endpoints = _endpoints(config, "listen/endpoints")
-        self._listens = tuple(each.partition("#")[0] for each in endpoints)
+        self._listens = tuple(re.split("[?#]", each)[0] for each in endpoints)
+        self._joins_another = bool(_endpoints(config, "connect/endpoints"))
+        subjects: list[dict[str, Any]] = json.loads(config.get_json("access_control/subjects")) or []
+        sites = (str(subject["id"]).partition("/") for subject in subjects)  # as `pointit site` names them
+        self._sites = tuple(dict.fromkeys(site for site, slash, _ in sites if slash and NAME.match(site)))
         return config
 
     def _look(self) -> Stamp:
@@ -161,11 +200,20 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
     return found.get("router", []) if isinstance(found, dict) else found
 
 
+async def _open(config: zenoh.Config) -> zenoh.Session:
+    """Return a session; when this is cancelled, one that opens all the same is closed again."""
+    return await in_daemon_thread(
+        lambda: _opened(config), "router-open", discard=lambda session: session.close()
+    )
+
+
 def _opened(config: zenoh.Config) -> zenoh.Session:
     try:
-        return zenoh.open(config)
+        session = zenoh.open(config)
     except zenoh.ZError as error:
         raise ListenError(f"the router cannot be opened: {_reason(error)}") from error
+    end_silence(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
+    return session
 
 
 def _reason(error: Exception) -> str:

@@ -31,6 +31,9 @@ SETTLE_S = 0.25
 """What is declared within this time is tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 """How long is waited for what was written, before it is written again; after the last one it is denied."""
+RETRY_S = (2.0, 5.0, 15.0, 60.0)
+"""After so long what is denied is tested again, the last one from then on: a router that was just restarted,
+with everybody at its door, answers late; and rules change."""
 MOST_KEYS = 3
 """Keys that a sentence names."""
 
@@ -70,6 +73,9 @@ class SelfTest:
         self._is_nobody = False
         self._task: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._denials = 0
+        """Tests in a row in which something was denied."""
         self._closed = False
 
     @property
@@ -87,6 +93,7 @@ class SelfTest:
 
     def again(self) -> None:
         """Have all tested anew: the router is back, perhaps with other rules."""
+        self._denials = 0
         self._untested |= self._wanted
         self._soon()
 
@@ -100,8 +107,9 @@ class SelfTest:
     async def close(self) -> None:
         """Test nothing any more."""
         self._closed = True
-        if self._timer is not None:
-            self._timer.cancel()
+        for timer in (self._timer, self._retry):
+            if timer is not None:
+                timer.cancel()
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -115,6 +123,16 @@ class SelfTest:
         if self._untested and self._is_up():
             self._task = self._loop.create_task(self._test(), name="self-test")
 
+    def _later(self) -> None:
+        if self._retry is None and not self._closed:
+            wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1]
+            self._retry = self._loop.call_later(wait_s, self._test_denied)
+
+    def _test_denied(self) -> None:
+        self._retry = None
+        self._untested |= self._denied
+        self._soon()
+
     async def _test(self) -> None:
         try:
             rights, self._untested = self._untested, set[Right]()
@@ -125,6 +143,7 @@ class SelfTest:
             before = self.trouble
             self._is_nobody = not arrived
             self._denied = (self._denied - rights) | (rights - arrived)
+            self._denials = self._denials + 1 if self._denied else 0
             for sentence in self._sentences():
                 if sentence not in before:
                     log.warning("%s", sentence)
@@ -134,6 +153,8 @@ class SelfTest:
             self._task = None
             if self._untested and self._is_up():
                 self._soon()
+            elif self._denied:
+                self._later()
 
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
         """Return which of `rights` hold, and the right to join; nothing when there is no router to ask."""

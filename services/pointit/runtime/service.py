@@ -64,6 +64,18 @@ class Service(ABC, Generic[C]):
         """
 
     @classmethod
+    def check_link(cls, config: C, addresses: Sequence[str]) -> None:
+        """Refuse what cannot work beside the connection of its process; called before a bus is opened.
+
+        Args:
+            config: its own.
+            addresses: where the process connects or listens.
+
+        Raises:
+            ConfigError: names the parameter and the address, and says what to do.
+        """
+
+    @classmethod
     def begin_anew(cls, site: str, now_ns: int) -> None:
         """Let go of what an earlier run of `site` has left to be taken up; called before a new run begins.
 
@@ -92,8 +104,12 @@ class Launch:
         return f"{self.service.NAME}.{self.user}" if self.user else self.service.NAME
 
 
-def check_launches(launches: Sequence[Launch]) -> None:
+def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
     """Let every service look at its configuration, before anything is opened or started.
+
+    Args:
+        launches: what is to be started.
+        addresses: where their process connects or listens.
 
     Raises:
         ConfigError: one cannot work; names the instance.
@@ -101,6 +117,7 @@ def check_launches(launches: Sequence[Launch]) -> None:
     for launch in launches:
         try:
             launch.service.check(launch.config)
+            launch.service.check_link(launch.config, addresses)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
 

@@ -1,7 +1,6 @@
 """What outlives a process: small JSON files under the state directory, one a person and purpose."""
 
 import os
-import tempfile
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -9,6 +8,7 @@ import platformdirs
 from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.files import put
 from pointit.schemas import explain
 from pointit.schemas.topics import check_name
 
@@ -77,18 +77,7 @@ class StateFile(Generic[T]):
         Raises:
             ConfigError: it cannot be written; names the file.
         """
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=self.path.name)
-            try:
-                with os.fdopen(handle, "w", encoding="utf-8") as file:
-                    file.write(value.model_dump_json(indent=2) + "\n")
-                Path(name).replace(self.path)
-            except BaseException:
-                Path(name).unlink(missing_ok=True)
-                raise
-        except OSError as error:
-            raise ConfigError(f"{self.path}: cannot be written ({error.strerror or error})") from error
+        put(self.path, (value.model_dump_json(indent=2) + "\n").encode())
 
     def erase(self) -> bool:
         """Forget what is kept; return whether something was.

@@ -8,6 +8,7 @@ itself.
 """
 
 import contextlib
+import time
 from collections.abc import AsyncGenerator, Callable, Sequence
 from typing import TypeVar
 
@@ -24,8 +25,9 @@ from pointit.runtime.bus import (
 )
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.mailbox import Mailbox
-from pointit.runtime.memory_bus import Declaration, MemoryBus
+from pointit.runtime.memory_bus import Declaration, MemoryBus, MemoryPublisher
 from pointit.runtime.self_test import SelfTest
+from pointit.runtime.waiting_line import TurnedAway
 from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
 from pointit.runtime.zenoh_presence import ZenohWatcher
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
@@ -49,8 +51,11 @@ class ZenohBus(MemoryBus):
         self.link = link
         self._inlets: dict[str, LatestInlet] = {}
         self._recollection: Recollection | None = None
+        self._turned_away = TurnedAway()
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
         self._self_test: SelfTest | None = None
+        self._is_onlooker = link.credentials is not None and link.credentials.is_onlooker
+        """What it tells of itself stays in this process: its router would refuse it, and complain."""
         if link.credentials is not None and self._watch is not None:
             self._self_test = SelfTest(session, link.credentials, self._second, lambda: self.connected)
 
@@ -71,14 +76,30 @@ class ZenohBus(MemoryBus):
 
     @property
     def trouble(self) -> str:
-        """Return that the router is lost, if it is, or what this identity may not do."""
+        """Return that the router is lost, what this identity may not do, or that too much is asked here."""
         lost = "" if self._watch is None else self._watch.trouble
-        return lost or ("" if self._self_test is None else self._self_test.trouble)
+        denied = "" if self._self_test is None else self._self_test.trouble
+        return lost or denied or self._turned_away.trouble(time.monotonic())
 
-    def publisher(self, topic: Topic[M], name: str = "") -> ZenohPublisher[M]:
+    async def denies(self, verb: str, topic: AnyTopic, name: str) -> str:
+        """Return the sentence that says that this identity may not do something; it takes two seconds then.
+
+        Args:
+            verb: `writes` or `reads`.
+            topic: what.
+            name: whose; `*` for anybody's.
+
+        Returns:
+            Nothing when it may, or when there are neither credentials nor a router.
+        """
+        return "" if self._self_test is None else await self._self_test.denies(verb, topic.at(name))
+
+    def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
         self._check_open()
-        if topic is not HEALTH:  # an onlooker's own is for nobody
+        if topic is HEALTH and self._is_onlooker:
+            return super().publisher(topic, name)
+        if topic is not HEALTH:
             self._want("writes", topic.at(name))
         return ZenohPublisher(self, self.session, topic, name)
 
@@ -103,13 +124,13 @@ class ZenohBus(MemoryBus):
     def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics` that are gone, here and to other processes."""
         self._check_open()
-        return ZenohKeeping(self, self.session, topics, recall)
+        return ZenohKeeping(self, self.session, topics, recall, turned_away=self._turned_away)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
         self._check_open()
         self._want("serves", request.at(name))
-        return ZenohDesk(self, self.session, request, server, name)
+        return ZenohDesk(self, self.session, request, server, name, turned_away=self._turned_away)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -135,6 +156,8 @@ class ZenohBus(MemoryBus):
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed, or until this process dies."""
         here = super().announce(presence, name)
+        if self._is_onlooker:
+            return here
         token = self.session.liveliness().declare_token(presence.at(name))
 
         def undo() -> None:
@@ -146,10 +169,16 @@ class ZenohBus(MemoryBus):
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
-        return ZenohWatcher(self, self.session, presence, handler)
+        watcher = ZenohWatcher(self, self.session, presence, handler)
+        if self._is_onlooker:
+            for name in self.exchange.present.get(presence.key, {}):
+                self._loop.call_soon(watcher.tell, name, True)
+        return watcher
 
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
-        if not present:  # all else is told by Zenoh
+        if self._is_onlooker:
+            super()._tell(presence, name, present)
+        elif not present:  # all else is told by Zenoh
             for watcher in self.exchange.watchers.get(presence.key, ()):
                 if isinstance(watcher, ZenohWatcher):
                     self._loop.call_soon(watcher.tell_withheld, name)

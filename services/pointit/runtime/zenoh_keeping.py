@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import zenoh
 from zenoh.handlers import Callback
@@ -19,6 +19,7 @@ from pointit.runtime.bus import AnyTopic, Recall
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import Keeping, MemoryBus
 from pointit.runtime.names import limit_of
+from pointit.runtime.waiting_line import TurnedAway, WaitingLine
 from pointit.runtime.zenoh_wire import decoded, encoding_of, name_in
 from pointit.schemas import SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE
@@ -32,20 +33,28 @@ AT_ONCE = 32
 EMPTY_RETRY_S = (0.05, 0.2, 0.7)
 """Waits before what was not answered is asked again: who has just come may not be known everywhere."""
 
+BUSY = "the keeper is busy with too many other questions; ask later"
+
 
 class ZenohKeeping(Keeping):
     """Answers the readers of this process, and those of others."""
 
     def __init__(
-        self, bus: MemoryBus, session: zenoh.Session, topics: Sequence[AnyTopic], recall: Recall
+        self,
+        bus: MemoryBus,
+        session: zenoh.Session,
+        topics: Sequence[AnyTopic],
+        recall: Recall,
+        *,
+        turned_away: TurnedAway,
     ) -> None:
         super().__init__(bus, topics, recall)
-        self._loop = asyncio.get_running_loop()
+        self._turned_away = turned_away
         self._open = True
         self._queryables = [
             session.declare_queryable(
                 topic.at(ANY),
-                Callback(functools.partial(self._on_query, topic), indirect=False),
+                Callback(self._asked_for(topic), indirect=False),
                 complete=True,
                 allowed_origin=zenoh.Locality.REMOTE,
             )
@@ -61,20 +70,30 @@ class ZenohKeeping(Keeping):
         for queryable in self._queryables:
             queryable.undeclare()
 
-    def _on_query(self, topic: AnyTopic, query: zenoh.Query) -> None:  # on Zenoh's thread
-        try:
-            self._loop.call_soon_threadsafe(self._answer, topic, query)
-        except RuntimeError:  # the loop is gone
-            query.drop()
+    def _asked_for(self, topic: AnyTopic) -> Callable[[zenoh.Query], None]:
+        """Return what takes questions for `topic`: many for one keep nobody from another."""
+        line = WaitingLine(topic.key, functools.partial(self._answer, topic), self._turned_away)
 
-    def _answer(self, topic: AnyTopic, query: zenoh.Query) -> None:
+        def on_query(query: zenoh.Query) -> None:  # on Zenoh's thread
+            try:
+                if not line.offer(query):
+                    with query:
+                        query.reply_err(BUSY.encode())
+            except RuntimeError:  # the loop is gone
+                query.drop()
+
+        return on_query
+
+    def _answer(self, topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
+        """Answer in small steps: a question may be for all names, and there may be hundreds."""
         with query:
-            if not self._open:
-                return
             for name, message in self.recall(topic):
+                if not self._open:
+                    return
                 key = topic.at(name)
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
                     query.reply(key, encode(message), encoding=encoding_of(topic.message))
+                yield
 
 
 class Recollection:

@@ -18,6 +18,8 @@ STDOUT = 1
 def listening(wanted: str, take: Callable[[str], None]) -> Generator[None]:
     """Give each line of Zenoh's log to `take`, in another thread; what else is printed goes where it did.
 
+    In colours, whatever NO_COLOR says: the rest of a key that holds a line break is told by having none.
+
     For a process of its own and once in it: Zenoh's log cannot be set up again. Nothing happens where the
     person has set RUST_LOG, who wants to see the log as it is.
 
@@ -36,6 +38,7 @@ def listening(wanted: str, take: Callable[[str], None]) -> Generator[None]:
     os.close(sink)
     shown, sys.stdout = sys.stdout, os.fdopen(os.dup(before), "w", buffering=1, encoding="utf-8")
     threading.Thread(target=_read, args=(source, take), name="zenoh-log", daemon=True).start()
+    os.environ.pop("NO_COLOR", None)
     zenoh.init_log_from_env_or(wanted)
     try:
         yield

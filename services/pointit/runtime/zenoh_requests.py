@@ -5,6 +5,7 @@
 import asyncio
 import contextlib
 import functools
+from collections.abc import Iterable
 from typing import TypeVar
 
 import zenoh
@@ -14,6 +15,7 @@ from pointit.runtime.bus import Server
 from pointit.runtime.errors import RefusedError, RequestError
 from pointit.runtime.memory_bus import Desk, MemoryBus
 from pointit.runtime.unanswered import no_answer, shutting_down
+from pointit.runtime.waiting_line import MAX_WAITING, TurnedAway, WaitingLine
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.topics import Request
@@ -29,10 +31,20 @@ class ZenohDesk(Desk[Q, R]):
     """Answers this process's callers, and those of others."""
 
     def __init__(
-        self, bus: MemoryBus, session: zenoh.Session, request: Request[Q, R], server: Server[Q, R], name: str
+        self,
+        bus: MemoryBus,
+        session: zenoh.Session,
+        request: Request[Q, R],
+        server: Server[Q, R],
+        name: str,
+        *,
+        turned_away: TurnedAway,
     ) -> None:
         super().__init__(bus, request, server, name)
-        self._loop = asyncio.get_running_loop()
+        self._line = WaitingLine(request.key, self._receive, turned_away)
+        self._busy = (
+            f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later"
+        )
         self._open = True
         self._queryable = session.declare_queryable(
             request.at(name),
@@ -49,17 +61,19 @@ class ZenohDesk(Desk[Q, R]):
     def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's thread
         try:
             check_size(self.request.query, query.payload)
-            self._loop.call_soon_threadsafe(self._receive, query)
+            if not self._line.offer(query):
+                with query:
+                    query.reply_err(self._busy.encode())
         except DecodeError as error:  # nothing of it waits for the loop
             with query:
                 query.reply_err(str(error).encode())
         except RuntimeError:  # the loop is gone
             query.drop()
 
-    def _receive(self, query: zenoh.Query) -> None:
+    def _receive(self, query: zenoh.Query) -> Iterable[None]:
         if not self._open:
             query.drop()
-            return
+            return ()
         try:
             name = name_in(self.request, str(query.key_expr))
             asked = decoded(self.request.query, query.payload, query.encoding)
@@ -68,6 +82,7 @@ class ZenohDesk(Desk[Q, R]):
                 query.reply_err(str(error).encode())
         else:
             self.start(asked, name).add_done_callback(functools.partial(self._reply, query))
+        return ()
 
     def _reply(self, query: zenoh.Query, answer: asyncio.Task[R]) -> None:
         with query:  # dropped in every case: otherwise the caller waits for its time-out

@@ -4,11 +4,11 @@
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import logging
 import re
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.credentials import Credentials, refusal
+from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
+from pointit.runtime.tcp_silence import end_silence
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
@@ -39,8 +41,12 @@ IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 
 OPEN_RETRY_S = 0.5
 CONNECT_TIMEOUT_MS = 1000
-OPEN_PATIENCE_S = 1.4
-"""How long an attempt to open that is no longer wanted is waited for: longer than it may take."""
+"""How long an attempt to open may take. Later attempts to reach a lost router take up to 10 s: with less, the
+attempts that clients have given up would keep a router that stood still busy for good, which turns away ten a
+second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
+CLOSE_PATIENCE_S = 1.0
+"""How long the closing of a session is waited for; it takes some ms, unless a router is lost: then as long as
+the attempt to reach it that goes on."""
 LEASE_MS = 3000
 """A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
 DOUBT_S = 2.0
@@ -58,6 +64,11 @@ class Link:
     """Route for everybody, without being a member of the site."""
     credentials: Credentials | None = None
     """By what it proves who it is, at a router that wants to know."""
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Return where it listens or connects: who listens connects nowhere."""
+        return self.listen or self.connect
 
 
 def configuration(link: Link) -> zenoh.Config:
@@ -131,10 +142,10 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
     loop = asyncio.get_running_loop()
     began = loop.time()
     told = False
-    config = configuration(link)
+    turns = [configuration(turn) for turn in _turns(link)]
     while True:
         try:
-            session = await _open_in_thread(config)
+            session = await _open_by_turns(turns)
         except zenoh.ZError as error:
             if not link.connect:
                 where = ", ".join(link.listen)
@@ -144,7 +155,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
                     f"cannot listen on {where}: {_short(error)}; {hint}choose another address with --listen"
                 ) from error
             where = ", ".join(link.connect)
-            why = await asyncio.to_thread(refusals, link)
+            why = await in_daemon_thread(lambda: refusals(link), "refusal")
             if patience_s is not None and why:
                 raise ConnectError(why) from error
             if patience_s is not None and loop.time() - began >= patience_s:
@@ -161,7 +172,43 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         else:
             if told:
                 log.info("connected to %s", ", ".join(link.connect))
+            end_silence(ports_of((*link.listen, *link.connect)), LEASE_MS)
             return session
+
+
+def ports_of(endpoints: Sequence[str]) -> set[int]:
+    """Return the ports of addresses that have one."""
+    found = (ENDPOINT.fullmatch(endpoint.partition("#")[0]) for endpoint in endpoints)
+    return {int(address["port"]) for address in found if address and address["port"]}
+
+
+def _turns(link: Link) -> list[Link]:
+    """Return `link` with each of its addresses first: when it opens a session, Zenoh tries no other."""
+    return [
+        dataclasses.replace(link, connect=(*link.connect[first:], *link.connect[:first]))
+        for first in range(max(1, len(link.connect)))
+    ]
+
+
+async def _open_by_turns(turns: Sequence[zenoh.Config]) -> zenoh.Session:
+    """Return the session that the first of `turns` opens that can.
+
+    Raises:
+        ZError: none can; says why the last one cannot.
+    """
+    *others, last = turns
+    for turn in others:
+        with contextlib.suppress(zenoh.ZError):
+            return await _open(turn)
+    return await _open(last)
+
+
+async def _open(config: zenoh.Config) -> zenoh.Session:
+    return await in_daemon_thread(
+        lambda: zenoh.open(config),
+        "zenoh-open",
+        discard=lambda session: session.close(),
+    )
 
 
 def refusals(link: Link) -> str:
@@ -175,52 +222,10 @@ def refusals(link: Link) -> str:
     return reasons[0] if reasons and all(reasons) else ""
 
 
-async def close_session(session: zenoh.Session) -> None:
-    """Close `session`; in a thread, because it waits for the callbacks that run."""
-    await asyncio.to_thread(session.close)
-
-
-async def _open_in_thread(config: zenoh.Config) -> zenoh.Session:
-    """Open in a daemon thread: cancelling neither blocks the exit for long nor leaves a session open."""
-    loop = asyncio.get_running_loop()
-    future: asyncio.Future[zenoh.Session] = loop.create_future()
-
-    def settle(session: zenoh.Session | None, error: Exception | None) -> None:
-        if future.done():
-            if session is not None:
-                session.close()
-        elif session is not None:
-            future.set_result(session)
-        elif error is not None:
-            future.set_exception(error)
-
-    thread = threading.Thread(target=_open, args=(config, loop, settle), name="zenoh-open", daemon=True)
-    thread.start()
-    try:
-        return await future
-    except asyncio.CancelledError:
-        # Python must not end while Zenoh returns to it from that thread: it would abort.
-        await asyncio.to_thread(thread.join, OPEN_PATIENCE_S)
-        raise
-
-
-def _open(
-    config: zenoh.Config,
-    loop: asyncio.AbstractEventLoop,
-    settle: Callable[[zenoh.Session | None, Exception | None], None],
-) -> None:
-    """Open a session and hand it, or why not, over to `settle` in `loop`."""
-    session: zenoh.Session | None = None
-    failure: Exception | None = None
-    try:
-        session = zenoh.open(config)
-    except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
-        failure = error
-    try:
-        loop.call_soon_threadsafe(settle, session, failure)
-    except RuntimeError:  # the loop is gone
-        if session is not None:
-            session.close()
+async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_PATIENCE_S) -> None:
+    """Close `session`, in a thread, since that waits for callbacks that run; go on after `patience_s`."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(in_daemon_thread(session.close, "zenoh-close"), patience_s)
 
 
 class LinkWatch:
@@ -234,6 +239,7 @@ class LinkWatch:
         self._doubt: asyncio.Task[None] | None = None
         self._loop = asyncio.get_running_loop()
         self._where = " or ".join(link.connect)
+        self._ports = ports_of(link.connect)
         self._zids = {str(transport.zid) for transport in session.info.transports()}
         self._lost_s: float | None = None
         self._open = True
@@ -270,6 +276,8 @@ class LinkWatch:
         if not self._open:
             return
         (self._zids.add if up else self._zids.discard)(zid)
+        if up:
+            end_silence(self._ports, LEASE_MS)
         if bool(self._zids) == self.up:
             return
         if self._zids:
@@ -286,7 +294,7 @@ class LinkWatch:
     async def _ask_why(self) -> None:
         """Find out whether the router is there and refuses us, as when the certificate has expired."""
         await asyncio.sleep(DOUBT_S)
-        self._why = await asyncio.to_thread(refusals, self._link)
+        self._why = await in_daemon_thread(lambda: refusals(self._link), "refusal")
         if self._why:
             log.warning("%s", self._why)
 

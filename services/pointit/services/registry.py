@@ -33,6 +33,11 @@ class Process:
         """Return the module that holds it, runnable with `python -m`."""
         return f"pointit.{self.room}.{self.name.replace('-', '_')}"
 
+    def config(self) -> Any:
+        """Return the class of its parameters, which needs no extra: `led-driver` has a `LedDriverConfig`."""
+        module = importlib.import_module(f"{self.package}.config")
+        return getattr(module, f"{self.name.title().replace('-', '')}Config")
+
     def load(self) -> Any:
         """Return its service class."""
         return importlib.import_module(f"{self.package}.service").SERVICE
@@ -46,6 +51,7 @@ SHOWN: tuple[Topic[Any], ...] = (
     topics.HOVER,
     topics.INTERACTION,
     topics.FEEDBACK,
+    topics.GOAL,
     topics.MAP,
     topics.OBJECTS,
     topics.SELECTION,
@@ -103,6 +109,13 @@ PROCESSES: tuple[Process, ...] = (
         reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION),
         writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
         serves=(topics.SET_OFFSET,),
+    ),
+    Process(
+        name="goal",
+        scope="user",
+        about="places on the floor, pointed at in two steps, to goals for a robot",
+        reads=(topics.CURSOR, topics.POSE, topics.INTERACTION, topics.BUTTON, topics.MAP),
+        writes=(topics.GOAL, topics.FEEDBACK),
     ),
     Process(
         name="user-sim",
@@ -207,6 +220,33 @@ PROCESSES: tuple[Process, ...] = (
         about="the scene for Foxglove's and Lichtblick's viewer",
         reads=SHOWN,
         writes=(),
+    ),
+    Process(
+        name="ros2",
+        scope="site",
+        room="bridges",
+        extra="ros2",
+        about="a node in a ROS 2 graph: every topic under the names and types that robots know, both ways",
+        reads=(
+            topics.IMU,
+            topics.BUTTON,
+            topics.PROFILE,
+            topics.RAY,
+            topics.POSE,
+            topics.CURSOR,
+            topics.HOVER,
+            topics.INTERACTION,
+            topics.GOAL,
+            topics.MAP,
+            topics.OBJECTS,
+            topics.SELECTION,
+            topics.LAMP_COLOR,
+            topics.STRIPS_FRAME,
+            topics.CONVEYOR_STATE,
+            topics.CLOCK,
+            topics.HEALTH,
+        ),
+        writes=(topics.WRIST, topics.BUTTON, topics.POSE, topics.CLOCK),
     ),
 )
 

@@ -1,5 +1,7 @@
 """Joining a site that runs: its time is taken over, a name is one person's, a log tells what happens."""
 
+import json
+
 from pointit.runtime import SiteClock
 from tests.support.bench import until
 from tests.support.commands import Commands, onlooker
@@ -31,6 +33,32 @@ async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -
         assert ended.code == 2
         assert ended.sentence.startswith("user1: already on site lab; choose another name")
         await seen.sees_cursors("user1")
+
+
+async def missed(commands: Commands, endpoint: str) -> dict[str, str]:
+    """Return who should run and does not, each with what starts it again, as doctor says who comes now."""
+    report = json.loads((await commands.pointit("doctor", "--json", "--connect", endpoint)).out)
+    absent = [finding for finding in report["findings"] if finding["code"] == "absent"]
+    return {finding["service"]: finding["remedy"] for finding in absent}
+
+
+async def test_who_vanished_is_missed_by_who_looks_later(commands: Commands, endpoint: str) -> None:
+    commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
+    join = ("user", "anna", "--no-view", "--connect", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.hears("pui")
+        anna = commands.start(*join)
+        await seen.sees_cursors("anna")
+        anna.kill()
+        await until(lambda: "anna" not in seen.people, what="her to be gone")
+        absent = await missed(commands, endpoint)
+        assert absent.keys() >= {"pointing.anna", "supervisor.anna"}
+        assert all(f"pointit {' '.join(join)}" in remedy for remedy in absent.values())
+        again = commands.start(*join)
+        await seen.sees_cursors("anna")
+        assert await missed(commands, endpoint) == {}
+        assert (await again.stop()).code == 0
+        assert await missed(commands, endpoint) == {}
 
 
 async def test_without_a_terminal_the_log_tells_what_happens(commands: Commands, endpoint: str) -> None:

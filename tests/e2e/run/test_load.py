@@ -24,6 +24,7 @@ def row_of(ended: Ended) -> dict[str, Any]:
         ((), ["all"]),
         (("--layout", "users", "--shards", "2"), ["site", "users 1", "users 2"]),
         (("--layout", "users", "--shards", "1", "--router"), ["site", "users 1", "router"]),
+        (("--layout", "users", "--shards", "1", "--secured"), ["site", "users 1", "router"]),
         (
             ("--layout", "services"),
             ["wrists", "pui", "selector", "led-driver", "conveyor-sim", "keeper", "pointing", "localizer"],
@@ -51,6 +52,12 @@ async def test_people_join_a_running_site(commands: Commands, endpoint: str) -> 
         assert [process["name"] for process in row["processes"]] == ["all"]
         assert row["cursors"] > 50
         assert seen.people == set() or seen.people <= {"load0", "load1"}
+
+
+async def test_who_joins_a_running_site_does_not_secure_it(commands: Commands, endpoint: str) -> None:
+    ended = await commands.pointit("load", *SHORT, "--secured", "--connect", endpoint)
+    assert ended.code == 2
+    assert ended.sentence.startswith("--secured makes a site of its own; leave it out with --connect")
 
 
 async def test_nobody_there_is_said_in_a_sentence(commands: Commands, endpoint: str) -> None:

@@ -26,7 +26,7 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (("nope",), ["no scenario 'nope'", "scenario_3, scenario_4 and replay"]),
+        (("nope",), ["no scenario 'nope'", "scenario_3, scenario_4, send_a_robot and replay"]),
         (("replay",), ["--recording FILE.csv"]),
         (("replay", "--recording", "{folder}/none.csv"), ["{folder}/none.csv: cannot be read"]),
         (("--recording", "a.csv"), ["--recording a.csv", "--imu replay:FILE"]),

@@ -67,6 +67,7 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
         assert summary["latency_ms"]["p50"] < 50
         assert summary["cursors"] > 300  # of 3000 samples; the arm rests when there is nothing to select
         assert summary["frames"] > 500
+        assert summary["first_frame_unix_s"] < summary["first_cursor_unix_s"]
         assert f"Selected {summary['selected']} of {summary['selected']} red objects" in ended.out
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Iterator
-from pathlib import Path
 
 import pytest
 import pytest_asyncio
@@ -12,18 +11,6 @@ from pointit.bridges.web.bundle import STATIC
 from tests.e2e.web.site import SitePage, running
 from tests.support.browser import NAMES, chromium, installed
 from tests.support.commands import Commands
-
-
-@pytest.fixture
-def commands(tmp_path: Path) -> Iterator[Commands]:
-    """Start `pointit …`; nothing outlives the test."""
-    folder = tmp_path / "printed"
-    folder.mkdir()
-    started = Commands(folder)
-    try:
-        yield started
-    finally:
-        started.kill_all()
 
 
 @pytest_asyncio.fixture

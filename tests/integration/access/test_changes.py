@@ -4,12 +4,16 @@ import json
 import shutil
 from pathlib import Path
 
+import pytest
+import zenoh
+
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.credentials import read_credentials, refusal
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.schemas import ImuSample
-from pointit.schemas.topics import ANY, BUTTON, IMU, SET_BRIGHTNESS, USER_ALIVE
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Health, ImuSample
+from pointit.schemas.topics import ANY, BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
 from tests.integration.access.secured import (
     Member,
     RouterProgram,
@@ -17,6 +21,7 @@ from tests.integration.access.secured import (
     link_of,
     make_site,
     now,
+    open_with,
     routed,
     wait,
 )
@@ -93,9 +98,9 @@ def test_a_configuration_that_cannot_be_used_is_left(tmp_path: Path) -> None:
             wait(lambda: router.said.count(words) == number, words)  # noqa: B023 - called at once
         with Member(folder, "supervisor") as supervisor:
             hears(supervisor, IMU.at("anna"), anna)
-        assert "by the new rules" not in router.said
+        assert "that there are now" not in router.said
         file.write_text(good)
-        wait(lambda: "by the new rules" in router.said, "the router to go on")
+        wait(lambda: "that there are now" in router.said, "the router to go on")
         assert router.said.count("geheim") == 1  # the name of a field, which is no secret
 
 
@@ -129,9 +134,10 @@ def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
         mine.put("map")
         ear.hears("map")
         assert mine.answered(dim, "**", "*") == set()
-        assert mine.sees(USER_ALIVE.at(ANY), "**") == set()
+        assert mine.sees(USER_ALIVE.at(ANY), "**") == {SERVICE_ALIVE.at("router")}
         elsewhere.hears(mark := other.mark())
-        assert ([key for key in elsewhere.keys if key != "map"], asked) == ([mark], [])
+        strange = [key for key in elsewhere.keys if key not in ("map", HEALTH.at("router"))]
+        assert (strange, asked) == ([mark], [])
 
 
 def test_sites_that_cannot_share_a_router_are_refused(tmp_path: Path) -> None:
@@ -200,11 +206,55 @@ def test_the_router_tells_who_is_refused_what(tmp_path: Path) -> None:
         ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("anna")))
         anna.answered(SET_BRIGHTNESS.at())
         refusal(read_credentials(foreign, now()), endpoint_of(folder))
+        with pytest.raises(zenoh.ZError):
+            open_with(Link(connect=(f"tcp/127.0.0.1:{folder.state().port}",)), {})
         for words in (
-            f"lab/anna may not write {IMU.at('ben')} (5 times), ask {SET_BRIGHTNESS.at()}",
+            f"lab/anna may not write {IMU.at('ben')} (",
+            f"ask {SET_BRIGHTNESS.at()}",
             f"lab/dashboard1 may not read {IMU.at('anna')}",
-            "somebody was not let in: invalid peer certificate",
+            "somebody was not let in: ",
+            "invalid peer certificate",
+            "came without credentials, by plain TCP",
         ):
             wait(lambda words=words: words in router.said, words)  # type: ignore[misc]
         assert "lab/supervisor" not in router.said
         assert f"write {IMU.at('anna')}" not in router.said
+
+
+async def test_the_operator_sees_who_was_refused_what_and_nobody_can_say_so_but_the_router(
+    tmp_path: Path,
+) -> None:
+    folder = make_site(tmp_path / "lab")
+    seen: dict[str, Health] = {}
+    present: set[str] = set()
+    long = IMU.message.max_bytes + 1
+    with RouterProgram("--site-folder", str(folder.path)), Member(folder, "anna") as anna:
+        operator = await ZenohBus.open(link_of(folder, "operator"), patience_s=5)
+        operator.subscribe(HEALTH, lambda health, instance: seen.update({instance: health}))
+        operator.watch(SERVICE_ALIVE, lambda instance, _here: present.add(instance))
+        await until(lambda: "router" in seen and "router" in present, 10, "the router's account")
+        assert (seen["router"].status, seen["router"].warnings) == ("ok", ())
+
+        def told(words: str) -> bool:
+            return any(words in sentence for sentence in seen["router"].warnings)
+
+        anna.put(IMU.at("ben"))
+        await until(lambda: told(f"lab/anna may not write {IMU.at('ben')}: refused"), 10, "the attempt")
+        anna.put(IMU.at("anna"), size=long)
+        await until(lambda: told(f"lab/anna may not write such long messages to {IMU.at('anna')}"), 10)
+        before = seen["router"].seq
+        for name in ("anna", "services", "web", "operator", "dashboard1"):
+            with Member(folder, name) as liar:
+                liar.put(HEALTH.at("router"))
+                await until(lambda name=name: told(f"lab/{name} may not write health/router"), 10)  # type: ignore[misc]
+        assert seen["router"].seq > before
+        with Member(folder, "guest1") as revoked:
+            folder.revoke("guest1")
+
+            def is_told() -> bool:
+                revoked.put(IMU.at("guest1"))
+                return told("lab/guest1 may not write")
+
+            await until(is_told, 10, "the revoked to be named, too")
+        assert set(seen) == present == {"router"}
+        await operator.close()

@@ -1,12 +1,13 @@
 """Commands with --credentials, in processes of their own."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from pointit.access.site_folder import SiteFolder
-from tests.integration.access.secured import make_site, routed
+from tests.integration.access.secured import NAMES, make_site, routed
 from tests.support.commands import Commands
 
 
@@ -15,13 +16,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SiteFolder]:
     folder = make_site(tmp_path_factory.mktemp("site") / "lab")
     with routed(folder):
         yield folder
-
-
-@pytest.fixture
-def commands(tmp_path: Path) -> Iterator[Commands]:
-    started = Commands(tmp_path)
-    yield started
-    started.kill_all()
 
 
 async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder, commands: Commands) -> None:
@@ -61,3 +55,58 @@ async def test_what_does_not_fit_the_credentials_is_one_sentence(
     )
     assert ended.code == 2
     assert sentence in ended.sentence
+
+
+async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
+    site: SiteFolder, commands: Commands
+) -> None:
+    ended = await commands.pointit("press", "anna", "--credentials", str(site.identity_folder("operator")))
+    assert ended.code != 0
+    assert "this identity (operator) may not write users/anna/button" in ended.sentence
+    assert ended.err.count("may not write") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "role"), [("guest1", "user"), ("services", "services"), ("operator", "operator")]
+)
+async def test_who_may_not_be_that_person_is_told_before_anything_starts(
+    name: str, role: str, site: SiteFolder, commands: Commands
+) -> None:
+    ended = await commands.pointit("user", "anna", "--credentials", str(site.identity_folder(name)))
+    assert ended.code == 2
+    assert f"these are of {name} (role {role}), who may not take part as anna" in ended.sentence
+
+
+async def test_doctor_of_a_revoked_identity_says_that_it_was(tmp_path: Path, commands: Commands) -> None:
+    folder = make_site(tmp_path / "lab")
+    folder.revoke("guest1")
+    with routed(folder):
+        for options in ([], ["--only", "pui"]):
+            ended = await commands.pointit(
+                "doctor", "--credentials", str(folder.identity_folder("guest1")), *options
+            )
+            assert ended.code == 1
+            told = " ".join(ended.out.split())
+            assert "error: this identity (guest1) may do nothing here: it was revoked" in told
+            assert "no service runs" not in told
+
+
+async def test_doctor_tells_until_when_certificates_last(site: SiteFolder, commands: Commands) -> None:
+    folder = site.identity_folder("operator")
+    ended = await commands.pointit("doctor", "--json", "--credentials", str(folder))
+    told = {row["name"]: row for row in json.loads(ended.out)["identities"]}
+    assert told.keys() == {*NAMES, "router"}
+    assert [name for name, row in told.items() if row["own"]] == ["operator"]
+    until = site.state().identities["operator"].valid_until
+    assert (told["operator"]["state"], told["operator"]["until"]) == ("ends soon", f"{until:%Y-%m-%d}")
+    ended = await commands.pointit("doctor", "--credentials", str(folder))
+    assert "operator (this one)" in ended.out
+    assert ended.err.count("Warning: ") == 2, ended.err
+    _, _, others = ended.err.rpartition("Warning: ")
+    assert others.startswith("anna, ben, ")
+    assert "operator" not in others
+
+
+async def test_doctor_of_an_open_site_tells_of_no_certificates(endpoint: str, commands: Commands) -> None:
+    ended = await commands.pointit("doctor", "--timeout", "0", "--json", "--connect", endpoint)
+    assert json.loads(ended.out)["identities"] == []

@@ -33,7 +33,10 @@ from pointit.schemas import (
 from pointit.schemas.topics import (
     ANY,
     BUTTON,
+    CLOCK,
     CURSOR,
+    DEPLOYMENT,
+    HEALTH,
     IMU,
     INTERACTION,
     MAP,
@@ -54,6 +57,8 @@ from tests.integration.access.secured import (
 )
 from tests.support.bench import until
 from tests.support.buses import free_port
+
+ROUNDS = 20
 
 
 @pytest.fixture(scope="module")
@@ -282,6 +287,26 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
             ear.hears(MAP.at())
         assert [full.keys.count(key) for key in keys] == [300, 300]
         assert all(thin.keys.count(key) < 100 for key in keys)
+
+
+async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tmp_path: Path) -> None:
+    """By QUIC with a stream for each priority, every third dashboard's was dropped, and told as too long."""
+    folder = make_site(tmp_path / "lab", dashboard_rate_hz=10.0)
+    late = f"{DEPLOYMENT.at(ANY)}/@adv/**"
+    with (
+        routed(folder),
+        Member(folder, "services") as services,
+        Member(folder, "supervisor") as witness,
+        services.serving(late) as asked,
+    ):
+        services.settle(witness)
+        for rounds in range(1, ROUNDS + 1):
+            bus = await ZenohBus.open(link_of(folder, "dashboard1"), patience_s=5)
+            bus.subscribe(CLOCK, lambda _message, _name: None)
+            bus.subscribe(DEPLOYMENT, lambda _message, _name: None)
+            bus.subscribe(HEALTH, lambda _message, _name: None)
+            await until(lambda rounds=rounds: len(asked) >= rounds, what=f"question {rounds}")  # type: ignore[misc]
+            await bus.close()
 
 
 async def test_states_whose_writers_are_gone_are_kept_for_whoever_may_read_them(

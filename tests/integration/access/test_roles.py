@@ -77,6 +77,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
 
 
 def may_read(me: str, topic: object, name: str) -> bool:
+    # named here again on purpose: with `rights.PRIVATE` this could not fail when one is left out of it
     if topic in (IMU, WRIST, RAY):
         if NAMES[me] == "user":
             return name == me

@@ -7,12 +7,11 @@ import pytest_asyncio
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
-from tests.support.cli_site import Site, free_endpoint
+from tests.support.cli_site import Site
 
 
 @pytest_asyncio.fixture
-async def site() -> AsyncIterator[Site]:
-    endpoint = free_endpoint()
+async def site(endpoint: str) -> AsyncIterator[Site]:
     site = Site(bus=await ZenohBus.open(Link(listen=(endpoint,))), endpoint=endpoint)
 
     def on_presence(instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature

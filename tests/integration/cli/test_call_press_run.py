@@ -1,27 +1,14 @@
 """A run with a device that has no button: it begins by itself, and `pointit press` stops and starts it."""
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
-
-import pytest
 
 from tests.support.bench import until
-from tests.support.cli_site import free_endpoint
 from tests.support.commands import Commands, onlooker, summary_of
 
 
-@pytest.fixture
-def commands(tmp_path: Path) -> Iterator[Commands]:
-    started = Commands(tmp_path)
-    try:
-        yield started
-    finally:
-        started.kill_all()
-
-
-async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(commands: Commands) -> None:
-    endpoint = free_endpoint()
+async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(
+    commands: Commands, endpoint: str
+) -> None:
     run = commands.start(
         *("run", "scenario_2", "--imu", "simulated", "--duration", "6", "--no-view", "--json"),
         *("--listen", endpoint),
@@ -36,8 +23,7 @@ async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(co
     assert min(cursor.miss_rad for cursor in cursors if cursor.surface == "strip") < 0.01
 
 
-async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Commands) -> None:
-    endpoint = free_endpoint()
+async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Commands, endpoint: str) -> None:
     run = commands.start(
         *("run", "scenario_2", "--imu", "simulated", "--duration", "60", "--no-view", "--listen", endpoint)
     )

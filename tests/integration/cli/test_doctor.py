@@ -16,7 +16,8 @@ from pointit.schemas import Deployment, ExpectedService, PointingRay, UserProfil
 from pointit.schemas.topics import DEPLOYMENT, IMU, PROFILE, RAY
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import until
-from tests.support.cli_site import Ended, Site, interrupt
+from tests.support.cli_site import Site, interrupt
+from tests.support.commands import Ended
 
 POINTING = ("-m", "pointit.services.pointing", "--user", "anna")
 
@@ -57,7 +58,7 @@ async def test_all_is_well(site: Site) -> None:
         assert report["deployments"]["test"]["services"][0]["command"] == ["python", *POINTING]
         text = await site.pointit("doctor")
         assert text.code == 0
-        assert text.out.rstrip().endswith("all is well: 1 services run")
+        assert text.out.rstrip().endswith("all is well: 1 service runs")
         (row,) = (line for line in text.out.splitlines() if line.split()[:1] == ["pointing"])
         assert row.split()[1:3] == ["anna", str(process.pid)]
         assert row.split()[-1] == "ok"

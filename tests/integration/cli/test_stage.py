@@ -85,13 +85,18 @@ class Seen:
     def look(self) -> None:
         self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.services, name, here=here))
         self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
-        self.bus.subscribe(DEPLOYMENT, lambda message, name: self.deployments.update({name: message}))
+        self.bus.subscribe(DEPLOYMENT, self._on_deployment)
         self.bus.subscribe(MAP, self._on_map)
         for topic in STATES:
             self.bus.subscribe(topic, functools.partial(self._on_state, topic.key))
 
     def _on_state(self, key: str, _message: Message, name: str) -> None:
         self.states[key].add(name)
+
+    def _on_deployment(self, deployment: Deployment, name: str) -> None:
+        self.deployments[name] = deployment
+        if not deployment.services:
+            del self.deployments[name]
 
     def _on_map(self, room: Environment, _name: str) -> None:
         self.rooms.append(room.name)
@@ -200,7 +205,7 @@ async def test_the_page_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_wishes_are_granted_one_after_the_other() -> None:
     async with going(plan_of("scenario_2")) as run:
         names: list[str] = []
-        run.bus.subscribe(DEPLOYMENT, lambda told, _name: names.append(told.scenario))
+        run.bus.subscribe(DEPLOYMENT, lambda told, _name: names.extend([told.scenario] * bool(told.services)))
         wishes = [asyncio.create_task(run.asks(name)) for name in ("scenario_1", "scenario_3", "scenario_2")]
         await asyncio.gather(*wishes)
         assert run.stage.plan.name == "scenario_2"

@@ -1,12 +1,14 @@
 """Addresses that cannot be listened on, and why."""
 
+import asyncio
 import socket
 
 import pytest
 
-from pointit.runtime import ListenError
+from pointit.runtime import ConnectError, ListenError
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
+from tests.support.buses import free_port, router_process
 
 
 async def test_an_address_that_is_taken() -> None:
@@ -27,3 +29,25 @@ async def test_an_address_of_another_machine() -> None:
     assert str(caught.value) == (
         f"cannot listen on {foreign}: Cannot assign requested address; choose another address with --listen"
     )
+
+
+@pytest.mark.parametrize("is_listening", [False, True])
+async def test_an_address_where_nobody_answers_does_not_keep_from_the_next(is_listening: bool) -> None:  # noqa: FBT001
+    with socket.socket() as mute:
+        mute.bind(("127.0.0.1", 0))
+        if is_listening:  # and says nothing
+            mute.listen()
+        dead = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
+        async with router_process() as router:
+            link = Link(connect=(dead, dead, router.endpoint))
+            began_s = asyncio.get_running_loop().time()
+            bus = await ZenohBus.open(link, patience_s=0.0)
+            assert asyncio.get_running_loop().time() - began_s < 8.0
+            assert bus.connected
+            await bus.close()
+
+
+async def test_where_nobody_answers_anywhere_that_is_said_after_all_were_tried() -> None:
+    where = tuple(f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    with pytest.raises(ConnectError, match=f"nobody answers at {where[0]}, {where[1]}"):
+        await ZenohBus.open(Link(connect=where), patience_s=0.0)

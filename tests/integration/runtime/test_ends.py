@@ -121,6 +121,24 @@ async def test_a_service_that_lost_its_router_ends_on_a_signal() -> None:
             assert (code, took_s < end_s()) == (0, True)
 
 
+async def test_a_service_ends_while_it_tries_to_reach_a_router_that_never_answers() -> None:
+    async with router_process() as router:
+        bus = await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=5)
+        told: list[tuple[str, bool]] = []
+        bus.watch(SERVICE_ALIVE, lambda name, present: told.append((name, present)))
+        with process(*pointing(router.endpoint)) as child:
+            await until(lambda: bool(told), 15)
+            await bus.close()
+            router.stop()
+            port = int(router.endpoint.rpartition(":")[2])
+            with socket.create_server(("127.0.0.1", port)) as mute:
+                mute.settimeout(15)
+                tried, _ = await asyncio.to_thread(mute.accept)
+                with tried:
+                    code, took_s = await asyncio.to_thread(ended, child, signal.SIGTERM)
+        assert (code, took_s < end_s()) == (0, True)
+
+
 BODY = """
 import asyncio, sys
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -5,22 +5,18 @@
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator
 from typing import Any
 
 import msgpack
 import pytest
-import pytest_asyncio
 import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime import NoAnswerError, RefusedError, RequestError
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, encode
 from pointit.schemas.topics import IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
 from tests.support.bench import until
-from tests.support.buses import free_port
 
 SITE = "pointit/lab/"
 
@@ -42,22 +38,6 @@ GARBAGE = {
     "a megabyte of zeros": bytes(1_000_000),
     "a megabyte of text": msgpack.packb({"stamp_ns": 1, "seq": "x" * 1_000_000}),
 }
-
-
-@pytest_asyncio.fixture
-async def bus_and_stranger() -> AsyncIterator[tuple[ZenohBus, zenoh.Session]]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    bus = await ZenohBus.open(Link(listen=(endpoint,)))
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    stranger = await asyncio.to_thread(zenoh.open, config)
-    try:
-        yield bus, stranger
-    finally:
-        await asyncio.to_thread(stranger.close)
-        await bus.close()
 
 
 def name_for(row: Any) -> str:

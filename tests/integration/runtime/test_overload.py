@@ -115,13 +115,14 @@ async def test_memory_stays_flat() -> None:
             if not seq % 20:
                 await asyncio.sleep(0)
 
-    await burst(5_000)  # fills the caches and the allocator
-    await asyncio.sleep(0.5)
-    before = process.memory_info().rss
-    await burst(20_000)
-    await until(lambda: traffic.received > 1000 and event_traffic.received > 1000)
-    await asyncio.sleep(0.5)
-    grown = process.memory_info().rss - before
-    assert grown < 8e6, f"{grown / 1e6:.1f} MB for 40000 messages of 100 bytes"
+    grown: list[int] = []
+    for _ in range(4):  # what is kept grows with each; what was only on its way, on a busy machine, does not
+        before, received = process.memory_info().rss, traffic.received
+        await burst(10_000)
+        await until(lambda: traffic.received > received, what="samples")  # noqa: B023 - awaited at once
+        await asyncio.sleep(0.5)
+        grown.append(process.memory_info().rss - before)
+    assert event_traffic.received > 1000
+    assert min(grown) < 4e6, f"{[round(each / 1e6, 1) for each in grown]} MB for 20000 messages of 100 bytes"
     await writer.close()
     await reader.close()

@@ -3,41 +3,27 @@
 """Strangers on the network who flood a site: with names, with long payloads, with large messages."""
 
 import asyncio
+import functools
 import logging
-from collections.abc import AsyncIterator
+import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import pytest_asyncio
 import zenoh
+from zenoh.handlers import Callback
 
 from pointit.runtime import zenoh_wire
 from pointit.runtime.names import MAX_USERS
+from pointit.runtime.waiting_line import MAX_WAITING
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
-from pointit.schemas import Cursor, SetBrightness, encode
-from pointit.schemas.topics import BUTTON, CURSOR, IMU, SET_BRIGHTNESS
+from pointit.runtime.zenoh_keeping import BUSY
+from pointit.schemas import Cursor, SetBrightness, UserProfile, encode
+from pointit.schemas.topics import BUTTON, CURSOR, IMU, PROFILE, SET_BRIGHTNESS
 from tests.support.bench import until
-from tests.support.buses import free_port
 from tests.support.sinks import Sink, imu
 
 SITE = "pointit/lab/"
-
-
-@pytest_asyncio.fixture
-async def bus_and_stranger() -> AsyncIterator[tuple[ZenohBus, zenoh.Session]]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    bus = await ZenohBus.open(Link(listen=(endpoint,)))
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    stranger = await asyncio.to_thread(zenoh.open, config)
-    try:
-        yield bus, stranger
-    finally:
-        await asyncio.to_thread(stranger.close)
-        await bus.close()
 
 
 async def test_thousands_of_new_names_leave_those_who_are_heard_alone(
@@ -89,7 +75,7 @@ async def test_a_question_too_long_is_refused_where_it_arrives(
 
     desk: Any = bus.serve(SET_BRIGHTNESS, never)
     received: list[object] = []
-    desk._receive = received.append
+    desk._line.offer = received.append
     size = SetBrightness.max_bytes + 1
     [reply] = await asyncio.to_thread(
         lambda: list(stranger.get(SITE + SET_BRIGHTNESS.at(), payload=bytes(size), timeout=5.0))
@@ -99,6 +85,53 @@ async def test_a_question_too_long_is_refused_where_it_arrives(
         f"SetBrightness: has {size} bytes, at most {SetBrightness.max_bytes} are taken"
     )
     assert not received
+
+
+async def test_thousands_of_questions_are_bounded_and_leave_the_loop_to_others(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    """Once 2000 questions for all profiles stalled a loop for 25 s."""
+    bus, stranger = bus_and_stranger
+    kept = [(f"u{index}", UserProfile(stamp_ns=1, seq=1)) for index in range(50)]
+    turns = 0
+    worked: set[int] = set()
+
+    def recall(_topic: object) -> Iterator[tuple[str, UserProfile]]:
+        for each in kept:
+            worked.add(turns)
+            yield each
+
+    bus.keep((PROFILE,), recall)
+    [first] = await asyncio.to_thread(lambda: list(stranger.get(SITE + PROFILE.at("u7"), timeout=5.0)))
+    assert first.ok is not None
+    refused: list[str] = []
+    done: list[int] = []
+
+    def take(reply: zenoh.Reply) -> None:
+        if reply.err is not None:
+            refused.append(reply.err.payload.to_string())
+
+    count = 3 * MAX_WAITING
+    for index in range(count):
+        finish = functools.partial(done.append, index)
+        stranger.get(SITE + PROFILE.at("*"), Callback(take, finish, indirect=False), timeout=30.0)
+
+    def hold_up() -> None:
+        """Let the loop look at none of them meanwhile."""
+        began_s = time.monotonic()
+        while len(refused) < count - MAX_WAITING and time.monotonic() < began_s + 15.0:
+            time.sleep(0.01)
+
+    hold_up()
+    worked.clear()
+    assert set(refused) == {BUSY}
+    assert "questions were turned away, the last for users/{user}/profile" in bus.trouble
+    until_s = time.monotonic() + 30.0
+    while len(done) < count and time.monotonic() < until_s:
+        await asyncio.sleep(0)
+        turns += 1
+    assert len(done) == count
+    assert len(worked) > 50, "everybody else has turns between the answers"
 
 
 async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(

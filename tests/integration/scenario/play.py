@@ -19,6 +19,8 @@ from pointit.schemas import (
     NS_PER_S,
     Anchor,
     Cursor,
+    Feedback,
+    Goal,
     Hover,
     ImuSample,
     Interaction,
@@ -30,6 +32,8 @@ from pointit.schemas import (
 from pointit.schemas.topics import (
     ANCHOR,
     CURSOR,
+    FEEDBACK,
+    GOAL,
     HOVER,
     IMU,
     INTERACTION,
@@ -80,6 +84,9 @@ class Outcome:
     followed: list[Found] = field(default_factory=list[Found])
     progress: list[Localization] = field(default_factory=list[Localization])
     anchors: list[Anchor] = field(default_factory=list[Anchor])
+    cues: list[Feedback] = field(default_factory=list[Feedback])
+    goals: list[tuple[Goal, float]] = field(default_factory=list[tuple[Goal, float]])
+    """Where they sent a robot, and how far that is from the place that they meant, on the floor, m."""
     monitor: Monitor | None = None
     """What a run's view is drawn from."""
     view: dict[int, str] = field(default_factory=dict[int, str])
@@ -167,6 +174,12 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
         if outcome.found:
             outcome.followed.append(stands(outcome.found[-1].pose))
 
+    def on_goal(goal: Goal, _name: str) -> None:
+        meant_m = people[-1].goal.point_m
+        outcome.goals.append(
+            (goal, math.inf if meant_m is None else math.dist(goal.position_m[:2], meant_m[:2]))
+        )
+
     bus.subscribe(OBJECTS, on_objects)
     bus.subscribe(SELECTION_EVENTS, lambda event, _name: outcome.events.append(event))
     bus.subscribe(HOVER, lambda hover, _name: outcome.on_hover(hover, plan.target_kinds), USER)
@@ -174,6 +187,8 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
     bus.subscribe(INTERACTION, on_interaction, USER)
     bus.subscribe(LOCALIZATION, lambda news, _name: outcome.progress.append(news), USER)
     bus.subscribe(ANCHOR, lambda anchor, _name: outcome.anchors.append(anchor), USER)
+    bus.subscribe(FEEDBACK, lambda cue, _name: outcome.cues.append(cue), USER)
+    bus.subscribe(GOAL, on_goal, USER)
     bus.subscribe(POSE, on_pose, USER)
     bus.subscribe(IMU, on_imu, USER)
     outcome.monitor = Monitor(Score(plan.target_kinds), clock)

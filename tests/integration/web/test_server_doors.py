@@ -6,8 +6,9 @@ import httpx
 import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
+from websockets.typing import Origin
 
-from pointit.bridges.web import access
+from pointit.bridges.web import access, exposure
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import Role
@@ -196,6 +197,44 @@ async def test_a_taken_port_is_said_in_a_sentence() -> None:
 def test_what_is_not_safe_is_refused(parameters: dict[str, str], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         Web.check(WebConfig.model_validate(parameters))
+
+
+def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    published = WebConfig(host="0.0.0.0", published_port=8091)  # noqa: S104 - its engine's affair
+    monkeypatch.setattr(exposure, "CONTAINER_MARKS", ())
+    monkeypatch.delenv(exposure.CONTAINER, raising=False)
+    with pytest.raises(ConfigError, match="published_port in a container"):
+        Web.check(published)
+    monkeypatch.setenv(exposure.CONTAINER, "oci")
+    Web.check(published)
+    with pytest.raises(ConfigError, match="lan: true"):
+        Web.check(published.model_copy(update={"published_port": 0}))
+
+
+async def test_a_published_page_is_opened_by_the_address_that_it_tells(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    monkeypatch.setenv(exposure.CONTAINER, "oci")
+    everywhere = {"host": "0.0.0.0", "published_port": 4321, "operator_token": ""}  # noqa: S104 - as above
+    async with memory_bench() as bench, serving(bench, **everywhere) as server, server.client() as client:
+        link = caplog.text.partition("the page is at ")[2].split()[0]
+        told = "127.0.0.1:4321"
+        assert link.startswith(f"http://{told}/?token=")
+        entered = await client.get(link.partition(told)[2], headers={"Host": told})
+        assert entered.status_code == 303
+        headers = {"Cookie": entered.headers["set-cookie"].partition(";")[0]}
+        port = int(server.host.rpartition(":")[2])
+        async with connect(
+            f"ws://{told}/ws",
+            host="127.0.0.1",
+            port=port,
+            origin=Origin(f"http://{told}"),
+            additional_headers=headers,
+        ) as page:
+            assert "hello" in str(await page.recv())
+        for foreign in ("0.0.0.0", "192.168.1.5", "example.org"):  # noqa: S104 - refused
+            assert (await client.get("/", headers={**headers, "Host": f"{foreign}:4321"})).status_code == 403
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])

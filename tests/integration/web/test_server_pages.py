@@ -3,6 +3,7 @@
 import asyncio
 import io
 import threading
+import time
 from typing import IO, Any
 
 import pytest
@@ -16,7 +17,9 @@ from pointit.schemas import (
     Deployment,
     Done,
     Environment,
+    ExpectedService,
     Feedback,
+    Health,
     Interaction,
     Query,
     SetSpeed,
@@ -87,6 +90,20 @@ async def test_a_frame_of_light_is_sent_at_once() -> None:
         assert loop.time() - began_s < 0.5, "it waits for what was sent just before"
 
 
+def lag(bench: Bench, page: Page, late_s: float) -> str:
+    """Have a report of another machine come that late; return what the page server says of it."""
+    stamp_ns = time.time_ns() - round(late_s * 1e9)
+    bench.put(HEALTH, Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant"), "pui")
+    warnings: list[str] = page.states.get((HEALTH.key, "web"), {}).get("warnings", [])
+    return "".join(warning for warning in warnings if "machine plant sends" in warning)
+
+
+async def test_that_what_is_shown_is_long_past_is_told() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        await until(lambda: "4.0 s late" in lag(bench, page, 4.0), 20.0, "the page to speak of it")
+        await until(lambda: not lag(bench, page, 0.0), 20.0, "the page to speak of it no more")
+
+
 async def test_who_leaves_is_no_ghost() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
         token = bench.bus.announce(USER_ALIVE, "anna")
@@ -104,7 +121,8 @@ async def test_who_leaves_is_no_ghost() -> None:
 async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
         tokens = [bench.bus.announce(SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
-        first = Deployment(**NOW, name="scenario_4", scenario="scenario_4")
+        services = (ExpectedService(service="conveyor-sim"),)
+        first = Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
         bench.put(DEPLOYMENT, first, "scenario_4")
         bench.put(MAP, Environment(**NOW, name="old"))
         bench.put(CURSOR, Cursor(**NOW), "anna")

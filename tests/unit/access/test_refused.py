@@ -3,17 +3,19 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.refused import KINDS, Refused
+from pointit.access.recent import MOST_SENTENCES, RECENT_S, Recent
+from pointit.access.refused import FLOOD_HZ, KINDS, LONGEST_KEY, Refused
 
-HEAD = "\x1b[2m2030-01-01T00:00:00Z\x1b[0m TRACE rx-0 ThreadId(07) zenoh::net::interceptor::access_control: "
+TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
+HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
 ANNA = "12ab on Interface(lo)+CertCommonName(lab/anna/2)+Transport(Tls)+12ab"
 
 
 def sentences(*lines: str) -> list[str]:
     refused = Refused()
     for line in lines:
-        refused.take(line if line.startswith("20") else HEAD + line)
-    return refused.take_sentences()
+        refused.take(line if line.startswith("\x1b") else HEAD + line)
+    return list(refused.take_sentences(1.0).values())
 
 
 def test_attempts_are_counted_by_identity_and_key() -> None:
@@ -25,6 +27,16 @@ def test_attempts_are_counted_by_identity_and_key() -> None:
     ) == ["lab/anna may not write users/ben/imu (2 times), read objects/*: refused"]
 
 
+def test_who_takes_the_name_of_anothers_connection_is_named_themselves() -> None:
+    attempt = "Using cached result: 12ab is unauthorized to Put (ingress) on pointit/lab/map"
+    mallory = ANNA.replace("lab/anna", "lab/mallory")
+    assert sentences(
+        f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu",
+        f"{mallory} is authorized to Put (ingress) on pointit/lab/users/mallory/imu",
+        attempt,
+    ) == ["lab/mallory may not write map: refused"]
+
+
 def test_what_is_worked_out_beforehand_is_no_attempt() -> None:
     worked_out = [f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"] * KINDS
     attempt = f"{ANNA} is unauthorized to Query (ingress) on pointit/lab/leds/brightness"
@@ -33,15 +45,66 @@ def test_what_is_worked_out_beforehand_is_no_attempt() -> None:
     assert sentences(*lines, attempt) == ["lab/anna may not ask leds/brightness: refused"]
 
 
-def test_undeclaring_and_what_goes_with_a_key_are_no_attempts() -> None:
+def test_undeclaring_and_what_goes_out_are_no_attempts() -> None:
     assert (
         sentences(
             f"{ANNA} is unauthorized to Undeclare Subscriber (ingress) on pointit/lab/users/ben/imu",
-            f"{ANNA} is unauthorized to Liveliness Query (ingress) on pointit/lab/users/ben/pose/@adv/pub/**",
             f"{ANNA} is unauthorized to Put (egress) on pointit/lab/users/ben/imu",
         )
         == []
     )
+
+
+def test_what_is_kept_for_late_joiners_is_of_its_key() -> None:
+    late = "(ingress) on pointit/lab/users/ben/pose/@adv/pub/1/2/_"
+    assert sentences(
+        f"{ANNA} is unauthorized to Put {late}",
+        f"{ANNA} is unauthorized to Declare/Undeclare Queryable {late}",
+        f"{ANNA} is unauthorized to Liveliness Query {late}",
+    ) == ["lab/anna may not write users/ben/pose (2 times), read users/ben/pose: refused"]
+
+
+def test_what_is_let_in_and_dropped_is_too_long() -> None:
+    let_in = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/imu"
+    known = f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
+    dropped = HEAD.replace("::access_control", "") + "Msg intercepted!"
+    thinned = (
+        HEAD.replace("access_control", "downsampling") + "Message dropped by the downsampling interceptor"
+    )
+    elsewhere = dropped.replace("ThreadId(07)", "ThreadId(08)")
+    assert sentences(known, let_in, dropped) == [
+        "lab/anna may not write such long messages to users/anna/imu: refused"
+    ]
+    assert sentences(known, let_in, thinned, dropped) == []
+    assert sentences(known, let_in, elsewhere) == []
+    assert sentences(dropped) == []
+
+
+def test_who_writes_too_often_is_told() -> None:
+    let_in = f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
+    assert sentences(*[let_in] * int(FLOOD_HZ)) == []
+    cached = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/button"
+    (told,) = sentences(let_in, *[cached] * int(FLOOD_HZ + 1))
+    assert told == (
+        "lab/anna writes users/anna/button 1001 times a second, more than anybody needs: end what does"
+    )
+
+
+def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:
+    forged = f"{ANNA.replace('anna', 'ben').replace('12ab', '34cd')} is unauthorized to Put (ingress) on x"
+    attempt = f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/a"
+    refused = Refused()
+    for line in f"{HEAD}{attempt}\n2030-01-01 TRACE ThreadId(07) access_control: {forged}".split("\n"):
+        refused.take(line)  # a key with a line break
+    refused.take(f"{HEAD}ACL (ingress): caching permissions for `pointit/lab/{forged}` ...")
+    refused.take(f"{HEAD}{attempt} is authorized to Put (ingress) on pointit/lab/b")
+    refused.take(f"{HEAD}Using cached result: 12ab is unauthorized to Put (ingress) on c {forged}")
+    assert refused.take_sentences(1.0) == {"lab/anna": "lab/anna may not write a, c: refused"}
+
+
+def test_a_key_of_any_length_and_script_is_shown_short() -> None:
+    (told,) = sentences(f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/\u202e{'x' * 5000}")
+    assert told == f"lab/anna may not write ?{'x' * (LONGEST_KEY - 1)}…: refused"
 
 
 def test_a_self_test_is_told_by_its_key() -> None:
@@ -51,12 +114,18 @@ def test_a_self_test_is_told_by_its_key() -> None:
 
 
 def test_handshakes_that_fail_are_told() -> None:
-    line = (
-        "2030-01-01T00:00:00Z  WARN acc-0 ThreadId(05) zenoh_link_tls::unicast: invalid peer certificate: "
-        "UnknownIssuer. Hint: increase the system open file limit."
-    )
+    warning = "\x1b[2m2030-01-01T00:00:00Z\x1b[0m  WARN acc-0 ThreadId(05) zenoh_link_tls::unicast: "
+    line = f"{warning}invalid peer certificate: UnknownIssuer. Hint: increase the system open file limit."
     assert sentences(line, line) == [
-        "somebody was not let in (2 times): invalid peer certificate: UnknownIssuer"
+        "somebody was not let in: invalid peer certificate: UnknownIssuer (2 times)"
+    ]
+    expired = "expired: verification time 5 (UNIX), but certificate is not valid after 4 (1 seconds ago)"
+    assert sentences(line.replace("UnknownIssuer", f"certificate {expired}")) == [
+        "somebody was not let in: invalid peer certificate: certificate expired"
+    ]
+    plain = f"{warning}received corrupt message of type InvalidContentType."
+    assert sentences(plain, plain) == [
+        "somebody was not let in: came without credentials, by plain TCP instead of TLS (2 times)"
     ]
 
 
@@ -64,10 +133,11 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
     refused = Refused()
     for number in range(5000):
         refused.take(f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/x{number}")
-    (sentence,) = refused.take_sentences()
-    assert sentence.endswith(" more: refused")
+    (sentence,) = refused.take_sentences(1.0).values()
+    assert refused.total == 5000
+    assert sentence == "lab/anna may not write x0, x1, x2 and 997 more: refused"
     assert len(sentence) < 200
-    assert refused.take_sentences() == []
+    assert refused.take_sentences(1.0) == {}
 
 
 @given(st.lists(st.text()))
@@ -76,4 +146,17 @@ def test_any_line_is_taken(lines: list[str]) -> None:
     for line in lines:
         refused.take(line)
         refused.take(HEAD + line)
-    refused.take_sentences()
+    refused.take_sentences(1.0)
+
+
+def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
+    recent = Recent()
+    recent.add({"lab/anna": "lab/anna may not a", "hall/ben": "hall/ben may not b"}, 0.0)
+    recent.add({"": "somebody", "lab/carla": "lab/carla may not c"}, 1.0)
+    recent.add({"lab/anna": "lab/anna may not d"}, 2.0)
+    assert recent.of("lab") == ("lab/anna may not d", "lab/carla may not c", "somebody")
+    assert recent.of("hall") == ("somebody", "hall/ben may not b")
+    recent.add({}, 1.5 + RECENT_S)
+    assert recent.of("lab") == ("lab/anna may not d",)
+    recent.add({f"lab/x{number}": "x" for number in range(100)}, 40.0)
+    assert len(recent.of("lab")) == MOST_SENTENCES

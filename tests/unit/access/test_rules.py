@@ -1,5 +1,6 @@
 """Rules as a router applies them, worked out without one."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from pointit.access.rights import ROLES, Rights, Role, rights_of
 from pointit.access.router_configuration import Member, Routed, common_name, configuration, text
 from pointit.access.rules import MESSAGES, everything, rules_of
 from pointit.runtime.errors import ConfigError
-from pointit.schemas.topics import IMU, REQUESTS, TOPICS
+from pointit.schemas.topics import HEALTH, IMU, REQUESTS, SERVICE_ALIVE, TOPICS
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True)
 
@@ -92,6 +93,27 @@ def test_dashboards_write_and_answer_nothing() -> None:
     assert not any(key.endswith(("/imu", "/wrist", "/ray")) for key in rights.reads)
 
 
+def test_each_of_several_pages_reports_and_is_present_under_its_own_name_and_no_other() -> None:
+    rules = rules_of("lab", "web", rights_of("web", "web"))
+    names = ("web", "web.2", "web.11", "webcam", "pui", "foxglove", "pointing.web", "pointing.web.2", "anna")
+    for message, row in (("put", HEALTH), ("liveliness_token", SERVICE_ALIVE)):
+        allowed = {
+            name for name in names if permits(rules, message, "ingress", f"pointit/lab/{row.at(name)}")
+        }
+        assert allowed == {"web", "web.2", "web.11"}
+
+
+@given(me=NAMES, other=NAMES, role=st.sampled_from(ROLES))
+def test_nobody_reports_or_is_present_as_another_persons_service(me: str, other: str, role: Role) -> None:
+    if role in ("supervisor", "router") or me == other:
+        return
+    rules = rules_of("lab", me, rights_of(role, me))
+    for service in ("pointing", "imu-bridge"):
+        assert not permits(rules, "put", "ingress", f"pointit/lab/{HEALTH.at(f'{service}.{other}')}")
+        alive = SERVICE_ALIVE.at(f"{service}.{other}")
+        assert not permits(rules, "liveliness_token", "ingress", f"pointit/lab/{alive}")
+
+
 def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_space() -> None:
     rules = rules_of("lab", "supervisor", rights_of("supervisor", "supervisor"))
     for message in MESSAGES:
@@ -150,6 +172,8 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     assert not any("*" in key for key in keys)
     assert thinned["link_protocols"] == ["quic"]
     assert {endpoint.partition("/")[0] for endpoint in made["listen"]["endpoints"]} == {"tls", "quic"}
+    (quic,) = (endpoint for endpoint in made["listen"]["endpoints"] if endpoint.startswith("quic"))
+    assert "?multistream=0#" in quic  # else questions overtake the keys they are about
     assert "downsampling" not in configuration([routed()])
 
 
@@ -182,3 +206,12 @@ def test_a_right_that_is_missing_is_no_rule() -> None:
     rules = rules_of("lab", "x", Rights(watches=()))
     assert not any(permits(rules, "query", "ingress", f"pointit/lab/{IMU.at('x')}") for _ in rules)
     assert all("users" not in key for rule in rules for key in rule["key_exprs"])
+
+
+def test_who_has_no_rights_any_more_has_a_rule_that_lets_nothing_in() -> None:
+    """Without a rule Zenoh would deny as much, and not log who tried."""
+    made = configuration([replace(routed(), former=["lab/anna/1", "lab/gone/3"])])["access_control"]
+    (subject,) = (each for each in made["subjects"] if "lab/gone/3" in each["cert_common_names"])
+    (policy,) = (each for each in made["policies"] if subject["id"] in each["subjects"])
+    (rule,) = (each for each in made["rules"] if each["id"] in policy["rules"])
+    assert (rule["flows"], rule["key_exprs"]) == (["egress"], ["pointit/lab/nothing"])

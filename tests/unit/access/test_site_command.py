@@ -36,7 +36,7 @@ def names_of(folder: str) -> set[str]:
 
 
 def test_a_site_has_everybody_who_was_named(folder: str) -> None:
-    standing = {"router", "services", "web", "operator", "supervisor", "dashboard1"}
+    standing = {"router", "services", "web", "ros2", "operator", "supervisor", "dashboard1"}
     assert names_of(folder) == {*standing, "anna", "ben", "guest1", "guest2"}
     people = json.loads(site("user", "list", "--folder", folder, "--json").output)["identities"]
     assert [row["name"] for row in people] == ["anna", "ben", "guest1", "guest2"]
@@ -50,6 +50,27 @@ def test_people_are_added_and_removed(folder: str) -> None:
     assert "carla" not in names_of(folder)
     assert "services is a name of the site's own" in refused("user", "add", "services", "--folder", folder)
     assert "no person" in refused("user", "remove", "web", "--folder", folder)
+
+
+@pytest.mark.parametrize(
+    ("users", "sentence"),
+    [
+        ("a,b,a", "a is named twice; name each person once"),
+        ("guest2", "guest2 is named twice"),
+        ("web", "web is a name of the site's own"),
+        ("dashboard7", "dashboard7 is a name of the site's own"),
+    ],
+)
+def test_names_that_cannot_be_given_are_told_apart(users: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab"
+    said = refused("init", "lab", "--folder", str(path), "--users", users)
+    assert said.startswith(sentence)
+    assert not path.exists()
+
+
+def test_who_is_added_twice_at_once_is_refused(folder: str) -> None:
+    assert refused("user", "add", "carla", "carla", "--folder", folder).startswith("carla is named twice")
+    assert "carla" not in names_of(folder)
 
 
 def test_a_number_of_people_are_numbered(tmp_path: Path) -> None:

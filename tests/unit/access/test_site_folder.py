@@ -10,7 +10,7 @@ import pytest
 from cryptography import x509
 
 from pointit.access.authority import Authority, found
-from pointit.access.files import locked, put
+from pointit.access.files import locked
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder, SiteState
 from pointit.runtime.credentials import read_credentials
@@ -38,6 +38,10 @@ def site_of(path: Path, *, password: bool = False) -> SiteFolder:
 
 def certificate(path: Path) -> x509.Certificate:
     return x509.load_pem_x509_certificate(path.read_bytes())
+
+
+def test_git_never_tracks_a_sites_keys(tmp_path: Path) -> None:
+    assert (site_of(tmp_path).path / ".gitignore").read_text() == "*\n"
 
 
 def test_secrets_are_the_owners_alone(tmp_path: Path) -> None:
@@ -87,7 +91,8 @@ def test_what_is_renewed_or_comes_back_is_never_the_same_again(tmp_path: Path) -
     assert known() == ["lab/anna/2"]
     site.revoke("anna")
     assert known() == []
-    assert "lab/anna" not in (site.path / "router" / "router.json5").read_text()
+    assert site.routed().former == ["lab/anna/1", "lab/anna/2"]
+    assert '"lab/anna/write"' not in (site.path / "router" / "router.json5").read_text()
     site.renew(["anna"], NOW)
     assert known() == ["lab/anna/3"]
     site.remove("anna")
@@ -178,16 +183,6 @@ def test_changes_of_several_processes_are_all_kept(tmp_path: Path) -> None:
         process.join()
         process.close()
     assert site.state().identities["anna"].generation == 3
-
-
-def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
-    file = tmp_path / "x"
-    put(file, b"old", 0o644)
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(ConfigError, match="cannot be written"):
-        put(tmp_path / "folder", b"new", 0o600)
-    assert file.read_bytes() == b"old"
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["folder", "x"]
 
 
 def test_no_certificate_outlives_its_authority() -> None:

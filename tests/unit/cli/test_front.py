@@ -45,6 +45,7 @@ def test_every_command_of_the_table_is_there_and_documents_itself(name: str) -> 
     code, text = invoke(name, "--help")
     assert code == 0
     assert text.startswith(f"Usage: pointit {name}")
+    assert "\\" not in text  # click's mark for a block that stays as it is, misspelt
 
 
 @pytest.mark.parametrize(
@@ -85,6 +86,21 @@ def test_the_front_page_loads_no_command() -> None:
 @pytest.mark.parametrize("line", ["topics", "list services"])
 def test_tables_load_neither_network_nor_numerics(line: str) -> None:
     assert not loaded_after(*line.split()) & {"zenoh", "scipy", "numpy", "serial", "yaml"}
+
+
+def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
+    loads = "from pointit.cli import run; from pointit.services.registry import PROCESSES; import sys"
+    rows = "[row.load() for row in PROCESSES if row.room == 'services' or row.name == 'web']"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{loads}; {rows}; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
+    loaded = set(done.stdout.split())
+    assert loaded >= {"numpy", "starlette"}
+    assert not loaded & {"scipy", "matplotlib", "foxglove"}
 
 
 def test_list_shows_scenarios_maps_and_services() -> None:
@@ -136,6 +152,28 @@ def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) 
         load(row)
     with pytest.raises(ModuleNotFoundError):  # that is nothing that can be installed
         load(replace(row, extra=""))
+
+
+@pytest.mark.parametrize(("name", "lacks"), [("foxglove", "foxglove"), ("web", "starlette")])
+def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, lacks: str) -> None:
+    script = f"import sys; sys.modules[{lacks!r}] = None; from pointit.cli.__main__ import begin; begin()"
+
+    def run(option: str) -> tuple[int, str, str]:
+        done = subprocess.run(
+            [sys.executable, "-c", script, "service", name, option],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=30,
+        )
+        return done.returncode, " ".join(done.stdout.split()), done.stderr
+
+    remedy = f'{name} needs `pip install "pointit[{name}]"`'
+    code, told, _ = run("--help")
+    assert code == 0
+    assert remedy in told
+    assert all(option in told for option in ("--site", "--host", "--port"))
+    assert run("--port=0") == (2, "", f"Error: {remedy}\n")
 
 
 def test_underscores_do_for_hyphens() -> None:

@@ -94,6 +94,7 @@ def load(layout: Any, *connect: str) -> Load:
         layout=layout,
         shards=2,
         router=False,
+        secured=False,
         site="lab",
         connect=connect,
     )

@@ -9,9 +9,11 @@ import pytest
 import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
+from rich.console import Console
+from rich.text import Text
 
 from pointit.cli.echo import format_message
-from pointit.cli.output import cell, to_json, to_line
+from pointit.cli.output import Section, cell, print_table, to_json, to_line
 from pointit.schemas import Message, StripFrame, StripsFrame
 from pointit.schemas.topics import STRIPS_FRAME, TOPICS
 
@@ -41,6 +43,17 @@ def test_a_line_is_yaml(tree: dict[str, Any]) -> None:
     line = to_line(tree)
     assert "\n" not in line
     assert repr(yaml.safe_load(line)) == repr(rounded(tree))  # repr: 1 is not 1.0, and not true
+
+
+@pytest.mark.parametrize("code", [0x1B, 0x7F, 0x85, 0x9B, 0x9F, 0x2028, 0x2029])
+def test_what_commands_terminals_is_escaped(code: int) -> None:
+    """U+009B begins a command as ESC [ does."""
+    tree = {"who": f"a{chr(code)}2Jb", f"k{chr(code)}": 1, "plain": "äß→"}
+    line, text = to_line(tree), to_json(tree)
+    assert chr(code) not in line + text
+    assert "äß→" in line
+    assert "äß→" in text
+    assert yaml.safe_load(line) == json.loads(text) == tree
 
 
 def test_nothing_is_left_out_of_json_and_bytes_are_hexadecimal() -> None:
@@ -93,3 +106,13 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     with process.stderr as stderr:
         assert stderr.read() == "False\n"
     assert process.wait(timeout=20) == 0
+
+
+def test_what_others_wrote_commands_no_terminal() -> None:
+    screen = Console(record=True, width=80, force_terminal=True, color_system=None)
+    rows = ({"plain": "a\x1b[2Jb", "styled": Text("c\x9b2Jd", style="red"), "two lines": "e\nf"},)
+    with screen.capture() as shown:
+        print_table(screen, Section(name="findings", about="", rows=rows))
+    assert all(each in shown.get() for each in ("a?[2Jb", "c?2Jd", "e", "f"))
+    assert "\x9b" not in shown.get()
+    assert "\x1b[2J" not in shown.get()

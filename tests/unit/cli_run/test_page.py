@@ -115,6 +115,12 @@ def test_the_local_network_is_told_where_it_is_opened() -> None:
     assert config.host == "127.0.0.1"  # what is not encrypted stays on this machine
 
 
+def test_a_page_that_is_passed_on_is_told_where_it_is_opened() -> None:
+    made = page_with(published_port=4321)
+    assert made.url.startswith("http://127.0.0.1:4321/?token=")
+    assert config_of(made).port != 4321
+
+
 def test_an_ipv6_host_stands_in_brackets() -> None:
     try:
         made = page_with(host="::1")

@@ -10,6 +10,7 @@ from typing import Any
 import click
 import pytest
 
+from pointit.bridges.web.exposure import CONTAINER
 from pointit.cli.main import front
 from pointit.cli.scenario import read_scenario
 from pointit.runtime.config import read_yaml
@@ -127,7 +128,8 @@ def test_both_files_confine_alike() -> None:
 
 def test_the_page_is_published_on_this_machine_only_whatever_is_said() -> None:
     open_wide = compose("compose.yaml", LISTEN="0.0.0.0", PAGE_PORT="1234")["services"]  # noqa: S104
-    assert open_wide["web"]["ports"] == ["127.0.0.1:1234:9090"]
+    assert open_wide["web"]["ports"] == ["127.0.0.1:1234:8090"]
+    assert open_wide["web"]["command"].endswith(" --host 0.0.0.0 --published-port 1234")
     assert all(port.startswith("0.0.0.0:7447") for port in open_wide["router"]["ports"])
     assert [name for name, row in open_wide.items() if "ports" in row] == ["router", "web"]
 
@@ -187,6 +189,7 @@ def test_the_image() -> None:
     last = text.split("FROM ${BASE}\n")[1]
     assert "\nUSER 10001:10001\n" in last
     assert "\nHEALTHCHECK " in last
+    assert f" {CONTAINER}=" in last  # the page may listen at more than 127.0.0.1 there only
     assert "COPY --from=build /opt/pointit" in last
     ignored = (DEPLOY.parent / ".dockerignore").read_text(encoding="utf-8").splitlines()
     assert "*" in ignored  # what is not named stays out: no key, no recording, no history
@@ -196,7 +199,7 @@ def test_the_image() -> None:
 
 
 def _scripts() -> Sequence[Path]:
-    return [path for path in sorted((DEPLOY / "image").iterdir()) if path.name != "forward"]
+    return sorted((DEPLOY / "image").iterdir())
 
 
 @pytest.mark.parametrize("script", _scripts(), ids=lambda path: path.name)

@@ -3,16 +3,13 @@
 import contextlib
 import os
 import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
-from tests.support.buses import free_port
 from tests.unit.deploy.stack import DEPLOY
 
 IMAGE = DEPLOY / "image"
@@ -103,33 +100,3 @@ def test_what_ends_by_nature_is_run_once(tmp_path: Path, arguments: tuple[str, .
         process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 4
         assert runs(tmp_path) == [" ".join(arguments)]
-
-
-def test_the_forwarder_passes_on_both_ways() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as inner:
-        outer = free_port()
-        process = subprocess.Popen(
-            [sys.executable, str(IMAGE / "forward"), str(outer), str(inner.getsockname()[1])]
-        )
-        try:
-            client = connected(outer)
-            with client, inner.accept()[0] as server:
-                client.sendall(b"to the page")
-                assert server.recv(100) == b"to the page"
-                server.sendall(b"from the page")
-                assert client.recv(100) == b"from the page"
-                server.close()
-                assert client.recv(100) == b""
-        finally:
-            process.kill()
-            process.wait()
-
-
-def connected(port: int) -> socket.socket:
-    end_s = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
-        except ConnectionRefusedError:
-            assert time.monotonic() < end_s
-            time.sleep(0.05)

@@ -71,6 +71,21 @@ def test_empty() -> None:
     assert "`pointit run`" in finding.remedy
 
 
+def test_who_may_do_nothing_is_told_so_instead_of_that_nobody_is_there() -> None:
+    finding = only(observation(denied="this identity (anna) may do nothing here: it was revoked"))
+    assert (finding.code, finding.severity) == ("denied", "error")
+    assert finding.sentence.startswith("this identity (anna)")
+
+
+def test_a_router_alone_is_no_site_that_is_well() -> None:
+    for routers in (("router",), ("router", "router-hall")):
+        finding = only(observation(*map(health, routers)))
+        assert (finding.code, finding.severity) == ("empty", "error")
+        assert "nothing but the router" in finding.sentence
+        assert "`pointit run --site-only" in finding.remedy
+    assert diagnose(observation(health("router"), health("led-driver"))) == []
+
+
 def test_absent_with_the_command_that_starts_it_again() -> None:
     gone = ExpectedService(service="pointing", user="anna", command=("python", "-m", "x", "--user", "a b"))
     finding = only(observation(WELL[2], deployments=deployment(gone)))
@@ -107,7 +122,7 @@ def test_silent_from_the_beginning() -> None:
     later = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.1, present=frozenset({"pui"}))
     finding = only(later)
     assert (finding.code, finding.severity, finding.service) == ("silent", "error", "pui")
-    assert "stopped or overloaded" in finding.sentence
+    assert "stopped, overloaded or cut off" in finding.sentence
 
 
 def test_silent_after_a_report_names_the_process() -> None:

@@ -1,5 +1,6 @@
 """What is said of one service or person only."""
 
+from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.narrowed import is_about, narrowed
 from pointit.diagnosis.observation import Finding, Observation
 
@@ -15,6 +16,12 @@ def test_a_name_is_that_of_an_instance_a_service_or_a_person() -> None:
     assert is_about("pui", "pui")
     assert not is_about("pointing.anna", "ben")
     assert not is_about("", "pui")
+
+
+def test_who_may_not_look_on_is_told_that_and_not_that_nothing_runs() -> None:
+    seen = Observation(began_s=0.0, now_s=1.0, denied="this identity (anna) may do nothing here")
+    (finding,) = narrowed(diagnose(seen), seen, "pui")
+    assert (finding.code, finding.sentence) == ("denied", seen.denied)
 
 
 def test_only_what_is_about_the_name_is_left() -> None:

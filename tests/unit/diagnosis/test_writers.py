@@ -36,5 +36,5 @@ def test_silence_is_explained() -> None:
     assert "`pointit service pointing --user eve`" in why_silent(RAY, "eve", PRESENT)
     assert "`pointit service pointing --user NAME`" in why_silent(RAY, "*", ())
     assert "`pointit service pui`" in why_silent(MAP, "", ())
-    assert "(localizer or external)" in why_silent(POSE, "anna", ())
-    assert why_silent(CLOCK, "", ()) == "it is written by cli"
+    assert "(localizer or ros2 or external)" in why_silent(POSE, "anna", ())
+    assert why_silent(CLOCK, "", ()) == "it is written by cli or ros2"

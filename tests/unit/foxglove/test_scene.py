@@ -12,6 +12,7 @@ from pointit.schemas import (
     ConveyorState,
     Cursor,
     Environment,
+    Goal,
     Hover,
     Lamp,
     LampColor,
@@ -215,3 +216,26 @@ def test_bays_tell_what_came_out() -> None:
     (entity,) = shown(made, "bays").values()
     assert entity["texts"][0]["text"] == "bay 3\nred: 4 (3 selected)"
     assert entity["texts"][0]["pose"]["position"] == pytest.approx({"y": 4.0, "z": 1.4})
+
+
+def test_a_goal_is_an_arrow_that_the_robot_looks_along() -> None:
+    goal = Goal(
+        stamp_ns=1,
+        position_m=(3.0, 2.0, 0.0),
+        yaw_rad=math.pi / 2,
+        age_s=0.0,
+        position_sigma_m=0.1,
+        clearance_m=2.0,
+        proposed_ns=0,
+        confirmed_by="again",
+    )
+    made = scene((UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"))
+    made.draw("people", 4)
+    made.take(goal, "anna", 1.0)
+    assert made.changed >= {"people"}
+    entity = shown(made, "people")["goal anna"]
+    (arrow,) = entity["arrows"]
+    assert arrow["pose"]["position"] == pytest.approx({"x": 3.0, "y": 2.0, "z": 0.03})
+    assert arrow["pose"]["orientation"] == pytest.approx({"z": math.sqrt(0.5), "w": math.sqrt(0.5)})
+    assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(0.5)
+    assert entity["texts"][0]["text"] == "goal of anna"

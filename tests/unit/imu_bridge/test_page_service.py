@@ -234,14 +234,14 @@ async def test_the_phones_mounting_is_measured_kept_used_again_and_forgotten(sou
 
 async def test_nothing_is_mounted_on_a_mouse() -> None:
     async with site(simulated=STILL) as here, here.held():
-        with pytest.raises(RefusedError, match="mouse moves the wrist"):
+        with pytest.raises(RefusedError, match="mouse or ROS moves the wrist"):
             await here.bench.bus.call(SET_MOUNTING, SetMounting(), ANNA)
 
 
 async def test_health_says_who_moves_the_wrist_and_how_the_phone_is() -> None:
     async with site(source="page") as here:
         async with here.held():
-            await until(lambda: here.figures() == {"moved by a page's mouse": 1.0})
+            await until(lambda: here.figures() == {"moved by a page's mouse or ROS": 1.0})
         await until(lambda: not here.figures())
         async with here.held(device="phone", battery=0.07):
             await until(lambda: bool(here.reports[-1].warnings))
@@ -260,5 +260,5 @@ async def test_a_page_whose_clock_is_ahead_is_said_and_late_samples_are_counted(
         here.send()
         await until(lambda: len(here.samples) == 1)
         here.send(ahead_s=-0.5)
-        await until(lambda: here.figures().get("late samples of a page") == 1.0)
+        await until(lambda: here.figures().get("late samples of a page or ROS") == 1.0)
         assert len(here.samples) == 1

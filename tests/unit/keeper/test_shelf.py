@@ -86,8 +86,13 @@ def test_who_leaves_takes_along_what_is_theirs() -> None:
     assert (len(kept), kept.size) == (0, 0)
 
 
-def test_a_deployment_ends_with_its_last_service() -> None:
-    kept = shelf()
+def deployment(name: str, *, scenario: str = "", is_over: bool = False) -> Deployment:
+    services = () if is_over else (ExpectedService(service="pui"), ExpectedService(service="selector"))
+    return Deployment(stamp_ns=1, name=name, services=services, scenario=scenario)
+
+
+def test_what_has_vanished_is_told_for_a_day() -> None:
+    kept = shelf(forget_deployment_after_s=86_400.0)
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     run = Deployment(stamp_ns=1, name="demo", services=services)
     kept.take(DEPLOYMENT, "demo", run, NOW_NS)
@@ -95,9 +100,28 @@ def test_a_deployment_ends_with_its_last_service() -> None:
     assert set(held(kept, DEPLOYMENT)) == {"demo"}
     kept.set_instance("pointing.anna", NOW_NS, present=True)
     kept.set_instance("pui", NOW_NS, present=False)
-    assert set(held(kept, DEPLOYMENT)) == {"demo"}
-    kept.set_instance("pointing.anna", NOW_NS, present=False)
+    gone_ns = NOW_NS + 3600 * NS_PER_S
+    kept.set_instance("pointing.anna", gone_ns, present=False)
+    kept.pass_time(gone_ns + 86_399 * NS_PER_S)
+    assert held(kept, DEPLOYMENT) == {"demo": run}
+    kept.pass_time(gone_ns + 86_400 * NS_PER_S)
     assert held(kept, DEPLOYMENT) == {}
+
+
+def test_what_was_ended_on_purpose_is_missed_no_more() -> None:
+    kept = shelf()
+    for name in ("anna", "ben"):
+        kept.take(DEPLOYMENT, name, deployment(name), NOW_NS)
+    kept.take(DEPLOYMENT, "anna", deployment("anna", is_over=True), NOW_NS)
+    assert set(held(kept, DEPLOYMENT)) == {"ben"}
+    assert len(kept) == 1
+
+
+def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -> None:
+    kept = shelf()
+    for name, scenario in (("scenario_4", "scenario_4"), ("anna", ""), ("scenario_2", "scenario_2")):
+        kept.take(DEPLOYMENT, name, deployment(name, scenario=scenario), NOW_NS)
+    assert set(held(kept, DEPLOYMENT)) == {"anna", "scenario_2"}
 
 
 def test_what_all_share_stays_until_long_after_its_writer() -> None:

@@ -146,9 +146,9 @@ async def test_trackers_do_not_take_each_others_objects_away() -> None:
         frames = await started(bench)
         bench.put(OBJECTS, package(clock), "one")
         await next_frame(frames)
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=1), "two")
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "two")
         assert pixels(await next_frame(frames), "a")
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=1), "one")
+        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "one")
         assert not pixels(await next_frame(frames), "a")
 
 

@@ -1,56 +1,22 @@
 """Workspaces and lamps through the service: asked for on the bus, refused, seen in cursors."""
 
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
-from pointit.geometry import vector
-from pointit.geometry.vector import Vec3
 from pointit.runtime import ConfigError, RefusedError
-from pointit.schemas import Cursor, PointingRay, SetWorkspace, TrackedObject, TrackedObjects, UserPose
-from pointit.schemas.topics import CURSOR, OBJECTS, POSE, RAY, SET_WORKSPACE
+from pointit.schemas import PointingRay, SetWorkspace, TrackedObject, TrackedObjects
+from pointit.schemas.topics import OBJECTS, RAY, SET_WORKSPACE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.map_file import load_map
 from pointit.services.pui.service import Pui
-from tests.support.bench import Bench, ManualClock, memory_bench
+from tests.unit.pui.room import EYES, Room, room
 
 LAB = load_map("lab", 0)
-EYES: Vec3 = (0.0, 0.0, 1.64)
 
 
-class Room:
-    """A running pui and anna, who stands at the origin."""
-
-    def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench, self.clock = bench, clock
-        self.cursors = bench.collect(CURSOR, "anna")
-
-    async def pose(self) -> None:
-        pose = UserPose(stamp_ns=self.clock.now_ns(), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
-        self.bench.put(POSE, pose, "anna")
-        await self.bench.settle()
-
-    async def point_at(self, place: Vec3) -> Cursor:
-        direction = vector.normalized(vector.subtract(place, EYES))
-        ray = PointingRay(stamp_ns=self.clock.now_ns(), origin_m=EYES, direction=direction)
-        self.bench.put(RAY, ray, "anna")
-        await self.bench.settle()
-        return self.cursors[-1]
-
-    async def ask(self, user: str = "anna", **query: Any) -> str:
-        return (await self.bench.bus.call(SET_WORKSPACE, SetWorkspace(**query), user)).message
-
-
-@asynccontextmanager
-async def room(**config: Any) -> AsyncGenerator[Room]:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        here = Room(bench, clock)
-        bench.start(Pui, PuiConfig(map="lab", **config))
-        await bench.settle()
-        yield here
+async def ask(here: Room, user: str = "anna", **query: Any) -> str:
+    return (await here.bench.bus.call(SET_WORKSPACE, SetWorkspace(**query), user)).message
 
 
 async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
@@ -62,30 +28,30 @@ async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
         here.bench.put(OBJECTS, TrackedObjects(stamp_ns=here.clock.now_ns(), objects=(drone,)), "sim")
         here.clock.advance(0.5)
         await here.point_at(LAB.strips[0].line_m[0])
-        said = await here.ask(kind="horizontal", anchor="object", object_id="drone")
+        said = await ask(here, kind="horizontal", anchor="object", object_id="drone")
         assert said == "anna's cursor moves on a horizontal workspace"
         cursor = await here.point_at((3.0, -1.0, 0.5))
         assert (cursor.surface, cursor.solid, cursor.surface_id) == ("none", "plane", "workspace/horizontal")
         assert cursor.point_m is not None
         assert cursor.point_m[2] == pytest.approx(1.0)
-        assert await here.ask(kind="none") == "anna points at the things of the map"
+        assert await ask(here, kind="none") == "anna points at the things of the map"
         assert (await here.point_at(LAB.strips[0].line_m[0])).surface == "strip"
 
 
 async def test_what_cannot_be_is_refused_with_a_sentence() -> None:
     async with room() as here:
         with pytest.raises(RefusedError, match="anna: neither a pose nor a ray has come"):
-            await here.ask(kind="sphere")
+            await ask(here, kind="sphere")
         here.bench.put(RAY, PointingRay(stamp_ns=0, origin_m=EYES, direction=(1.0, 0.0, 0.0)), "anna")
         await here.bench.settle()
         with pytest.raises(RefusedError, match="anna: no pose is known: localize first"):
-            await here.ask(kind="sphere")
+            await ask(here, kind="sphere")
         await here.pose()
         await here.point_at((0.0, 0.0, 9.0))
         with pytest.raises(RefusedError, match="anna: there is no cursor now"):
-            await here.ask(kind="sphere")
+            await ask(here, kind="sphere")
         with pytest.raises(RefusedError, match="anna: no object 'drone' is known"):
-            await here.ask(kind="sphere", anchor="object", object_id="drone")
+            await ask(here, kind="sphere", anchor="object", object_id="drone")
         assert (await here.point_at(LAB.strips[0].line_m[0])).surface == "strip"
 
 

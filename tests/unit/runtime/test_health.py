@@ -216,3 +216,50 @@ async def test_a_timer_ends_with_its_service_or_when_it_is_cancelled(bench: Benc
     assert pending.cancelled()
     await asyncio.sleep(0.03)
     assert called == ["first"]
+
+
+async def test_a_recording_that_is_played_is_left_out_and_told(bench: Bench, now_s: list[float]) -> None:
+    seen: list[int] = []
+    bench.view.subscribe(IMU, lambda message, _name: seen.append(message.seq), "anna")
+    writer = bench.bus.publisher(IMU, "anna")
+    for seq in range(10):
+        now_s[0] += 0.02
+        for stamp_ns, number in ((10_000_000_000 + seq, seq), (1_000_000_000 + seq, 100 + seq)):
+            writer.put(ImuSample(stamp_ns=stamp_ns, seq=number, orientation_xyzw=LEVEL))
+            await asyncio.sleep(0)
+    await until(lambda: len(seen) == 10)
+    assert seen == list(range(10))
+    report = bench.view.report()
+    assert report.status == "degraded"
+    assert report.warnings[0].startswith("10 messages on users/{user}/imu were older than those before them")
+    now_s[0] += 4.0
+    assert bench.view.report().warnings
+    now_s[0] += 2.0
+    assert not bench.view.report().warnings
+
+
+async def test_what_comes_too_late_to_act_on_is_left_out_and_told(bench: Bench, now_s: list[float]) -> None:
+    acts: list[int] = []
+    looks: list[int] = []
+
+    def act(sample: ImuSample, _name: str) -> None:
+        acts.append(sample.seq)
+
+    bench.view.subscribe(IMU, act, "anna", in_time=lambda sample: sample.seq != 20)
+    bench.view.subscribe(IMU, lambda sample, _name: looks.append(sample.seq), "anna")
+    writer = bench.bus.publisher(IMU, "anna")
+    began_ns = bench.clock.now_ns()
+    waits_s = [0.02] * 10 + [2.02] + [0.001] * 10  # ten in time, then eleven that a link has held up
+    for seq, wait_s in enumerate(waits_s):
+        now_s[0] += wait_s
+        bench.clock.advance(wait_s)
+        writer.put(ImuSample(stamp_ns=began_ns + seq * 20_000_000, seq=seq, orientation_xyzw=LEVEL))
+        await asyncio.sleep(0)
+    await until(lambda: len(looks) == len(waits_s))
+    assert acts == [*range(10), 20], "the last one need not be in time"
+    report = bench.view.report()
+    assert report.status == "degraded"
+    assert report.warnings[0].startswith("10 messages on users/{user}/imu came later than others before them")
+    assert "the last by 1.8 s" in report.warnings[0]
+    now_s[0] += 6.0
+    assert not bench.view.report().warnings

@@ -172,6 +172,32 @@ async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press() -> 
         await site.stop(running)
 
 
+async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_either() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        site = Site(bench, clock)
+        bench.put(LOCALIZATION, site.localizer, ANNA)
+        await bench.settle()
+        running = site.start()
+        clock.advance(1.0)
+        await bench.settle()
+        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), ANNA)
+        await until(lambda: site.interactions[-1].state == "pointing")
+        clock.advance(2.0)
+        restarted = Localization(stamp_ns=clock.now_ns(), phase="idle")
+        bench.put(LOCALIZATION, restarted, ANNA)
+        kept = StateFile(Interaction, ANNA, LAST_WORD_PURPOSE)
+        await until(lambda: (word := kept.read()) is not None and word.stamp_ns == restarted.stamp_ns)
+        assert site.interactions[-1].state == "pointing"
+        await site.stop(running)
+        clock.advance(2.0)
+        running = site.start()
+        await bench.settle()
+        await site.samples()
+        assert site.interactions[-1].reason == sentences.RESUMED
+        await site.stop(running)
+
+
 async def test_a_last_word_on_the_bus_counts_as_well() -> None:
     """Another supervisor of theirs was there, and what it said last arrives late."""
     clock = ManualClock()

@@ -48,7 +48,7 @@ names = st.sampled_from(["a", "b"])
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.tuples(anything, names, st.floats(-5.0, 5.0), st.booleans()), max_size=12),
-    st.sampled_from(["select", "strips", "lamps", "random"]),
+    st.sampled_from(["select", "strips", "lamps", "random", "send"]),
     cues,
 )
 def test_no_message_ends_a_person(

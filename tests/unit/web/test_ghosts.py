@@ -3,7 +3,15 @@
 from collections.abc import Sequence
 from typing import Any
 
-from pointit.bridges.web.ghosts import SILENT_S, WITH_WRITER, Deployments, Trackers, of_person, of_service
+from pointit.bridges.web.ghosts import (
+    MISSED_S,
+    SILENT_S,
+    WITH_WRITER,
+    Deployments,
+    Trackers,
+    of_person,
+    of_service,
+)
 from pointit.schemas import Deployment
 from pointit.schemas.system import ExpectedService
 from pointit.schemas.topics import (
@@ -82,42 +90,51 @@ def deployment(*instances: str, scenario: str = "") -> Deployment:
     return Deployment(stamp_ns=0, name="x", services=services, scenario=scenario)
 
 
-def test_a_deployment_is_over_when_none_of_it_is_left() -> None:
+def test_what_has_vanished_is_missed_for_a_day() -> None:
     deployments = Deployments("web")
-    assert deployments.put("anna", deployment("pointing.anna", "supervisor.anna"), set()) == []
-    assert deployments.over(set()) == [], "it has not begun"
-    deployments.came({"pointing.anna"})
-    assert deployments.over({"supervisor.anna"}) == []
-    assert deployments.over({"pui"}) == [(DEPLOYMENT, "anna")]
+    assert deployments.put("anna", deployment("pointing.anna", "supervisor.anna"), 0.0) == []
+    assert deployments.over({"pui", "supervisor.anna"}, 100.0) == []
+    assert deployments.over({"pui"}, 99.0 + MISSED_S) == []
+    assert set(deployments.known) == {"anna"}
+    assert deployments.over({"pui"}, 100.0 + MISSED_S) == [(DEPLOYMENT, "anna")]
     assert deployments.known == {}
-    assert deployments.over(set()) == []
+    assert deployments.over(set(), 101.0 + MISSED_S) == []
+
+
+def test_what_was_ended_on_purpose_is_over_at_once() -> None:
+    deployments = Deployments("web")
+    deployments.put("anna", deployment("pointing.anna"), 0.0)
+    assert deployments.put("anna", deployment(), 1.0) == [(DEPLOYMENT, "anna")]
+    assert deployments.known == {}
+    assert deployments.put("ben", deployment(), 1.0) == [(DEPLOYMENT, "ben")], "a page that came since"
+    assert deployments.over(set(), 2.0 + MISSED_S) == []
 
 
 def test_the_page_itself_keeps_no_deployment() -> None:
     deployments = Deployments("web")
-    deployments.put("scenario_4", deployment("pui", "web"), {"pui", "web"})
-    assert deployments.over({"web"}) == [(DEPLOYMENT, "scenario_4")]
+    deployments.put("scenario_4", deployment("pui", "web"), 0.0)
+    assert deployments.over({"web"}, MISSED_S) == [(DEPLOYMENT, "scenario_4")]
 
 
 def test_one_scenario_replaces_another_and_no_persons_part() -> None:
     deployments = Deployments("web")
-    deployments.put("scenario_3", deployment("pui", scenario="scenario_3"), {"pui"})
-    deployments.put("anna", deployment("pointing.anna"), {"pointing.anna"})
-    replaced = deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), {"pui"})
+    deployments.put("scenario_3", deployment("pui", scenario="scenario_3"), 0.0)
+    deployments.put("anna", deployment("pointing.anna"), 0.0)
+    replaced = deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0)
     assert replaced == [(DEPLOYMENT, "scenario_3")]
     assert set(deployments.known) == {"anna", "scenario_4"}
-    assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), set()) == []
+    assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0) == []
 
 
 def test_another_scenario_is_told_from_the_same_again() -> None:
     def scenario(name: str) -> Deployment:
-        return Deployment(stamp_ns=0, name="run", scenario=name)
+        return deployment("pui", scenario=name)
 
     deployments = Deployments("web")
     assert not deployments.is_another(scenario("scenario_4"))
-    deployments.put("run", scenario("scenario_4"), [])
+    deployments.put("run", scenario("scenario_4"), 0.0)
     assert not deployments.is_another(scenario("scenario_4"))
     assert not deployments.is_another(scenario(""))  # one person's part
     assert deployments.is_another(scenario("scenario_1"))
-    deployments.over([])
+    deployments.put("run", deployment(), 1.0)
     assert deployments.is_another(scenario("scenario_1")), "it ended before the other began"

@@ -12,7 +12,7 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.lan import Lan, choose_address, found_addresses, is_reachable
+from pointit.bridges.web.lan import Lan, choose_address
 from pointit.bridges.web.serving import url
 from pointit.runtime import ConfigError, RefusedError
 from pointit.runtime.state import site_folder
@@ -38,21 +38,6 @@ def trusting() -> ssl.SSLContext:
 async def fetched(url: str) -> str:
     async with httpx.AsyncClient(verify=trusting()) as client:
         return (await client.get(url)).text
-
-
-def test_addresses_that_are_found_can_be_reached() -> None:
-    assert all(is_reachable(address) for address in found_addresses())
-    assert not is_reachable("127.0.0.1")
-    assert not is_reachable("0.0.0.0")  # noqa: S104 - not listened at
-    assert is_reachable("192.168.1.20")
-
-
-def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    def nowhere(_socket: socket.socket, _address: object) -> None:
-        raise OSError(101, "Network is unreachable")
-
-    monkeypatch.setattr(socket.socket, "connect", nowhere)
-    assert found_addresses() == []
 
 
 def test_which_address_is_taken() -> None:

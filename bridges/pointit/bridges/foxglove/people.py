@@ -1,4 +1,4 @@
-"""People: body, arm, ray, cursor, how sure their place is, and their frame {H}."""
+"""People: body, arm, ray, cursor, goal, how sure their place is, and their frame {H}."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import Drawn, Places
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Cursor, UserPose, UserProfile
+from pointit.schemas import Cursor, Goal, UserPose, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import POSE
 from pointit.sim.aim import Stance
@@ -25,6 +25,10 @@ SMALLEST_M = 5e-3
 FREE_RAY_M = 4.0
 """A ray that meets nothing is drawn so long, as in the page (`looks.ts`)."""
 CURSOR_M = 0.08
+GOAL_M = 0.5
+"""Length of the arrow at a goal."""
+GOAL_ABOVE_M = 0.03
+"""It lies so far above the place, to be seen."""
 TORSO_M, HEAD_M, ARM_M, RAY_M = 0.34, 0.22, 0.07, 0.012
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
@@ -36,6 +40,8 @@ class Person:
     profile: UserProfile = NOBODY
     pose: UserPose | None = None
     cursor: Cursor | None = None
+    goal: Goal | None = None
+    """Where they sent a robot last."""
     rim_m: list[list[float]] | None = None
     """The ellipse around their place; it changes with the pose only."""
 
@@ -81,12 +87,14 @@ def ellipse(pose: UserPose) -> Places | None:
 
 
 def entities(user: str, person: Person, now_ns: int) -> list[Drawn]:
-    """Return the body of `user` where their place is known, their ray and cursor while they point."""
+    """Return the body of `user` where their place is known, ray and cursor while they point, their goal."""
     found: list[Drawn] = []
     if person.pose is not None:
         found.append(_body(user, person, person.pose, now_ns))
     if person.cursor is not None:
         found += _pointing(user, person.cursor, person.color, now_ns)
+    if person.goal is not None:
+        found.append(_goal(user, person.goal, person.color, now_ns))
     return found
 
 
@@ -144,3 +152,17 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[Drawn]:
             )
         )
     return found
+
+
+def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> Drawn:
+    """Return an arrow that a robot is to stand on and look along."""
+    foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
+    return shapes.entity(
+        f"goal {user}",
+        now_ns,
+        facts={"user": user, "on": goal.surface_id, "sigma_m": f"{goal.position_sigma_m:.3f}"},
+        arrows=[
+            shapes.arrow(foot, vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M), rgb, width_m=0.05)
+        ],
+        texts=[shapes.label(f"goal of {user}", vector.add(foot, (0.0, 0.0, 0.4)), rgb)],
+    )

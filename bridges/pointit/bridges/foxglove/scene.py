@@ -22,6 +22,7 @@ from pointit.schemas import (
     ConveyorState,
     Cursor,
     Environment,
+    Goal,
     Hover,
     LampColor,
     Message,
@@ -79,6 +80,7 @@ class Scene:
             UserPose: self._on_pose,
             Cursor: self._on_cursor,
             Hover: self._on_hover,
+            Goal: self._on_goal,
         }
 
     @property
@@ -216,6 +218,10 @@ class Scene:
     def _on_cursor(self, cursor: Cursor, user: str, now_s: float) -> None:
         self._person(user).cursor = cursor
         self._pointed_s[user] = now_s
+        self.changed.add("people")
+
+    def _on_goal(self, goal: Goal, user: str, _now_s: float) -> None:
+        self._person(user).goal = goal
         self.changed.add("people")
 
     def _person(self, user: str) -> Person:

@@ -17,6 +17,7 @@ from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime import Context, Service, Subscription
+from pointit.runtime.address import own_address
 from pointit.runtime.service import Scope
 from pointit.schemas import Environment, Message
 from pointit.schemas.plain import Plain, channel_name
@@ -53,17 +54,6 @@ class _Mirrored:
     name: str
     message: Message
     is_new: bool = True
-
-
-def own_address() -> str:
-    """Return this machine's address in its network, or its name where it has no route; nothing is sent."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # of no machine (RFC 5737): only a route is looked for
-            address: str = probe.getsockname()[0]
-        except OSError:
-            return socket.gethostname()
-    return address
 
 
 class Foxglove(Service[FoxgloveConfig]):
@@ -103,7 +93,7 @@ class Foxglove(Service[FoxgloveConfig]):
         config = self.config
         address = self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
         if config.host in EVERYWHERE:
-            address = f"ws://{own_address()}:{address.rpartition(':')[2]}"
+            address = f"ws://{own_address(socket.gethostname())}:{address.rpartition(':')[2]}"
         try:
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
             if config.host not in LOOPBACK:

@@ -50,25 +50,23 @@ class Belief:
         elif isinstance(message, Deployment):
             if self._deployments.is_another(message):
                 self._sight.begin_anew(now_s)
-            self._forget(self._deployments.put(name, message, self.present))
+            self._forget(self._deployments.put(name, message, now_s))
         return True
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
         """Take that `instance` is there, or has left."""
         self._sight.set_present(instance, present, now_s)
-        if present:
-            self._deployments.came(self.present)
-        else:
+        if not present:
             self._forget(list(of_service(instance, self.present, self.hub.names)))
-            self._forget(self._deployments.over(self.present))
 
     def lose_person(self, user: str) -> None:
         """Take that `user` has left."""
         self._forget(of_person(user))
 
     def pass_time(self, now_s: float) -> None:
-        """Let go of what is silent."""
+        """Let go of what is silent, and of what is gone for too long."""
         self._forget(self._trackers.silent(now_s))
+        self._forget(self._deployments.over(self.present, now_s))
 
     def status(
         self, people: Sequence[PersonLine], now_s: float, *, viewers: int, lan_url: str, speed: float

@@ -9,7 +9,6 @@ import ipaddress
 import os
 import ssl
 import stat
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.files import put
 
 VALID = dt.timedelta(days=397)
 """Browsers take none that is valid for longer."""
@@ -81,8 +80,8 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
     if kept is None or not fits:
         key = ec.generate_private_key(ec.SECP256R1())
         kept = _sign(key, names, wanted, now)
-        _keep(files[1], _pem(key), 0o600)
-        _keep(files[0], kept.public_bytes(serialization.Encoding.PEM), 0o644)
+        put(files[1], _pem(key))
+        put(files[0], kept.public_bytes(serialization.Encoding.PEM), mode=0o644)
     digest = kept.fingerprint(hashes.SHA256()).hex(":").upper()
     return Certificate(certificate=files[0], key=files[1], fingerprint=digest, warning=warning)
 
@@ -171,24 +170,3 @@ def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
     return key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
-
-
-def _keep(path: Path, content: bytes, mode: int) -> None:
-    """Put `content` in the place of `path` as a whole; until then nobody else could read it (mkstemp: 0600).
-
-    Raises:
-        ConfigError: it cannot be written; names the file.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            Path(name).chmod(mode)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -17,6 +17,13 @@ class WebConfig(Config):
 
     host: str = Field(default="127.0.0.1", description="address to listen at, without encryption")
     port: int = Field(default=8090, ge=0, le=65535, description="port there; 0: any that is free")
+    published_port: int = Field(
+        default=0,
+        ge=0,
+        le=65535,
+        description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
+        "it on (a container may have host: 0.0.0.0 then); 0: as port",
+    )
     operator_token: str = Field(
         default="", description="whoever has it may control; empty: made at random, and logged once"
     )

@@ -14,6 +14,9 @@ from pointit.services.registry import PROCESSES, SHOWN
 SILENT_S = 3.0
 """A tracker that has said nothing for so long is gone; it says something 25 times a second."""
 
+MISSED_S = 86_400.0
+"""What was started and vanished is missed for so long; the keeper's default is the same."""
+
 Key = tuple[Topic[Any], str]
 
 _NAMES = {row.name for row in PROCESSES}
@@ -75,23 +78,31 @@ class Trackers:
 
 
 class Deployments:
-    """What was started and has not ended, as far as presence tells."""
+    """What was started and was not ended: what has vanished is missed."""
 
     def __init__(self, own: str) -> None:
         """Know none; `own` is the service that looks, which may outlive what it was started with."""
         self._own = own
         self._scenario = ""
         """That runs, or ran last."""
-        self._began: set[str] = set()
-        """Those of which some service has been there."""
+        self._there_s: dict[str, float] = {}
+        """When some service of each was there last."""
         self.known: dict[str, Deployment] = {}
 
     def is_another(self, deployment: Deployment) -> bool:
         """Return whether `deployment` begins another scenario than the one that ran last."""
         return bool(deployment.scenario) and self._scenario not in ("", deployment.scenario)
 
-    def put(self, name: str, deployment: Deployment, present: Collection[str]) -> list[Key]:
-        """Take one; return those that it replaces: a site runs one scenario at a time."""
+    def put(self, name: str, deployment: Deployment, now_s: float) -> list[Key]:
+        """Take one; return those that are over.
+
+        Itself when nothing of it is to run any more; else those that it replaces: a site runs one scenario at
+        a time.
+        """
+        if not deployment.services:
+            self.known.pop(name, None)
+            self._there_s.pop(name, None)
+            return [(DEPLOYMENT, name)]
         over = [
             other
             for other, known in self.known.items()
@@ -99,29 +110,20 @@ class Deployments:
         ]
         self.known[name] = deployment
         self._scenario = deployment.scenario or self._scenario
-        self._began.discard(name)
-        self.came(present)
+        self._there_s[name] = now_s
         return [self._drop(other) for other in over]
 
-    def came(self, present: Collection[str]) -> None:
-        """Take that some service has come."""
-        for name, deployment in self.known.items():
-            if self._instances(deployment) & set(present):
-                self._began.add(name)
-
-    def over(self, present: Collection[str]) -> list[Key]:
-        """Return those of which no service is there any more, each once."""
+    def over(self, present: Collection[str], now_s: float) -> list[Key]:
+        """Return those of which no service was there for too long, each once."""
         there = set(present)
-        gone = [
-            name
-            for name, deployment in self.known.items()
-            if name in self._began and not self._instances(deployment) & there
-        ]
+        for name, deployment in self.known.items():
+            if self._instances(deployment) & there:
+                self._there_s[name] = now_s
+        gone = [name for name, there_s in self._there_s.items() if now_s - there_s >= MISSED_S]
         return [self._drop(name) for name in gone]
 
     def _drop(self, name: str) -> Key:
-        del self.known[name]
-        self._began.discard(name)
+        del self.known[name], self._there_s[name]
         return DEPLOYMENT, name
 
     def _instances(self, deployment: Deployment) -> set[str]:

@@ -13,37 +13,11 @@ from pointit.bridges.web.certificate import obtain
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.serving import Listener, bind, url
 from pointit.runtime import ConfigError, ListenError, RefusedError
+from pointit.runtime.address import found_addresses
 from pointit.runtime.state import site_folder
 
 PORTS = 10
 """So many are tried from the configured one on."""
-
-_TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
-"""Where routes are looked up, the default route first; nothing is sent."""
-
-
-def found_addresses() -> list[str]:
-    """Return this machine's IPv4 addresses in networks it has routes to, that of the default route first.
-
-    A UDP socket is connected, which sends nothing: it only makes the system choose an interface.
-    """
-    found: list[str] = []
-    for towards in _TOWARDS:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.connect((towards, 9))
-            except OSError:
-                continue
-            address: str = probe.getsockname()[0]
-        if address not in found and is_reachable(address):
-            found.append(address)
-    return found
-
-
-def is_reachable(address: str) -> bool:
-    """Return whether other machines could reach `address`."""
-    parsed = ipaddress.ip_address(address)
-    return not (parsed.is_loopback or parsed.is_unspecified or parsed.is_multicast)
 
 
 def choose_address(configured: str, found: list[str]) -> str:

@@ -5,6 +5,7 @@ import functools
 import importlib.metadata
 import io
 import logging
+import socket
 from typing import Any, ClassVar
 
 from starlette.requests import Request
@@ -29,14 +30,16 @@ from pointit.bridges.web.recording import file_name
 from pointit.bridges.web.responses import Pieces
 from pointit.bridges.web.serving import Listener, bind, url
 from pointit.bridges.web.session import Session
+from pointit.bridges.web.slow_link import SlowLink
 from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import Context, RefusedError, Service
+from pointit.runtime import Context, RefusedError, Service, WallClock
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     Deployment,
     Environment,
     Feedback,
+    Health,
     Interaction,
     Localization,
     Message,
@@ -72,7 +75,7 @@ class Web(Service[WebConfig]):
         self._loop = asyncio.get_running_loop()
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
-        doors.know_hosts([config.host])
+        doors.know_hosts([exposure.address(config, config.port)[0]])
         self._belief = Belief(self.NAME, config.record_s, self._now_s())
         self._writing: asyncio.Task[tuple[str, bytes]] | None = None
         """Writes a recording."""
@@ -114,6 +117,8 @@ class Web(Service[WebConfig]):
             present=lambda: self._belief.present,
             changed=self._changed,
         )
+        self._link = SlowLink(socket.gethostname())
+        self._wall = WallClock()
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
@@ -127,7 +132,8 @@ class Web(Service[WebConfig]):
         try:
             await self._listener.start()
             shown = f"?token={self._token}" if not self.config.operator_token else ""
-            log.info("the page is at %s/%s", url("http", self.config.host, self._listener.port), shown)
+            where = url("http", *exposure.address(self.config, self._listener.port))
+            log.info("the page is at %s/%s", where, shown)
             if self.config.lan:
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
@@ -233,6 +239,8 @@ class Web(Service[WebConfig]):
         """Let wrists, phones and pages have what matters to them."""
         if isinstance(message, Deployment):
             self._changed()
+        elif isinstance(message, Health):
+            self._link.hear(message, self._wall.now_ns(), self._now_s())
         elif isinstance(message, Environment):
             self._wrists.room(message)
         elif isinstance(message, UserProfile):
@@ -271,6 +279,10 @@ class Web(Service[WebConfig]):
             await asyncio.sleep(TICK_S)
             now_s = self._now_s()
             self._belief.pass_time(now_s)
+            if late := self._link.sentence(now_s):
+                self.bus.warn("link", late)
+            else:
+                self.bus.clear("link")
             self._pages.news()
             if now_s - self._malformed_s > QUIET_S:
                 self.bus.clear("pages")

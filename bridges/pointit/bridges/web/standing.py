@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pointit.bridges.web.config import Place
 from pointit.geometry.vector import Vec3
@@ -53,13 +52,14 @@ def stand_in(room: Environment) -> Stand:
         return ((0.0, 0.0, 0.0), 0.0)
     low, high = points.min(axis=0), points.max(axis=0)
     center = (low + high) / 2.0
-    axes = [
+    columns, rows = (
         np.arange(a - CLEAR_M - 0.5, b + CLEAR_M + 0.75, _spacing(low, high))
         for a, b in zip(low, high, strict=True)
-    ]
-    grid = np.vstack([center, np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)])
-    clear = np.asarray(KDTree(points).query(grid)[0])
-    cost = np.hypot(*(grid - center).T) + _TOO_NEAR * np.maximum(0.0, CLEAR_M - clear)
+    )
+    grid = np.vstack([center, np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)])
+    clear_m = [_clear_m(points, center[:1], center[1:]), _clear_m(points, columns, rows)]
+    too_near_m = CLEAR_M - np.concatenate([each.ravel() for each in clear_m])
+    cost = np.hypot(*(grid - center).T) + _TOO_NEAR * too_near_m
     x, y = grid[int(np.argmin(cost))].tolist()
     ahead = (center - (x, y)).tolist()
     yaw_rad = math.atan2(ahead[1], ahead[0]) if math.hypot(*ahead) > 0.1 else 0.0
@@ -120,6 +120,23 @@ def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
             s = k / parts
             found.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
     return found
+
+
+def _clear_m(
+    points: NDArray[np.float64], columns: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how far the places of a grid are from the nearest point, `CLEAR_M` at most, rows x columns, m.
+
+    A tree of SciPy's would find it too, but to load it takes as long as to load all else of the page.
+    """
+    clear_m = np.full((len(rows), len(columns)), CLEAR_M)
+    reach_m = (-CLEAR_M, CLEAR_M)
+    lefts_rights = np.searchsorted(columns, points[:, :1] + reach_m).tolist()
+    lows_highs = np.searchsorted(rows, points[:, 1:] + reach_m).tolist()
+    for (x, y), (left, right), (low, high) in zip(points.tolist(), lefts_rights, lows_highs, strict=True):
+        near = clear_m[low:high, left:right]
+        np.minimum(near, np.hypot(columns[left:right] - x, rows[low:high, np.newaxis] - y), out=near)
+    return clear_m
 
 
 def _spacing(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:

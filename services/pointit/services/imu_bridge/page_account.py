@@ -1,12 +1,12 @@
-"""Who moves the wrist, for whoever looks at health: a page's mouse or phone, and how that does."""
+"""Who moves the wrist, for whoever looks at health: a page's mouse or phone, or ROS, and how that does."""
 
 from collections.abc import Iterator
 
 from pointit.schemas import NS_PER_S, WristSample
 from pointit.services.imu_bridge.page_wrist import Device, PageWrist
 
-CALLED: dict[Device, str] = {"arm": "mouse", "phone": "phone"}
-"""What moves the wrist, in words."""
+CALLED: dict[Device, str] = {"arm": "mouse or ROS", "phone": "phone"}
+"""What moves the wrist, in words: a page's, but the arm's orientation comes through ROS, too."""
 LOW_BATTERY = 0.1
 """A phone that has less charge left is warned of."""
 
@@ -21,7 +21,7 @@ def figures(page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, 
         yield f"moved by a page's {called}", 1.0 if one == device else None, ""
     battery = None if sample is None or device != "phone" else sample.battery
     yield "battery of the phone", None if battery is None else round(100.0 * battery), "%"
-    yield "late samples of a page", float(page.late) if page.late else None, ""
+    yield "late samples of a page or ROS", float(page.late) if page.late else None, ""
 
 
 def warnings(user: str, page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, str]]:
@@ -31,8 +31,8 @@ def warnings(user: str, page: PageWrist, sample: WristSample | None) -> Iterator
         "page",
         ""
         if ahead_ns is None
-        else f"the wrist that a page moves is stamped {ahead_ns / NS_PER_S:.1f} s ahead of this machine's "
-        "clock and left out: synchronize the clocks of the machines",
+        else f"the wrist that a page or ROS moves is stamped {ahead_ns / NS_PER_S:.1f} s ahead of this "
+        "machine's clock and left out: synchronize the clocks of the machines",
     )
     battery = None if sample is None or sample.device != "phone" else sample.battery
     is_low = battery is not None and battery < LOW_BATTERY

@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 class ImuBridge(Service[ImuBridgeConfig]):
     """Publishes the orientation of one person's arm from a device, a recording, a simulation, or a page.
 
-    As long as a page moves the wrist its samples win, and what the own source says is held back.
+    As long as a page or ROS moves the wrist its samples win, and what the own source says is held back.
     """
 
     NAME: ClassVar[str] = "imu-bridge"
@@ -64,7 +64,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._epoch = YawEpoch(numbers)
         self._page = PageWrist(self._phone.sensor_from_arm, numbers)
         self._moved_by = ""
-        """A page's mouse or phone, in words; empty: the own source."""
+        """A page's mouse (or ROS) or phone, in words; empty: the own source."""
         self._letting_go: asyncio.TimerHandle | None = None
         self._others: set[str] = set()
         """Services that write this wrist's samples, too."""
@@ -219,13 +219,14 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """Return how what moves the wrist is worn.
 
         Raises:
-            RefusedError: it is a page's mouse.
+            RefusedError: it is a page's mouse, or ROS.
         """
         if not self._has_page:
             return self._phone if self.config.source == "page" else self._wearing
         if self._page.device == "arm":
             raise RefusedError(
-                "a page's mouse moves the wrist, and nothing is mounted on it: let go of it in the page first"
+                "a page's mouse or ROS moves the wrist, and nothing is mounted on it: let go of it in the "
+                "page, or end what moves it in ROS, first"
             )
         return self._phone
 
@@ -257,7 +258,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
 
 class _NoDevice:
-    """Has nothing to hand over, as where only a page moves the wrist."""
+    """Has nothing to hand over, as where only a page or ROS moves the wrist."""
 
     async def run(self, deliver: Deliver) -> None:  # noqa: ARG002 - the protocol's signature
         """Wait until cancelled."""

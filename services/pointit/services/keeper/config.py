@@ -24,8 +24,15 @@ class KeeperConfig(Config):
         default=30.0,
         ge=0.0,
         le=3600.0,
-        description="what is a person's (or a deployment's) is forgotten when nothing of theirs was present "
-        "for so long, s; it is handed out to nobody meanwhile",
+        description="what is a person's is forgotten when nothing of theirs was present for so long, s; it "
+        "is handed out to nobody meanwhile",
+    )
+    forget_deployment_after_s: float = Field(
+        default=86_400.0,
+        ge=0.0,
+        le=604_800.0,
+        description="what `run` or `user` has started is missed for so long after the last of it was present"
+        ", s, and told to `doctor` meanwhile; what was started again and ended by Ctrl-C is missed no more",
     )
     forget_site_after_s: float = Field(
         default=3600.0,

@@ -1,11 +1,10 @@
 """What a restarted keeper finds on disk: one file, written whole or not at all."""
 
-import os
-import tempfile
 from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.files import put
 from pointit.schemas import DecodeError, Part, decode, encode
 from pointit.schemas.base import Many, Ns
 
@@ -55,15 +54,4 @@ def write(path: Path, record: Record) -> None:
     Raises:
         ConfigError: it cannot be written; names the file.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(encode(record))
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+    put(path, encode(record))

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.schemas import NS_PER_S, Message, SchemaError, decode, encode
-from pointit.schemas.topics import Topic
+from pointit.schemas.topics import DEPLOYMENT, Topic
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import KEPT, has_owner, is_shared, misleads
+from pointit.services.keeper.ownership import KEPT, has_owner, is_personal, is_replaced, is_shared, misleads
 from pointit.services.keeper.record import KeptState, Record
 
 _ROWS = {topic.key: topic for topic in KEPT}
@@ -33,6 +33,7 @@ class Shelf:
         self._max_values = config.max_values
         self._max_bytes = int(config.max_mb * 1e6)
         self._person_ns = int(config.forget_person_after_s * NS_PER_S)
+        self._deployment_ns = int(config.forget_deployment_after_s * NS_PER_S)
         self._site_ns = int(config.forget_site_after_s * NS_PER_S)
         self._values: dict[tuple[str, str], _Value] = {}
         self._users: set[str] = set()
@@ -50,6 +51,10 @@ class Shelf:
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int) -> None:
         """Keep `message` in place of what was kept under `name`, or forget that where it would mislead."""
         self._drop((topic.key, name))
+        if topic is DEPLOYMENT:
+            for where, value in list(self._values.items()):
+                if is_replaced(value.message, message):
+                    self._drop(where)
         if not misleads(message):
             self._put(topic, name, message, encode(message), now_ns)
 
@@ -66,7 +71,7 @@ class Shelf:
     def recall(self, topic: Topic[Any]) -> Iterator[tuple[str, Message]]:
         """Yield name and value of what may be handed out of `topic`."""
         for (key, name), value in list(self._values.items()):
-            if key == topic.key and (is_shared(topic) or self._is_owned(name, value)):
+            if key == topic.key and (not is_personal(topic) or self._is_owned(name, value)):
                 yield name, value.message
 
     def pass_time(self, now_ns: int) -> None:
@@ -74,7 +79,7 @@ class Shelf:
         for (key, name), value in list(self._values.items()):
             if self._is_owned(name, value) or value.owned_ns > now_ns:  # the clock was set back
                 value.owned_ns = now_ns
-            elif now_ns - value.owned_ns >= (self._site_ns if is_shared(value.topic) else self._person_ns):
+            elif now_ns - value.owned_ns >= self._limit_ns(value.topic):
                 self._drop((key, name))
 
     def record(self, now_ns: int) -> Record:
@@ -120,6 +125,11 @@ class Shelf:
         self._values[topic.key, name] = value
         self.size += len(payload)
         self.changes += 1
+
+    def _limit_ns(self, topic: Topic[Any]) -> int:
+        if is_personal(topic):
+            return self._person_ns
+        return self._deployment_ns if topic is DEPLOYMENT else self._site_ns
 
     def _gives_way(self, _key: str, name: str, value: _Value) -> bool:
         return not is_shared(value.topic) and not self._is_owned(name, value)

@@ -82,7 +82,8 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.subscribe(FEEDBACK, self._on_feedback)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(HOVER, self._on_hover)
-        self.bus.subscribe(CURSOR, self._on_cursor)
+        # one that is on nothing takes back what was shown: that is never too late
+        self.bus.subscribe(CURSOR, self._on_cursor, in_time=lambda cursor: cursor.point_m is not None)
 
     async def run(self) -> None:
         """Have the outputs send; the drawing itself is driven by what arrives. Ends with dark lamps."""

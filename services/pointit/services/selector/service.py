@@ -78,7 +78,8 @@ class Selector(Service[SelectorConfig]):
         self.bus.serve(SET_METHOD, self._set_method)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
-        self.bus.subscribe(CURSOR, self._on_cursor)
+        # one that is on nothing takes back what was shown: that is never too late
+        self.bus.subscribe(CURSOR, self._on_cursor, in_time=lambda cursor: cursor.point_m is not None)
         self.bus.subscribe(BUTTON, self._on_button)
         self.bus.watch(USER_ALIVE, self._on_presence)
 

@@ -115,6 +115,15 @@ class Supervisor(Service[SupervisorConfig]):
         now_ns = self.clock.now_ns()
         self._place.localization(news, now_ns)
         self._do(self._cycle.localization(news, now_ns))
+        word = self._last_word
+        if (
+            word is not None
+            and word.state == self._cycle.state == "pointing"
+            and news.stamp_ns > word.stamp_ns
+        ):
+            # of a restarted localizer, perhaps: who is here after us learns that pointing went on after it
+            self._last_word = word.model_copy(update={"stamp_ns": news.stamp_ns})
+            self._said.set()
 
     def _on_interaction(self, before: Interaction, _user: str) -> None:
         if before.stamp_ns < self._began_ns:  # else it is our own

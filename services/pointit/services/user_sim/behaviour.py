@@ -1,4 +1,4 @@
-"""What the person wants to point at now: nothing, lamps, the strips' length, anything, the next object."""
+"""What the person wants to point at now: nothing, lamps, the strips' length, anything, an object, places."""
 
 import math
 from collections.abc import Callable
@@ -21,6 +21,10 @@ from pointit.services.user_sim.things import Things
 
 APART_M = 0.3
 """From one strip's end to the next one's start: further is another reach, not the same movement."""
+PLACES_M = (1.2, 2.5)
+"""Places to which a robot is sent are so far away, at least and at most."""
+RAISED_M = 3.0
+"""Who looks up between points so far above them: nothing there is pointed at."""
 FIND_S = 1.0
 """From choosing a lamp or thing until the hand is there, usually."""
 
@@ -136,6 +140,26 @@ class Anything:
         return others[int(self._rng.integers(len(others)))] if others else None
 
 
+class Sending:
+    """Points at a place on the floor, up, and there again, as who sends a robot; then at another place."""
+
+    def __init__(self, feet_m: Vec3, rng: np.random.Generator) -> None:
+        """Choose places around `feet_m` by `rng`."""
+        self._feet_m = feet_m
+        self._rng = rng
+        self._step = -1
+        self._place_m = feet_m
+
+    def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG002 - as `choose` has it
+        """Return the next of the four steps: there, up, there again, up."""
+        self._step += 1
+        if self._step % 4 == 0:
+            way = vector.direction(float(self._rng.uniform(-math.pi, math.pi)), 0.0)
+            self._place_m = vector.add(self._feet_m, vector.scale(way, float(self._rng.uniform(*PLACES_M))))
+        up_m = RAISED_M if self._step % 2 else 0.0
+        return Goal(key=f"place {self._step}", point_m=vector.add(self._place_m, (0.0, 0.0, up_m)))
+
+
 def wish_of(config: UserSimConfig, things: Things, pace: Pace, rng: np.random.Generator) -> Wish:
     """Return the wish that `config.behaviour` names."""
     match config.behaviour:
@@ -147,6 +171,8 @@ def wish_of(config: UserSimConfig, things: Things, pace: Pace, rng: np.random.Ge
             return AlongStrips(config.strip_speed_mps)
         case "random":
             return OneAfterTheOther(Anything(rng), config.lamp_hold_s, pace)
+        case "send":
+            return OneAfterTheOther(Sending(config.position_m, rng), config.lamp_hold_s, pace)
         case "select":
             return Selecting(config, things, pace)
 

@@ -8,7 +8,7 @@ from pointit.runtime.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
 
-Behaviour = Literal["rest", "lamps", "strips", "select", "random"]
+Behaviour = Literal["rest", "lamps", "strips", "select", "random", "send"]
 """What the person does once they may point."""
 
 
@@ -219,7 +219,10 @@ class UserSimConfig(Config):
         description="press when no cursor is to be seen for so long while pointing, s; 0: never",
     )
     lamp_hold_s: float = Field(
-        default=2.0, gt=0, le=600, description="time on a lamp (behaviour lamps) or thing (random), mean, s"
+        default=2.0,
+        gt=0,
+        le=600,
+        description="time on a lamp (behaviour lamps), thing (random) or place (send), mean, s",
     )
     deadline: dict[str, float] = Field(
         default={},

@@ -33,7 +33,7 @@ OWN: tuple[Topic[Any], ...] = (FEEDBACK, PROFILE)
 class UserSim(Service[UserSimConfig]):
     """A simulated person together with their wristband.
 
-    While somebody moves their wrist with a page, they watch and send nothing.
+    While somebody moves their wrist with a page, or from ROS, they watch and send nothing.
     """
 
     NAME: ClassVar[str] = "user-sim"
@@ -62,7 +62,7 @@ class UserSim(Service[UserSimConfig]):
             yields = self._yields(now_ns)
             if yields != self._has_yielded:
                 self._has_yielded = yields
-                self.bus.figure("a page moves the wrist", 1.0 if yields else None)
+                self.bus.figure("a page or ROS moves the wrist", 1.0 if yields else None)
             sample, press = self._person.step(now_ns, yields=yields)
             if sample is not None:
                 self._imu.put(sample)

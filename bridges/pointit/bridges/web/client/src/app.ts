@@ -131,7 +131,10 @@ function frame(): void {
 function tell(happened: Happened): void {
   const mine = desk.mine?.user ?? "";
   if ("feedback" in happened) {
-    if (settings.sound && happened.user === mine) chime(happened.feedback.chime);
+    if (happened.user !== mine) return;
+    const { feedback } = happened;
+    if (settings.sound) chime(feedback.chime);
+    if (feedback.point_m && feedback.text) desk.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
     return;
   }
   const { event } = happened;

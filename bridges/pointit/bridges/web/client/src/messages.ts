@@ -28,6 +28,7 @@ export interface Everything {
   Strip: Strip;
   Environment: Environment;
   Feedback: Feedback;
+  Goal: Goal;
   Figure: Figure;
   KeyHealth: KeyHealth;
   Quantiles: Quantiles;
@@ -566,6 +567,10 @@ export interface Feedback {
    */
   haptic_ms: number[];
   /**
+   * the place that it is about, {W}; empty: none
+   */
+  point_m: [number, number, number] | null;
+  /**
    * counts this writer's messages on this key
    */
   seq: number;
@@ -582,6 +587,55 @@ export interface Feedback {
    * there is nothing to do yet but wait for the next cue
    */
   waits: boolean;
+}
+/**
+ * A place at which a person pointed in two steps, where a robot is to go, {W}; no safety function.
+ *
+ * `stamp_ns`: of the ray with which it was confirmed. Who receives it judges it: late, or unsure, it is not
+ * to be followed.
+ */
+export interface Goal {
+  /**
+   * of that ray when the goal was given
+   */
+  age_s: number;
+  /**
+   * on the floor from the place to the nearest person whose place is known
+   */
+  clearance_m: number;
+  /**
+   * by pointing there once more, or by their button
+   */
+  confirmed_by: "again" | "press";
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  position_m: [number, number, number];
+  /**
+   * 1 sigma along the worse direction, of the person's place and aim
+   */
+  position_sigma_m: number;
+  /**
+   * stamp of the ray with which it was proposed
+   */
+  proposed_ns: number;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * level plane of the map it is on, or `workspace/horizontal`; empty: unknown
+   */
+  surface_id: string;
+  /**
+   * azimuth from the person to the place: facing on, on arrival
+   */
+  yaw_rad: number;
 }
 /**
  * A number of a service's own, such as a drift.

@@ -1,7 +1,7 @@
 // Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
 
 import type {
-  Anchor, ButtonEvent, ClockTick, ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, ImuSample, Interaction, LampColor, Localization, PointingRay, Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
+  Anchor, ButtonEvent, ClockTick, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, Localization, PointingRay, Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
 } from "./messages";
 
 /** The message of every topic, by the key's pattern. */
@@ -20,6 +20,7 @@ export interface Topics {
   "users/{user}/button": ButtonEvent;
   "users/{user}/cursor": Cursor;
   "users/{user}/feedback": Feedback;
+  "users/{user}/goal": Goal;
   "users/{user}/hover": Hover;
   "users/{user}/imu": ImuSample;
   "users/{user}/interaction": Interaction;

@@ -1,6 +1,6 @@
 /** People in the plan: body, arm, ray, cursor, the gauge of what they hover, how unsure their place is. */
 
-import { isHeard, standingOf, type Person, type Site } from "../site/site";
+import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { rayEnd } from "../geometry/looks";
@@ -26,6 +26,8 @@ interface Figure {
   gauge: SVGGElement;
   arc: SVGElement;
   action: SVGTextElement;
+  flag: SVGGElement;
+  proposal: SVGGElement;
 }
 
 /** Where a person looks, rad: along their ray, else along {H}'s x axis. */
@@ -49,6 +51,7 @@ export class People {
       this.drawBody(figure, person, isFresh, chosen);
       this.drawRay(figure, person, isFresh);
       this.drawGauge(figure, person, isFresh, packages, gauges);
+      this.drawGoal(figure, person);
     }
     for (const [user, figure] of this.figures) {
       if (site.people.has(user)) continue;
@@ -60,6 +63,12 @@ export class People {
   private make(user: string): Figure {
     const below = draw(this.floor, "g"), middle = draw(this.bodies, "g"), above = draw(this.top, "g");
     const unsure = draw(below, "ellipse", { class: "plan-unsure" });
+    const proposal = draw(below, "g"), flag = draw(above, "g");
+    const pole = draw(flag, "g", { class: "plan-upright" });
+    for (const name of ["plan-goal-edge", ""]) {
+      draw(proposal, "circle", { class: name || "plan-proposal", r: 30 });
+      draw(pole, "path", { class: name || "plan-flag", d: "M0 0V-26L17 -20L0 -13" });
+    }
     const arm = draw(middle, "path", { class: "plan-arm" });
     const body = draw(middle, "g");
     const torso = draw(body, "ellipse", { class: "plan-torso", rx: 13, ry: 24 });
@@ -77,7 +86,7 @@ export class People {
     draw(meter, "circle", { class: "plan-gauge-back", r: 19 });
     const arc = draw(meter, "circle", { class: "plan-gauge", r: 19, pathLength: 100, transform: "rotate(-90)" });
     const action = draw(meter, "text", { class: "plan-action", "text-anchor": "middle", x: 0, y: -25 });
-    const figure = { layers: [below, middle, above], unsure, body, torso, arm, name, nameAt, rayEdge, ray, cursor, ring, dot, gauge, arc, action };
+    const figure = { layers: [below, middle, above], unsure, body, torso, arm, name, nameAt, rayEdge, ray, cursor, ring, dot, gauge, arc, action, flag, proposal };
     this.figures.set(user, figure);
     return figure;
   }
@@ -133,6 +142,15 @@ export class People {
     set(figure.dot, "fill", sign.color);
     set(figure.dot.parentElement!, "transform", `translate(${xy(point)})`);
     if (!figure.dot.classList.contains("plan-upright")) figure.dot.classList.add("plan-upright");
+  }
+
+  private drawGoal({ flag, proposal }: Figure, person: Person): void {
+    const { color } = signOf(person.profile), asked = isSent(person) ? null : person.proposed;
+    for (const [element, at] of [[flag, person.goal?.position_m], [proposal, asked]] as const) {
+      show(element, !!at);
+      if (at) set(element, "transform", `translate(${xy(at)})`);
+      set(element, "stroke", color);
+    }
   }
 
   private drawGauge(figure: Figure, person: Person, isFresh: boolean, packages: Packages, gauges: Map<string, number>): void {

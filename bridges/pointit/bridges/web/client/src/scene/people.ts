@@ -1,6 +1,6 @@
 /** People: where they stand and how surely, where they point, and what they are asked to point at. */
 
-import { isHeard, standingOf, type Person, type Site } from "../site/site";
+import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/looks";
@@ -15,6 +15,8 @@ import type { Marks } from "./marks";
 const STALE_MS = 2000;
 /** A name stands at most so high, m. */
 const NAME_M = 2.15;
+/** A goal's flag is so high, m. */
+const FLAG_M = 0.8;
 const RAISE_PER_S = 4;
 const TURN_PER_S = 7;
 const WHITE: Read3 = [255, 255, 255];
@@ -81,6 +83,7 @@ export class People {
     const { dark } = this.around.kit.theme, worn = person.profile?.cursor_color ?? WHITE;
     const color = visibleColor(worn, dark), pattern = person.profile?.pattern ?? "solid";
     const asked = this.beacon(person, color, now);
+    this.goal(person, color);
     if (!feet) return asked;
     const measures = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
     const body = this.body(person, worn);
@@ -122,6 +125,16 @@ export class People {
     if (!kit.theme.dark) marks.add(at, 0.078, [20, 25, 32], { faces: true, thick: 0.36, alpha: 0.55 * alpha });
     marks.add(at, 0.17, color, { pattern: "glow", faces: true, alpha });
     marks.add(at, 0.07, color, { pattern, faces: true, thick: 0.26, alpha });
+  }
+
+  /** A flag where they sent a robot; a dashed ring where they may. */
+  private goal(person: Person, color: Read3): void {
+    const { marks, beams, labels } = this.around, { goal, proposed } = person;
+    if (proposed && !isSent(person)) marks.add(proposed, 0.3, color, { pattern: "dashed", thick: 0.2, fill: 0.15 }, 0.012);
+    if (!goal) return;
+    marks.add(goal.position_m, 0.3, color, { thick: 0.2, fill: 0.3 }, 0.012);
+    beams.add(goal.position_m, add(goal.position_m, [0, 0, FLAG_M]), color, 0.9, 2);
+    labels.add(`goal ${person.user}`, goal.position_m, FLAG_M, [{ text: `goal of ${person.user}` }], cssColor(color), 2);
   }
 
   private uncertainty(person: Person, feet: Read3, color: Read3, isStale: boolean, isAssumed: boolean): void {

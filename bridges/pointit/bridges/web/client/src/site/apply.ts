@@ -33,12 +33,15 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
       note(keeper.site, "info", name, message.reason ? `${message.state}: ${message.reason}` : message.state);
     }
   },
-  "users/{user}/feedback": ({ site }, message, name) => {
-    if (message.text && message.cue !== "selected" && message.cue !== "deselected") {
+  "users/{user}/feedback": (keeper, message, name) => {
+    const { site } = keeper;
+    if (message.point_m) keeper.person(name).proposed = message.cue === "selected" ? message.point_m : null;
+    if (message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))) {
       note(site, message.cue === "refused" ? "warning" : "info", name, message.text);
     }
     happen(site, { feedback: message, user: name });
   },
+  "users/{user}/goal": (keeper, message, name) => void (keeper.person(name).goal = message),
   map: ({ site }, message) => {
     if (site.map && site.map.name !== message.name) {
       // another room: what was on the old one's belts is not in it; what is in it is told many times a second
@@ -75,6 +78,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
   "users/{user}/hover": (keeper, name) => void (keeper.person(name).hover = null),
   "users/{user}/interaction": (keeper, name) => void (keeper.person(name).interaction = null),
   "users/{user}/feedback": () => undefined,
+  "users/{user}/goal": () => undefined,
   map: ({ site }) => {
     site.map = null;
     site.mapVersion += 1;

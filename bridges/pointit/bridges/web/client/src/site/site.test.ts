@@ -8,7 +8,7 @@ import { Asks, Refusal } from "./asks";
 import { decodeBatch, numberOf, Pending } from "./batch";
 import { losses, rates } from "./figures";
 import { Episodes, matching, note } from "./log";
-import { emptySite, LOG_LINES } from "./site";
+import { emptySite, isSent, LOG_LINES } from "./site";
 import { called, eventLine } from "../words";
 import { LatencyHistory, quantile, quantiles, SiteClock } from "./timing";
 
@@ -174,4 +174,26 @@ test("rates are of one person, those of shared services shared out", () => {
   const all = [health("anna", "users/{user}/imu", 50), health("ben", "users/{user}/imu", 80), health("", "users/{user}/cursor", 100), health("", "strips/frame", 60)];
   assert.deepEqual(rates(all, "anna", 2), { imu: 50, ray: null, cursor: 50, frame: 60 });
   assert.deepEqual(losses(all), { dropped: 8, lost: 4, invalid: 0, errors: 4 });
+});
+
+test("a place is proposed, sent or taken back; each is told in the log", () => {
+  const site = emptySite();
+  const keeper = new Keeper(site);
+  keeper.status(status("anna"));
+  const anna = site.people.get("anna")!;
+  const cue = (name: string, point_m: number[] | null, text = name): void =>
+    void keeper.take({ topic: "users/{user}/feedback", name: "anna", payload: encode({ cue: name, text, point_m }) }, 1);
+  cue("selected", [1, 2, 0], "send a robot there?");
+  assert.deepEqual(anna.proposed, [1, 2, 0]);
+  assert.equal(isSent(anna), false);
+  keeper.take({ topic: "users/{user}/goal", name: "anna", payload: encode({ position_m: [1, 2, 0] }) }, 2);
+  assert.equal(isSent(anna), true);
+  cue("selected", [3, 2, 0]);
+  assert.equal(isSent(anna), false);
+  cue("selected", null, "red package");
+  assert.deepEqual(anna.proposed, [3, 2, 0]);
+  cue("deselected", [3, 2, 0], "no robot is sent");
+  assert.equal(anna.proposed, null);
+  assert.deepEqual(anna.goal?.position_m, [1, 2, 0]);
+  assert.deepEqual(site.log.map(({ text }) => text), ["send a robot there?", "selected", "no robot is sent"]);
 });

@@ -1,7 +1,7 @@
 /** What the page knows of the site: the newest message of every key, and what the server says of itself. */
 
 import type {
-  ConveyorState, Cursor, Deployment, Environment, Feedback, Health, Hover, Interaction, LampColor, Localization,
+  ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
   Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile,
 } from "../messages";
 import type { Hello, PersonLine, Status } from "../wire";
@@ -17,6 +17,10 @@ export interface Person {
   hover: Hover | null;
   interaction: Interaction | null;
   localization: Localization | null;
+  /** Where they sent a robot last. */
+  goal: Goal | null;
+  /** Where they may send one, if they confirm it. */
+  proposed: [number, number, number] | null;
   /** What the server says: who moves the wrist. */
   line: PersonLine | null;
 }
@@ -90,7 +94,7 @@ export function emptySite(): Site {
 export function emptyPerson(user: string): Person {
   return {
     user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
-    line: null,
+    goal: null, proposed: null, line: null,
   };
 }
 
@@ -100,6 +104,11 @@ const HEARD_MS = 800;
 /** Whether the cursor of `person` is one of `now` (`performance.now()`). */
 export function isHeard(person: Person, now: number): boolean {
   return person.cursor !== null && now - person.cursorAt < HEARD_MS;
+}
+
+/** Whether what `person` proposed last was sent. */
+export function isSent({ goal, proposed }: Person): boolean {
+  return !!goal && !!proposed && goal.position_m.every((each, axis) => each === proposed[axis]);
 }
 
 /** Where a person's feet are ({W}, m) and the azimuth of {H}'s x axis, rad. */

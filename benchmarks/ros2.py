@@ -1,0 +1,223 @@
+"""The bridge to ROS 2, a process of its own: cost beside a bare relay of bytes, round trips, start."""
+
+import asyncio
+import contextlib
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from benchmarks import bare_relay
+from benchmarks.statistics import Figures, machine
+from pointit.bridges.ros2.backend import Backend, Graph, Qos
+from pointit.bridges.ros2.backends import opened
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.types import Types
+from pointit.geometry import rotation
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import PointingRay, WristSample
+from pointit.schemas.topics import RAY, USER_ALIVE, WRIST
+from tests.support.buses import free_port
+
+USERS = 10
+HZ = 50.0
+"""Of each: 500 messages a second altogether."""
+ROUND_HZ = 100.0
+ROUNDS = 3
+LEAST_S = 5.0
+LOST_S = 1.0
+PATIENCE_S = 60.0
+SETTLE_S = 1.0
+RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
+ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\n"
+"""Caps would measure themselves."""
+
+
+class Nobody:
+    """Takes warnings of the peer's node."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show it."""
+        print(f"{topic}: {sentence}", file=sys.stderr)
+
+    def clear(self, topic: str) -> None:
+        """Take it back."""
+
+
+class Ends:
+    """Both ends of the bridge: our bus, and a node in ROS that is the router there."""
+
+    def __init__(self, bus: ZenohBus, peer: Backend, process: psutil.Process, started_s: float) -> None:
+        self.bus = bus
+        self.peer = peer
+        self.process = process
+        self.started_s = started_s
+        self.types = Types("jazzy")
+        self.users = [f"user{index}" for index in range(USERS)]
+        self.rays: list[int] = []
+        """Stamps of those that came to ROS, ns."""
+        self.samples: list[WristSample] = []
+        """What came to our bus."""
+        self.on_ray: Callable[[int], None] = self.rays.append
+        self.echoes = False
+        self._presences = [bus.announce(USER_ALIVE, user) for user in self.users]
+        self._ours = {user: bus.publisher(RAY, user) for user in self.users}
+        kind = self.types.kind(ROTATION_TYPE)
+        self._theirs = {
+            user: peer.advertise(f"/{user}/metawear_ros/rotation", kind, Qos()) for user in self.users
+        }
+        for user in self.users:
+            qos = Qos(depth=100)
+            peer.subscribe(f"/{user}/pointing_ray", self.types.kind(RAY_TYPE), qos, self._hear)
+        self.reader = bus.subscribe(WRIST, self._take)
+
+    def _hear(self, cdr: bytes) -> None:
+        stamp = self.types.decode(RAY_TYPE, cdr).header.stamp
+        self.on_ray(stamp.sec * 1_000_000_000 + stamp.nanosec)
+
+    def _take(self, sample: WristSample, user: str) -> None:
+        self.samples.append(sample)
+        if self.echoes:
+            self.put_ray(user, sample.stamp_ns)
+
+    def put_ray(self, user: str, stamp_ns: int) -> None:
+        """Put a ray on our bus."""
+        ray = PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, 1.64), direction=(1.0, 0.0, 0.0))
+        self._ours[user].put(ray)
+
+    def put_rotation(self, user: str, stamp_ns: int) -> None:
+        """Publish how an arm is turned, in ROS."""
+        make = self.types.make
+        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        x, y, z, w = rotation.from_azimuth_elevation(0.3, -0.2)
+        value = make(
+            ROTATION_TYPE,
+            header=make("std_msgs/msg/Header", stamp=stamp, frame_id="arm"),
+            quaternion=make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+        )
+        self._theirs[user].put(self.types.encode(ROTATION_TYPE, value))
+
+    async def ready(self) -> None:
+        """Wait until something of every person arrives both ways."""
+        async with asyncio.timeout(PATIENCE_S):
+            while len(self.rays) < USERS or len(self.samples) < USERS:
+                for user in self.users:
+                    self.put_ray(user, time.time_ns())
+                    self.put_rotation(user, time.time_ns())
+                await asyncio.sleep(0.1)
+        await asyncio.sleep(SETTLE_S)
+
+
+async def measure(duration_s: float) -> dict[str, Any]:
+    """Return cost, delivery, round trips and start of the bridge."""
+    bare = await bare_relay.cost(USERS * HZ, duration_s)
+    async with bridged() as ends:
+        await ends.ready()
+        return {
+            "users": USERS,
+            "messages_per_second": USERS * HZ,
+            "before": machine(),
+            "start_s": round(ends.started_s, 3),
+            "bare_relay": bare,
+            "nothing": await _cost(ends, duration_s, []),
+            "out": [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)],
+            "in": [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)],
+            "both": [await _cost(ends, duration_s, [ends.put_ray, ends.put_rotation]) for _ in range(ROUNDS)],
+            "round_trip": await _round_trip(ends, duration_s),
+            "memory_mb": round(ends.process.memory_info().rss / 1e6, 1),
+            "after": machine(),
+        }
+
+
+@asynccontextmanager
+async def bridged() -> AsyncGenerator[Ends]:
+    """Yield both ends of a bridge that has started."""
+    ours, ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    bus = await ZenohBus.open(Link(listen=(ours,)))
+    config = BackendConfig(mode="router", endpoint=ros, node="/robot", domain_id=7)
+    peer = await opened(config, Nobody())
+    with tempfile.TemporaryDirectory() as folder:
+        routes = Path(folder) / "routes.yaml"
+        routes.write_text(ROUTES)
+        found = asyncio.Event()
+
+        def look(graph: Graph) -> None:
+            if any(each.name == "/packages" and each.node == "/pointit" for each in graph.endpoints):
+                found.set()
+
+        peer.watch(look)
+        began_s = time.perf_counter()
+        settings = {"mode": "peer", "endpoint": ros, "domain-id": "7"}
+        child = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "pointit.bridges.ros2", "--connect", ours, "--routes", f"{routes}"),
+            *(part for name, value in settings.items() for part in (f"--backend.{name}", value)),
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            await asyncio.wait_for(found.wait(), PATIENCE_S)
+            yield Ends(bus, peer, psutil.Process(child.pid), time.perf_counter() - began_s)
+        finally:
+            child.terminate()
+            await child.wait()
+            await peer.close()
+            await bus.close()
+
+
+async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]]) -> dict[str, Any]:
+    """Return what the bridge takes of a core while each of `puts` puts `HZ` messages of each person."""
+    ends.rays.clear()
+    ends.samples.clear()
+    superseded = ends.reader.traffic.dropped
+    before, began_s = ends.process.cpu_times(), time.perf_counter()
+    loop, sent = asyncio.get_running_loop(), 0
+    due_s = loop.time()
+    end_s = due_s + duration_s
+    while due_s < end_s:
+        for put in puts:
+            put(ends.users[sent % USERS], time.time_ns())
+        sent += 1
+        due_s = max(
+            due_s + 1.0 / (HZ * USERS), loop.time()
+        )  # no bursts: of those the newest wins, as is meant
+        await asyncio.sleep(due_s - loop.time())
+    after, took_s = ends.process.cpu_times(), time.perf_counter() - began_s
+    await asyncio.sleep(0.2)
+    cpu_s = after.user + after.system - before.user - before.system
+    messages = sent * len(puts)
+    arrived = len(ends.rays) + len(ends.samples)
+    superseded = ends.reader.traffic.dropped - superseded
+    return {
+        "cpu_share_of_a_core": round(cpu_s / took_s, 4),
+        "messages_per_second": round(messages / took_s, 1),
+        "us_per_message": round(cpu_s / messages * 1e6, 1) if messages else None,
+        "superseded": superseded,  # by the same person's next one while this process stood still
+        "lost": messages - arrived - superseded,
+    }
+
+
+async def _round_trip(ends: Ends, duration_s: float) -> dict[str, Any]:
+    """Return the times of ROS, bridge, our bus, bridge, ROS: one message after the other."""
+    times_s: list[float] = []
+    came = asyncio.Event()
+
+    def hear(stamp_ns: int) -> None:
+        times_s.append((time.time_ns() - stamp_ns) / 1e9)
+        came.set()
+
+    ends.on_ray, ends.echoes = hear, True
+    count = int(max(duration_s, LEAST_S) * ROUND_HZ)
+    for _ in range(count):
+        came.clear()
+        ends.put_rotation(ends.users[0], time.time_ns())
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(came.wait(), LOST_S)
+        await asyncio.sleep(1.0 / ROUND_HZ)
+    return {**Figures.of(times_s).as_dict(), "lost": count - len(times_s)}

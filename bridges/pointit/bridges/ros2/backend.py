@@ -1,0 +1,144 @@
+"""What joins a ROS 2 graph: CDR in, CDR out, and who else is there; the bridge knows no more of a middleware.
+
+All handlers run in the event loop that opened the backend, one at a time.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+Server = Callable[[bytes], Awaitable[bytes]]
+"""Takes a request's CDR, returns the response's; what it raises is answered by nothing, so it must not."""
+
+
+Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
+"""A distribution of ROS 2."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Qos:
+    """Quality of service of one end of a topic, as far as the bridge needs it."""
+
+    depth: int = 10
+    reliable: bool = True
+    latched: bool = False
+    """Late joiners get the last `depth` messages (ROS: transient local)."""
+
+
+SENSOR = Qos(depth=5, reliable=False)
+LATCHED = Qos(depth=1, latched=True)
+SERVICE = Qos(depth=10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosType:
+    """A message or service type as the graph names it."""
+
+    name: str
+    """`geometry_msgs/msg/PoseStamped`, `std_srvs/srv/Empty`."""
+    hash: str
+    """`RIHS01_` and 64 hexadecimal digits."""
+
+    @property
+    def dds_name(self) -> str:
+        """Return it as middlewares write it: `geometry_msgs::msg::dds_::PoseStamped_`."""
+        package, kind, name = self.name.split("/")
+        return f"{package}::{kind}::dds_::{name}_"
+
+
+EndpointKind = Literal["publisher", "subscriber", "server", "client"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Endpoint:
+    """One end of a topic or service that somebody in the graph has."""
+
+    kind: EndpointKind
+    node: str
+    """Its full name: `/user1/belt`."""
+    name: str
+    """Of the topic or service, resolved: `/user1/pointing_ray`."""
+    type: RosType
+    qos: Qos | None
+    """None where it could not be read."""
+    domain: int
+    is_ours: bool = False
+    is_bridge: bool = False
+    """Of another PointIt: what it says of its people must not become what ours do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Graph:
+    """Everybody who is there now."""
+
+    nodes: frozenset[str]
+    endpoints: frozenset[Endpoint]
+    unreadable: int = 0
+    """Tokens that were none of ours to read."""
+
+    def within(self, domain: int) -> "Graph":
+        """Return it without the endpoints of other domains, which ours never meet."""
+        return replace(self, endpoints=frozenset(each for each in self.endpoints if each.domain == domain))
+
+
+class Closable(Protocol):
+    """Anything a backend hands out; closing twice is allowed, and closing the backend closes it."""
+
+    def close(self) -> None:
+        """Undeclare; no handler runs afterwards."""
+        ...
+
+
+class Writer(Closable, Protocol):
+    """Writes one topic."""
+
+    def put(self, cdr: bytes) -> None:
+        """Send; returns at once, and never blocks on readers."""
+        ...
+
+
+class Backend(Protocol):
+    """A node in a ROS 2 graph."""
+
+    @property
+    def node(self) -> str:
+        """Return our node's full name."""
+        ...
+
+    def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
+        """Declare a publisher of the resolved name `topic` (`/user1/pointing_ray`)."""
+        ...
+
+    def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
+        """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
+        ...
+
+    def serve(self, service: str, kind: RosType, server: Server) -> Closable:
+        """Answer requests to `service`."""
+        ...
+
+    async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the CDR of a server's response.
+
+        Raises:
+            TimeoutError: nobody serves it, or not within `timeout_s`.
+        """
+        ...
+
+    def watch(self, handler: Callable[[Graph], None]) -> Closable:
+        """Call `handler` with the graph now, and whenever it has changed."""
+        ...
+
+    @property
+    def trouble(self) -> str:
+        """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
+        ...
+
+    async def close(self) -> None:
+        """Leave the graph; no handler runs afterwards."""
+        ...

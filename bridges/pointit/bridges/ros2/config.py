@@ -1,0 +1,72 @@
+"""Parameters of the bridge to ROS 2."""
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from pointit.bridges.ros2.backend import Distro
+from pointit.runtime.config import Config
+
+NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+"""A node's full name."""
+
+
+class BackendConfig(Config):
+    """How the bridge joins the ROS graph."""
+
+    kind: Literal["rmw_zenoh", "dds", "ros2dds"] = Field(
+        default="rmw_zenoh",
+        description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
+        "whatever else the ROS speaks that is installed and sourced here, by its rclpy (mode and endpoint do "
+        "not matter then); ros2dds, through zenoh-bridge-ros2dds (not yet tried against the real one)",
+    )
+    mode: Literal["auto", "peer", "client", "router"] = Field(
+        default="auto",
+        description="peer: as ROS nodes do, and it may start before the router; client: everything through "
+        "the router, for a robot across a network; router: be the ROS router itself; auto: peer where a "
+        "router answers or has to be on another machine, else router",
+    )
+    endpoint: str = Field(
+        default="tcp/127.0.0.1:7447",
+        description="where the ROS router listens, or where to listen as the router",
+    )
+    domain_id: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of the ROS nodes")
+    distro: Distro = Field(
+        default="jazzy", description="distribution of the ROS nodes; those up from jazzy hear each other"
+    )
+    node: str = Field(
+        default="/pointit",
+        description="full name of the bridge's node in the ROS graph",
+    )
+    max_message_bytes: int = Field(
+        default=1_000_000,
+        ge=1000,
+        le=16_000_000,
+        description="longer messages of ROS nodes are dropped unread, bytes",
+    )
+
+    @field_validator("node")
+    @classmethod
+    def _is_full_name(cls, value: str) -> str:
+        if not NAME.fullmatch(value):
+            raise ValueError("begin with / and write letters, digits and _, as in /pointit or /site1/pointit")
+        return value
+
+
+class Ros2Config(Config):
+    """Which ROS graph, and what is taken there and brought from there."""
+
+    backend: BackendConfig = Field(
+        default=BackendConfig(), description="how the bridge joins the ROS graph, and as whom"
+    )
+    routes: Path | None = Field(
+        default=None,
+        description="YAML file that changes names, rates and frames of routes, or leaves some out; "
+        "docs/ros2.md lists them",
+    )
+    unread: bool = Field(
+        default=False,
+        description="publish also what nobody in the ROS graph subscribes to, at the cost of what is read",
+    )

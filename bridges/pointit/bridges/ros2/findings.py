@@ -1,0 +1,251 @@
+"""What in the ROS graph will not work, in sentences that name who, what and what to do about it."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph, Qos
+from pointit.bridges.ros2.types import NO_HASH
+
+MAX_SHOWN = 3
+"""Names that a sentence lists."""
+MAX_NAME = 80
+"""Characters of a foreign name that a sentence shows."""
+
+COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
+    "publisher": "subscriber",
+    "subscriber": "publisher",
+    "server": "client",
+    "client": "server",
+}
+
+
+End = tuple[str, EndpointKind]
+"""By name and kind: going through everybody else for each of ours would hold up the loop."""
+Counterparts = Mapping[Endpoint, Sequence[Endpoint]]
+"""Of ours: what others of our domain have at the other end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Something that will not work, or that a person may wonder about."""
+
+    about: str
+    """The same for the same trouble, however the sentence changes: `type of /user1/button`."""
+    sentence: str
+    is_note: bool = False
+    """Nothing is wrong: it only explains why nothing happens."""
+
+
+def findings(graph: Graph, *, domain: int, distro: str, needs: str = "") -> tuple[Finding, ...]:
+    """Return what in `graph` will not work between us and the others, each with the remedy.
+
+    Args:
+        graph: with our own endpoints in it.
+        domain: ours.
+        distro: the ROS distribution that we are set to.
+        needs: what other nodes need to be seen, for people.
+    """
+    ours = sorted((each for each in graph.endpoints if each.is_ours), key=_order)
+    others = [each for each in graph.endpoints if not each.is_ours and each.domain == domain]
+    elsewhere = [
+        each
+        for each in graph.endpoints
+        if not each.is_ours and not each.is_bridge and each.domain != domain  # a PointIt belongs elsewhere
+    ]
+    found = [*_bridges(others, domain), *_generations(others, distro)]
+    wanted = {_wanted(mine) for mine in ours}
+    offered: dict[End, list[Endpoint]] = defaultdict(list)
+    for each in others:
+        if _end(each) in wanted:
+            offered[_end(each)].append(each)
+    counterparts = {mine: sorted(offered.get(_wanted(mine), ()), key=_order) for mine in ours}
+    for mine, theirs in counterparts.items():
+        found += _types(mine, theirs)
+        found += _qualities(mine, [each for each in theirs if _fits(mine, each)])
+    found += _domains(counterparts, elsewhere, domain, is_lonely=not others)
+    found += _lonely(counterparts, f"in domain {domain}{needs and f': {needs}'}", is_lonely=not others)
+    return tuple({each.about: each for each in reversed(found)}.values())[::-1]
+
+
+def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
+    """Return that another PointIt is among `others`."""
+    names = sorted({_short(each.node) for each in others if each.is_bridge})
+    if not names:
+        return []
+    return [
+        Finding(
+            about="bridge",
+            sentence=f"another PointIt bridge is node {_listed(names)} in this domain ({domain}): we do not "
+            "listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
+            "two another backend.domain_id and backend.node",
+        )
+    ]
+
+
+def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
+    """Return that some speak for a distribution whose type hashes are not ours."""
+    is_humble = distro == "humble"
+    other = [each for each in others if each.type.hash and (each.type.hash == NO_HASH) != is_humble]
+    if not other:
+        return []
+    if is_humble:
+        sentence = (
+            f"ROS {_nodes(other, 'is', 'are')} not of Humble, whose messages and those of later "
+            "distributions never reach each other; set distro to theirs (jazzy, kilted, …)"
+        )
+    else:
+        sentence = (
+            f"ROS {_nodes(other, 'is', 'are')} of Humble, whose messages have no type hash and never reach "
+            f"those of {distro}; set distro to humble, or let them run {distro}"
+        )
+    return [Finding(about="distro", sentence=sentence)]
+
+
+def _types(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
+    """Return that others use another definition, or another type, under a name of ours."""
+    found: list[Finding] = []
+    strangers = [each for each in counterparts if each.type.name != mine.type.name]
+    if strangers:
+        found.append(
+            Finding(
+                about=f"type of {mine.name}",
+                sentence=f"ROS {_nodes(strangers, 'uses', 'use')} {mine.name} as "
+                f"{_short(strangers[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one "
+                "of the two",
+            )
+        )
+    rebuilt = [
+        each
+        for each in counterparts
+        if each.type.name == mine.type.name
+        and not _fits(mine, each)
+        and NO_HASH not in (each.type.hash, mine.type.hash)
+    ]
+    if rebuilt:
+        package = mine.type.name.partition("/")[0]
+        found.append(
+            Finding(
+                about=f"definition of {mine.name}",
+                sentence=f"ROS {_nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
+                f"on {mine.name} expected {_hash(mine.type.hash)}, saw {_hash(rebuilt[0].type.hash)}, "
+                f"and nothing arrives; rebuild {package} there from PointIt's folder interfaces, or from a "
+                "distribution whose definition is the same",
+            )
+        )
+    return found
+
+
+def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
+    """Return that some would not match us under the rules of DDS, though they may here."""
+    for why, clashes in (
+        ("wants it reliable from who sends it best effort", _is_too_lossy),
+        ("wants what was sent before (transient local) from who keeps nothing (volatile)", _is_too_forgetful),
+    ):
+        clashing: list[Endpoint] = []
+        for other in counterparts:
+            writer, reader = (mine, other) if mine.kind == "publisher" else (other, mine)
+            if writer.qos and reader.qos and mine.kind in ("publisher", "subscriber"):
+                clashing += [other] if clashes(writer.qos, reader.qos) else []
+        if clashing:
+            side = "the subscriber, which is ours," if mine.kind == "subscriber" else "the subscriber"
+            return [
+                Finding(
+                    about=f"QoS of {mine.name}",
+                    sentence=f"QoS of ROS {_nodes(clashing)} on {mine.name} does not match ours: {side} "
+                    f"{why}; by the rules of DDS nothing would arrive, change one of the two",
+                )
+            ]
+    return []
+
+
+def _is_too_lossy(writer: Qos, reader: Qos) -> bool:
+    return reader.reliable and not writer.reliable
+
+
+def _is_too_forgetful(writer: Qos, reader: Qos) -> bool:
+    return reader.latched and not writer.latched
+
+
+def _domains(
+    counterparts: Counterparts, elsewhere: Iterable[Endpoint], domain: int, *, is_lonely: bool
+) -> list[Finding]:
+    """Return that what we look for is in another domain."""
+    found = list(elsewhere)
+    if not is_lonely:  # another robot's domain is nothing to speak of, unless it has what we look for
+        missing = {_wanted(mine) for mine, theirs in counterparts.items() if not theirs}
+        found = [each for each in found if _end(each) in missing]
+    if not found:
+        return []
+    theirs = sorted({each.domain for each in found})
+    return [
+        Finding(
+            about="domain",
+            sentence=f"ROS {_nodes(found, 'is', 'are')} in domain {_listed(map(str, theirs))}, we are in "
+            f"{domain}: nothing arrives; set domain_id to {theirs[0]}, or start them with "
+            f"ROS_DOMAIN_ID={domain}",
+        )
+    ]
+
+
+def _lonely(counterparts: Counterparts, where: str, *, is_lonely: bool) -> list[Finding]:
+    """Return that nobody is there, or nobody for some of our topics."""
+    if is_lonely:
+        return [
+            Finding(
+                about="nobody",
+                is_note=True,
+                sentence=f"no other ROS node is seen {where}",
+            )
+        ]
+    found: list[Finding] = []
+    for kind, what in (("publisher", "subscribes to"), ("subscriber", "publishes")):
+        names = [
+            mine.name
+            for mine, theirs in counterparts.items()
+            if mine.kind == kind and not any(_fits(mine, each) for each in theirs)
+        ]
+        if names:
+            sentence = f"nobody in ROS {what} {_listed(dict.fromkeys(names))}"
+            found.append(Finding(about=f"nobody {what}", is_note=True, sentence=sentence))
+    return found
+
+
+def _end(endpoint: Endpoint) -> End:
+    return endpoint.name, endpoint.kind
+
+
+def _wanted(mine: Endpoint) -> End:
+    """Return what is at the other end."""
+    return mine.name, COUNTERPART[mine.kind]
+
+
+def _fits(mine: Endpoint, other: Endpoint) -> bool:
+    hashes = {mine.type.hash, other.type.hash} - {""}
+    return mine.type.name == other.type.name and len(hashes) <= 1
+
+
+def _order(endpoint: Endpoint) -> tuple[str, str, str]:
+    return (endpoint.name, endpoint.kind, endpoint.node)
+
+
+def _nodes(endpoints: Iterable[Endpoint], of_one: str = "", of_many: str = "") -> str:
+    """Return who has `endpoints`, and the verb that fits."""
+    names = sorted({each.node for each in endpoints})
+    is_one = len(names) == 1
+    listed = _listed(_short(name) for name in names)
+    return f"node{'' if is_one else 's'} {listed} {of_one if is_one else of_many}".rstrip()
+
+
+def _listed(names: Iterable[str]) -> str:
+    shown = list(names)
+    more = len(shown) - MAX_SHOWN
+    return ", ".join(shown[:MAX_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= MAX_NAME else f"{name[:MAX_NAME]}…"
+
+
+def _hash(text: str) -> str:
+    return text if len(text) <= 20 else f"{text[:20]}…"

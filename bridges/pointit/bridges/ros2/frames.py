@@ -1,0 +1,76 @@
+"""Names of frames and of people in ROS: REP-103 axes, the ROS toolkit's names unless told otherwise.
+
+{W} is `world`, {H} of a person is `{user}/human_footprint`: at their feet, z up, x forward at IMU yaw 0.
+"""
+
+import re
+
+WORLD = "{world}"
+"""Stands for the frame {W} in a route."""
+PERSON = "{person}"
+"""Stands for a person's frame {H} in a route."""
+ARM = "{user}/arm"
+"""A person's arm: x along it to the finger."""
+
+MOST_NAMES = 10_000
+"""Names that are kept apart; nobody has so many people or lamps."""
+
+_NOT_ROS = re.compile(r"[^A-Za-z0-9_]")
+
+
+class RosNames:
+    """Names of people and lamps as parts of ROS names, without `-` and `.`, not beginning with a digit."""
+
+    def __init__(self) -> None:
+        self._of: dict[str, str] = {}
+        self._taken: set[str] = set()
+
+    def of(self, name: str) -> str:
+        """Return `name` as ROS can have it: its own where possible, the same each time, no two alike."""
+        made = self._of.get(name)
+        if made is None:
+            made = self._free(_NOT_ROS.sub("_", name) or "_")
+            if len(self._of) >= MOST_NAMES:
+                oldest = next(iter(self._of))
+                self._taken.discard(self._of.pop(oldest))
+            self._of[name] = made
+            self._taken.add(made)
+        return made
+
+    def _free(self, wanted: str) -> str:
+        if wanted[0].isdigit():
+            wanted = f"_{wanted}"
+        made, count = wanted, 1
+        while made in self._taken:
+            count += 1
+            made = f"{wanted}_{count}"
+        return made
+
+
+class Frames:
+    """What the frames are called."""
+
+    def __init__(
+        self, names: RosNames, *, world: str = "world", person: str = "{user}/human_footprint"
+    ) -> None:
+        """Take the name of {W}, and that of {H} with `{user}` for the person."""
+        self.world = world
+        self._person = person
+        self._names = names
+        self._resolved: dict[tuple[str, str], str] = {}
+
+    def person(self, user: str) -> str:
+        """Return the frame {H} of `user`."""
+        return self.resolve(PERSON, user)
+
+    def resolve(self, template: str, name: str) -> str:
+        """Return the frame that a route means with `template` for the person `name`."""
+        found = self._resolved.get((template, name))
+        if found is None:
+            found = template.replace(WORLD, self.world).replace(PERSON, self._person)
+            if "{user}" in found:
+                found = found.replace("{user}", self._names.of(name))
+            if len(self._resolved) >= MOST_NAMES:
+                self._resolved.clear()
+            self._resolved[template, name] = found
+        return found

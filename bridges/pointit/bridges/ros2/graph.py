@@ -1,0 +1,87 @@
+"""Who is in the ROS graph, from the tokens by which everybody says that they are there."""
+
+import collections
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from pointit.bridges.ros2.backend import Endpoint, Graph
+
+MAX_TOKENS = 20_000
+"""Of others that are kept; further ones are only counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """What one token says: that there is a node, and with `endpoint` one end that it has."""
+
+    node: str
+    domain: int
+    endpoint: Endpoint | None = None
+    bridge_gid: bytes | None = None
+    """What messages of this endpoint carry, if it is another PointIt's."""
+
+
+class Roster:
+    """The tokens that are there now."""
+
+    def __init__(self, read: Callable[[str], Seen], domain: int, on_change: Callable[[], None]) -> None:
+        """Begin with nobody.
+
+        Args:
+            read: understands a token; raises `ValueError` when it cannot.
+            domain: ours.
+            on_change: called when the graph is another one.
+        """
+        self._read = read
+        self._on_change = on_change
+        self._domain = domain
+        self._seen: dict[str, Seen] = {}
+        self._unreadable: set[str] = set()
+        self._own: collections.Counter[str] = collections.Counter()
+        self.bridged: set[bytes] = set()
+        """What messages carry that come from another PointIt, of whatever domain."""
+
+    def announce(self, token: str) -> None:
+        """Count a token of ours: it stays however often others say that it is gone, as lost routers do."""
+        self._own[token] += 1
+        self.change({token: True})
+
+    def retract(self, token: str) -> None:
+        """Take a token of ours back."""
+        self._own[token] -= 1
+        if not self._own[token]:
+            del self._own[token]
+            self.change({token: False})
+
+    def change(self, tokens: Mapping[str, bool]) -> None:
+        """Take who has come (true) or gone."""
+        before = len(self._unreadable)
+        changed = False
+        for token, present in tokens.items():
+            if not present and token in self._own:
+                continue
+            if not present:
+                gone = self._seen.pop(token, None)
+                if gone is not None:
+                    changed = True
+                    self.bridged -= {gone.bridge_gid}
+                self._unreadable.discard(token)
+            elif token not in self._seen and len(self._seen) + len(self._unreadable) < MAX_TOKENS:
+                try:
+                    seen = self._seen[token] = self._read(token)
+                except ValueError:
+                    self._unreadable.add(token)
+                else:
+                    changed = True
+                    if seen.bridge_gid is not None:
+                        self.bridged.add(seen.bridge_gid)
+        if changed or len(self._unreadable) != before:
+            self._on_change()
+
+    def graph(self) -> Graph:
+        """Return everybody who is there: the nodes of our domain, the endpoints of every domain."""
+        return Graph(
+            nodes=frozenset(seen.node for seen in self._seen.values() if seen.domain == self._domain),
+            endpoints=frozenset(seen.endpoint for seen in self._seen.values() if seen.endpoint is not None),
+            unreadable=len(self._unreadable),
+        )

@@ -1,0 +1,1 @@
+"""ROS values as our messages and queries; pure, each function or class one route; nothing raises."""

@@ -1,0 +1,54 @@
+"""Zenoh keys of rmw_zenoh: where a topic's or service's data goes, where nodes say that they are there."""
+
+import re
+
+from pointit.bridges.ros2.backend import RosType
+
+PRESENCE = "@ros2_lv"
+"""First chunk of the tokens of nodes and their endpoints."""
+
+EVERY_TOKEN = f"{PRESENCE}/**"
+
+NAME = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
+DDS_TYPE = re.compile(r"(\w+)::(\w+)::dds_::(\w+)_", re.ASCII)
+HASH = re.compile(r"\w+", re.ASCII)
+
+
+def data_key(domain: int, name: str, kind: RosType) -> str:
+    """Return the key of topic or service `name` (resolved: `/user1/pointing_ray`) in `domain`.
+
+    Raises:
+        ValueError: `name` is not a resolved ROS name.
+    """
+    return f"{domain}/{resolved(name)[1:]}/{kind.dds_name}/{kind.hash}"
+
+
+def resolved(name: str) -> str:
+    """Return `name`, of a node, topic or service.
+
+    Raises:
+        ValueError: it is not resolved (`/user1/pointing_ray`); another would become a key of other meaning.
+    """
+    if not NAME.fullmatch(name):
+        raise ValueError(
+            f"{name!r} is not a full ROS name: chunks of letters, digits and underscores, each after a slash "
+            "and beginning with no digit, such as /user1/pointing_ray"
+        )
+    return name
+
+
+def shown(text: str, most: int) -> str:
+    """Return at most `most` characters of a foreign text, as a sentence for a terminal can have them."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:most])
+
+
+def dds_type(text: str, type_hash: str) -> RosType:
+    """Return the type that middlewares write as `text` (`std_msgs::msg::dds_::Bool_`).
+
+    Raises:
+        ValueError: it, or the hash, is not written that way.
+    """
+    found = DDS_TYPE.fullmatch(text)
+    if found is None or not HASH.fullmatch(type_hash):
+        raise ValueError(f"{text!r} with the hash {type_hash!r} is not a type as DDS writes it")
+    return RosType(name="/".join(found.groups()), hash=type_hash)

@@ -1,0 +1,1 @@
+"""Our messages as ROS values; pure, each function one route of `routes`."""

@@ -1,0 +1,55 @@
+"""Quality of service as rmw_zenoh writes it into tokens: a field that is the default stays empty.
+
+`<reliability>:<durability>:<history>,<depth>:<deadline s>,<ns>:<lifespan s>,<ns>:<liveliness>,<lease s>,<ns>`
+"""
+
+from pointit.bridges.ros2.backend import Qos
+
+DEFAULT_DEPTH = 42
+"""Of rmw_zenoh, not of ROS, whose nodes say 10 or 1."""
+
+RELIABLE, BEST_EFFORT = 1, 2
+TRANSIENT_LOCAL, VOLATILE = 1, 2
+KEEP_LAST, KEEP_ALL = 1, 2
+
+
+def qos_text(qos: Qos) -> str:
+    """Return `qos` as a genuine node writes it; peers hash the text, so no other will do."""
+    reliability = "" if qos.reliable else f"{BEST_EFFORT}"
+    durability = f"{TRANSIENT_LOCAL}" if qos.latched else ""
+    depth = "" if qos.depth == DEFAULT_DEPTH else f"{qos.depth}"
+    return f"{reliability}:{durability}:,{depth}:,:,:,,"
+
+
+def qos_of(text: str) -> Qos:
+    """Return what `text` says of reliability, durability and depth; the rest the bridge has no use for.
+
+    Raises:
+        ValueError: it is not written that way.
+    """
+    try:
+        reliability, durability, history, *_ = text.split(":")
+        kept, depth = history.split(",")
+        _choice(kept, KEEP_LAST, KEEP_ALL)
+        return Qos(
+            reliable=_choice(reliability, RELIABLE, BEST_EFFORT) == RELIABLE,
+            latched=_choice(durability, VOLATILE, TRANSIENT_LOCAL) == TRANSIENT_LOCAL,
+            depth=_natural(depth) if depth else DEFAULT_DEPTH,
+        )
+    except ValueError as error:
+        raise ValueError(f"{text!r} is not a quality of service as rmw_zenoh writes it") from error
+
+
+def _choice(text: str, default: int, other: int) -> int:
+    if text in {"", f"{default}"}:
+        return default
+    if text == f"{other}":
+        return other
+    raise ValueError(text)
+
+
+def _natural(text: str) -> int:
+    """Return the number written in plain digits; `int` alone would take signs, blanks and underscores."""
+    if not (text.isascii() and text.isdigit()) or len(text) > 18:
+        raise ValueError(text)
+    return int(text)

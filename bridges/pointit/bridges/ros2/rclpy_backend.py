@@ -1,0 +1,326 @@
+"""A node in a ROS 2 graph through an installed ROS: whatever it speaks, DDS above all, we speak, too.
+
+One thread spins rclpy's executor; what happens there is handed to the loop through bounded queues. rclpy
+tells nobody that the graph has changed (ros2/rclpy#929), so it is looked at once a second, and after every
+declaration of ours.
+"""
+
+import asyncio
+import functools
+import logging
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Server, Writer
+from pointit.bridges.ros2.complaints import Complaints
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.findings import Finding, findings
+from pointit.bridges.ros2.rclpy_api import Executor, Node, Rclpy, RosContext, loaded
+from pointit.bridges.ros2.rclpy_graph import GraphReader
+from pointit.bridges.ros2.rclpy_seat import Absent, DdsSeat
+from pointit.bridges.ros2.rclpy_services import DdsClient, DdsDesk
+from pointit.bridges.ros2.rclpy_topics import DdsReader, DdsWriter
+from pointit.runtime.daemon_thread import in_daemon_thread
+from pointit.runtime.errors import BusClosedError, ConfigError
+from pointit.runtime.health import Warnings
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""How often the graph is looked at."""
+SETTLE_S = 0.05
+"""How long declarations of ours are gathered before it is looked at because of them."""
+PAUSE_S = 0.05
+"""After something that stopped the executor, such as a request that cannot be read."""
+
+NEEDS = (
+    "they need the same ROS_DOMAIN_ID, on other machines a network that lets DDS discovery through, and "
+    "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
+)
+"""What other nodes need to be seen."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What rclpy needs to be in the graph."""
+
+    rclpy: Rclpy
+    context: RosContext
+    node: Node
+    executor: Executor
+
+    def leave(self) -> None:
+        """Take everything back; nobody may spin any more."""
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+async def opened_rclpy(config: BackendConfig, warnings: Warnings) -> "RclpyBackend":
+    """Return our node in the ROS graph; may be cancelled at any time.
+
+    Raises:
+        ConfigError: rclpy is not there, or cannot join.
+    """
+    joined = await in_daemon_thread(
+        lambda: _joined(config), "rclpy-open", discard=lambda joined: joined.leave()
+    )
+    return RclpyBackend(joined, config, warnings)
+
+
+def _joined(config: BackendConfig) -> Joined:
+    rclpy = loaded()
+    namespace, _, name = config.node.rpartition("/")
+    try:
+        context = rclpy.new_context()
+        # no arguments: those of the command are not ROS's; no log files beside those of PointIt
+        context.init([], initialize_logging=False, domain_id=config.domain_id)
+        node = rclpy.new_node(
+            name,
+            namespace=namespace or "/",
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        executor = rclpy.new_executor(context=context)
+        executor.add_node(node)
+    except Exception as error:  # whatever it is of rcl, of a middleware or of their shared libraries
+        why = str(error).partition("\n")[0][:300] or type(error).__name__
+        raise ConfigError(
+            f"backend.kind dds: rclpy cannot join the ROS graph as {config.node}, domain {config.domain_id} "
+            f"({why}); check that RMW_IMPLEMENTATION={os.environ.get('RMW_IMPLEMENTATION', '')} names an "
+            "installed middleware and that `ros2 node list` works in this terminal"
+        ) from error
+    return Joined(rclpy, context, node, executor)
+
+
+class RclpyBackend:
+    """Our node; see `pointit.bridges.ros2.backend.Backend` for the contract."""
+
+    def __init__(self, joined: Joined, config: BackendConfig, warnings: Warnings) -> None:
+        """Begin to spin; must be called in the loop. `joined` belongs to this backend, which leaves."""
+        self._joined = joined
+        self._config = config
+        self._loop = asyncio.get_running_loop()
+        self._complaints = Complaints(warnings)
+        self._seat = DdsSeat(
+            joined.rclpy,
+            joined.node,
+            self._complaints,
+            name=config.node,
+            distro=config.distro,
+            max_bytes=config.max_message_bytes,
+        )
+        self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
+        self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
+        self._findings: tuple[Finding, ...] = ()
+        self._watchers: list[_Watch] = []
+        self._clients: dict[tuple[str, RosType], DdsClient] = {}
+        self._calls: set[asyncio.Task[bytes]] = set()
+        self._is_left = threading.Event()
+        self._spinning = threading.Thread(target=self._spin, name="rclpy-spin", daemon=True)
+        self._spinning.start()
+        self._look_timer: asyncio.TimerHandle | None = None
+        self._say_environment()
+        self._look_in(0.0)
+
+    @property
+    def node(self) -> str:
+        """Return our node's full name."""
+        return self._config.node
+
+    @property
+    def trouble(self) -> str:
+        """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
+        if self._seat.is_closed or self._joined.context.ok():
+            return ""
+        return "rclpy was shut down by somebody else in this process; start the bridge again"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
+        return tuple(each.sentence for each in self._findings if each.is_note)
+
+    def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
+        """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""
+        self._seat.check_open()
+        message = self._seat.class_of(kind)
+        if message is None:
+            return Absent()
+        writer = DdsWriter(self._seat, topic, message, qos)
+        if self._seat.is_other(kind, topic, self._joined.node.get_publishers_info_by_topic):
+            writer.close()
+            return Absent()
+        self._look_in(SETTLE_S)
+        return writer
+
+    def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
+        """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
+        self._seat.check_open()
+        message = self._seat.class_of(kind)
+        if message is None:
+            return Absent()
+        reader = DdsReader(self._seat, topic, message, qos, handler)
+        if self._seat.is_other(kind, topic, self._joined.node.get_subscriptions_info_by_topic):
+            reader.close()
+            return Absent()
+        self._look_in(SETTLE_S)
+        return reader
+
+    def serve(self, service: str, kind: RosType, server: Server) -> Closable:
+        """Answer requests to `service`, unless this ROS lacks its type."""
+        self._seat.check_open()
+        types = self._seat.class_of(kind)
+        if types is None:
+            return Absent()
+        self._look_in(SETTLE_S)
+        return DdsDesk(self._seat, service, types, server)
+
+    async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the CDR of a server's response.
+
+        Raises:
+            TimeoutError: nobody serves it, or not within `timeout_s`; or this ROS lacks its type.
+            BusClosedError: the backend was closed meanwhile.
+        """
+        self._seat.check_open()
+        client = self._clients.get((service, kind))
+        if client is None:
+            types = self._seat.class_of(kind)
+            if types is None:
+                raise TimeoutError(f"ROS service {service}: this ROS lacks {kind.name}")
+            client = self._clients[service, kind] = DdsClient(self._seat, service, types)
+        call = self._loop.create_task(client.call(request, timeout_s=timeout_s), name=f"call {service}")
+        self._calls.add(call)
+        try:
+            await asyncio.wait([call])
+        finally:
+            self._calls.discard(call)
+            call.cancel()
+        if call.cancelled():
+            raise BusClosedError("the backend was closed while it waited for an answer")
+        return call.result()
+
+    def watch(self, handler: Callable[[Graph], None]) -> Closable:
+        """Call `handler` with the graph now, and whenever it has changed."""
+        watch = _Watch(handler, self._watchers)
+        handler(self._graph)
+        return watch
+
+    async def close(self) -> None:
+        """Leave the graph; no handler runs afterwards."""
+        if self._seat.is_closed:
+            return
+        self._seat.is_closed = True
+        self._seat.dispatcher.close()
+        if self._look_timer is not None:
+            self._look_timer.cancel()
+        self._watchers.clear()
+        for call in self._calls:
+            call.cancel()
+        for end in tuple(self._seat.ends):
+            end.close()
+        self._complaints.close()
+        await in_daemon_thread(self._leave, "rclpy-close")
+
+    def _leave(self) -> None:
+        self._is_left.set()
+        self._joined.executor.shutdown(timeout_sec=0.0)
+        self._spinning.join()
+        self._joined.leave()
+
+    def _spin(self) -> None:
+        """Be the executor's thread."""
+        while not self._is_left.is_set():
+            try:
+                self._joined.executor.spin()
+            except Exception as error:  # noqa: BLE001 - a request that cannot be read must not end all else
+                if not self._is_left.is_set():
+                    why = str(error).partition("\n")[0][:200]
+                    self._in_loop(
+                        functools.partial(
+                            self._complaints.say, "rclpy", f"something from ROS was dropped by rclpy: {why}"
+                        )
+                    )
+            self._is_left.wait(PAUSE_S)
+
+    def _in_loop(self, what: Callable[[], None]) -> None:
+        try:
+            self._loop.call_soon_threadsafe(lambda: None if self._seat.is_closed else what())
+        except RuntimeError:  # the loop is gone
+            self._is_left.set()
+
+    def _look_in(self, wait_s: float) -> None:
+        """Look at the graph in `wait_s`, or sooner where that is meant already."""
+        due_s = self._loop.time() + wait_s
+        if self._look_timer is not None:
+            if self._look_timer.when() <= due_s:
+                return
+            self._look_timer.cancel()
+        self._look_timer = self._loop.call_at(due_s, self._look)
+
+    def _look(self) -> None:
+        self._look_timer = None
+        self._joined.executor.create_task(self._read)
+
+    def _read(self) -> None:  # on the executor's thread
+        graph: Graph | None = None
+        try:
+            graph = self._reader.read()
+        except Exception:  # what left while it was looked at; the next look comes
+            self._reader.forget()
+            log.debug("the ROS graph could not be read", exc_info=True)
+        self._in_loop(functools.partial(self._show, graph))
+
+    def _show(self, graph: Graph | None) -> None:
+        self._look_in(LOOK_S)
+        if graph is None:
+            return
+        # The distribution matters to nobody here: DDS tells types apart by their names.
+        domain = self._config.domain_id
+        self._findings = findings(graph, domain=domain, distro="", needs=NEEDS)
+        wrong = {each.about: each.sentence for each in self._findings if not each.is_note}
+        if self._reader.namesakes:
+            wrong["node"] = (
+                f"another ROS node is called {self.node}: neither sees what the other has; "
+                "set node to another name in one of them, and if it is another PointIt bridge domain_id, too"
+            )
+        self._complaints.stand(wrong)
+        if graph == self._graph:
+            return
+        self._graph = graph
+        for watch in tuple(self._watchers):
+            try:
+                watch.handler(graph)
+            except Exception:
+                log.exception("a handler of the ROS graph failed")
+
+    def _say_environment(self) -> None:
+        """Say what the terminal is set to, where we are set to something else."""
+        for variable, setting, field in (
+            ("ROS_DOMAIN_ID", f"{self._config.domain_id}", "domain_id"),
+            ("ROS_DISTRO", self._config.distro, "distro"),
+        ):
+            value = os.environ.get(variable, setting)
+            if value not in ("", setting):
+                self._complaints.hold(
+                    variable,
+                    f"{variable} is {value[:20]} in this terminal, but backend.{field} is {setting}: set "
+                    f"backend.{field} to {value[:20]} to meet the nodes that are started there",
+                )
+
+
+class _Watch:
+    """One who wants to know the graph."""
+
+    def __init__(self, handler: Callable[[Graph], None], among: "list[_Watch]") -> None:
+        self.handler = handler
+        self._among = among
+        among.append(self)
+
+    def close(self) -> None:
+        """Hear no more."""
+        if self in self._among:
+            self._among.remove(self)

@@ -1,0 +1,105 @@
+"""What the ends of the backend on rclpy share, and the types that this ROS has been built with."""
+
+import asyncio
+import collections
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pointit.bridges.ros2.backend import Closable, RosType
+from pointit.bridges.ros2.complaints import Complaints
+from pointit.bridges.ros2.definitions import INTERFACES
+from pointit.bridges.ros2.rclpy_api import EndInfo, Node, Rclpy, class_of
+from pointit.bridges.ros2.rclpy_echoes import Echoes
+from pointit.bridges.ros2.rclpy_graph import full_name, hash_of
+from pointit.runtime.errors import BusClosedError
+from pointit.runtime.mailbox import Dispatcher
+
+
+class DdsSeat:
+    """Our node, and how its ends reach the loop that they were opened in."""
+
+    def __init__(
+        self, rclpy: Rclpy, node: Node, complaints: Complaints, *, name: str, distro: str, max_bytes: int
+    ) -> None:
+        """Share these.
+
+        Args:
+            rclpy: the library.
+            node: ours; the executor spins it on its own thread.
+            complaints: where is said what will not work.
+            name: our node's full name.
+            distro: the ROS distribution, for people.
+            max_bytes: of foreign messages; longer ones are dropped unread.
+        """
+        self.rclpy = rclpy
+        self.node = node
+        self.complaints = complaints
+        self.name = name
+        self.max_bytes = max_bytes
+        self.loop = asyncio.get_running_loop()
+        self.dispatcher = Dispatcher()
+        self.echoes: dict[str, Echoes] = collections.defaultdict(Echoes)
+        """By topic."""
+        self.ends: set[Closable] = set()
+        """What is declared, but not what could not be."""
+        self.is_closed = False
+        self._distro = distro
+
+    def check_open(self) -> None:
+        """Raise `BusClosedError` when the backend is closed."""
+        if self.is_closed:
+            raise BusClosedError("the backend was closed")
+
+    def class_of(self, kind: RosType) -> Any:
+        """Return the Python class of a type; none, and a complaint, where it is not built in this ROS."""
+        try:
+            return class_of(kind.name)
+        except LookupError:
+            package = kind.name.partition("/")[0]
+            if (INTERFACES / package).is_dir():
+                remedy = (
+                    f"build them with `colcon build --base-paths {INTERFACES}`, source install/setup.bash"
+                )
+            else:
+                remedy = f"install ros-{self._distro}-{package.replace('_', '-')}"
+            self.complaints.hold(
+                f"package {package}",
+                f"this ROS has no types of {package}, whose topics and services are left out; {remedy} and "
+                "start again",
+            )
+            return None
+
+    def is_other(self, kind: RosType, name: str, infos: Callable[[str], Sequence[EndInfo]]) -> bool:
+        """Return whether this ROS has been built with another definition of `kind`, and complain if so.
+
+        Our bytes would be read as something else by nodes that cannot refuse them.
+
+        Args:
+            kind: ours.
+            name: of a topic at which we have an end.
+            infos: returns the ends of that kind.
+        """
+        installed = {
+            hash_of(info)
+            for info in infos(name)
+            if full_name(info.node_name, info.node_namespace) == self.name and info.topic_type == kind.name
+        } - {""}
+        if not installed or kind.hash in installed or not kind.hash.startswith("RIHS01_"):
+            return False
+        self.complaints.hold(
+            f"definition of {kind.name}",
+            f"this ROS has another definition of {kind.name} than PointIt (hash {min(installed)[:20]}, not "
+            f"{kind.hash[:20]}), so {name} is left out; set distro to this ROS's, or rebuild the package "
+            f"from {INTERFACES}",
+        )
+        return True
+
+
+class Absent:
+    """Stands for an end that could not be declared, which has been complained about."""
+
+    def put(self, cdr: bytes) -> None:
+        """Send nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""

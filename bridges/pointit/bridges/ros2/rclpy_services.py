@@ -1,0 +1,158 @@
+"""Serving and calling ROS services through rclpy, which knows them only as values of the types built here."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+from typing import Any
+
+from pointit.bridges.ros2.backend import Server
+from pointit.bridges.ros2.rclpy_api import Reply, ServiceClass
+from pointit.bridges.ros2.rclpy_seat import DdsSeat
+from pointit.bridges.ros2.seat import check_cdr
+
+log = logging.getLogger(__name__)
+
+MOST_OPEN = 64
+"""Requests to one service that are worked on at a time; more are answered with nothing in them."""
+LOOK_S = 0.05
+"""How often a call looks whether there is a server: rclpy tells it only who asks."""
+
+
+class DdsDesk:
+    """Answers one service."""
+
+    def __init__(self, seat: DdsSeat, service: str, types: ServiceClass, server: Server) -> None:
+        """Declare.
+
+        rclpy sends what a callback returns. One that waits would stop every other, and one that is a
+        coroutine makes the executor ask it over and over. So the callback returns the request, and
+        `send_response`, which the executor calls with that and the header to answer to, hands both to the
+        loop.
+        """
+        self._seat = seat
+        self._service = service
+        self._types = types
+        self._server = server
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._closed = False
+        self._is_made = threading.Event()
+        self._desk = seat.node.create_service(types, service, self._on_request)
+        self._send = self._desk.send_response
+        self._desk.send_response = self._on_header
+        self._is_made.set()
+        seat.ends.add(self)
+
+    def close(self) -> None:
+        """Answer no more; requests that are being answered are dropped."""
+        if not self._closed:
+            self._closed = True
+            if not self._seat.is_closed:
+                self._seat.node.destroy_service(self._desk)
+            for task in self._tasks:
+                task.cancel()
+            self._seat.ends.discard(self)
+
+    def _on_request(self, request: object, _response: object) -> bytes:  # on the executor's thread
+        self._is_made.wait()
+        return self._seat.rclpy.serialize(request)
+
+    def _on_header(self, request: bytes, header: object) -> None:  # on the executor's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            self._seat.loop.call_soon_threadsafe(self._begin, request, header)
+
+    def _begin(self, request: bytes, header: object) -> None:
+        if self._closed or self._seat.is_closed:
+            return
+        if len(self._tasks) >= MOST_OPEN or len(request) > self._seat.max_bytes:
+            what = "too many requests are open" if len(self._tasks) >= MOST_OPEN else "it was too long"
+            self._seat.complaints.say(
+                f"requests to {self._service}", f"a request to {self._service} was refused: {what}"
+            )
+            self._answer(self._types.Response(), header)
+            return
+        task = self._seat.loop.create_task(self._work(request, header), name=f"answer {self._service}")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _work(self, request: bytes, header: object) -> None:
+        response: object
+        try:
+            cdr = await self._server(request)
+            check_cdr(cdr)
+            response = self._seat.rclpy.deserialize(cdr, self._types.Response)
+        except Exception:  # a server must not, but whoever asks must not wait for ever either
+            log.exception("a request to %s could not be answered", self._service)
+            response = self._types.Response()
+        self._answer(response, header)
+
+    def _answer(self, response: object, header: object) -> None:
+        if self._closed or self._seat.is_closed:
+            return
+        try:
+            self._send(response, header)
+        except RuntimeError as error:  # of rcl: whoever asked may be gone
+            log.warning("an answer of %s could not be sent: %s", self._service, error)
+
+
+class DdsClient:
+    """Asks one service."""
+
+    def __init__(self, seat: DdsSeat, service: str, types: ServiceClass) -> None:
+        """Declare."""
+        self._seat = seat
+        self._service = service
+        self._types = types
+        self._closed = False
+        self._client = seat.node.create_client(types, service)
+        seat.ends.add(self)
+
+    async def call(self, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the response's CDR.
+
+        Raises:
+            ValueError: `request` is none.
+            TimeoutError: there is no server, or no answer of it in time.
+        """
+        check_cdr(request)
+        try:
+            value = self._seat.rclpy.deserialize(request, self._types.Request)
+        except Exception as error:  # whatever it is in the version that is installed
+            raise ValueError(f"{self._service}: this ROS cannot read the request ({error})") from error
+        lacking = "nobody serves it"
+        reply: Reply | None = None
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self._client.service_is_ready():  # noqa: ASYNC110 - rclpy has no event for it
+                    await asyncio.sleep(LOOK_S)
+                lacking = "its server did not answer"
+                outcome: asyncio.Future[object] = self._seat.loop.create_future()
+                reply = self._client.call_async(value)
+                reply.add_done_callback(lambda done: self._on_reply(done, outcome))
+                return self._seat.rclpy.serialize(await outcome)
+        except TimeoutError as error:
+            raise TimeoutError(f"ROS service {self._service}: {lacking} within {timeout_s:g} s") from error
+        finally:
+            if reply is not None and not self._closed and not self._seat.is_closed:
+                self._client.remove_pending_request(reply)
+
+    def close(self) -> None:
+        """Ask no more."""
+        if not self._closed:
+            self._closed = True
+            if not self._seat.is_closed:
+                self._seat.node.destroy_client(self._client)
+            self._seat.ends.discard(self)
+
+    def _on_reply(self, reply: Reply, outcome: "asyncio.Future[object]") -> None:  # on the executor's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            self._seat.loop.call_soon_threadsafe(_settle, reply, outcome)
+
+
+def _settle(reply: Reply, outcome: "asyncio.Future[Any]") -> None:
+    if outcome.done():
+        return
+    try:
+        outcome.set_result(reply.result())
+    except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
+        outcome.set_exception(error)

@@ -1,0 +1,147 @@
+"""Writing and reading ROS topics through rclpy: CDR goes through it as it is."""
+
+import collections
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from pointit.bridges.ros2.backend import Qos
+from pointit.bridges.ros2.rclpy_api import MessageInfo
+from pointit.bridges.ros2.rclpy_seat import DdsSeat
+from pointit.bridges.ros2.seat import check_cdr
+from pointit.runtime.errors import BusClosedError
+
+log = logging.getLogger(__name__)
+
+LEAST_CAPACITY = 64
+"""Messages that wait for the loop at least, however few a topic's QoS keeps."""
+
+
+class DdsWriter:
+    """Writes one topic."""
+
+    def __init__(self, seat: DdsSeat, topic: str, message: type[object], qos: Qos) -> None:
+        """Declare.
+
+        Args:
+            seat: shared.
+            topic: resolved.
+            message: the Python class of its type.
+            qos: of the writer.
+        """
+        self._seat = seat
+        self._topic = topic
+        self._echoes = seat.echoes[topic]
+        self._publisher = seat.node.create_publisher(message, topic, seat.rclpy.profile(qos))
+        self._closed = False
+        seat.ends.add(self)
+
+    def put(self, cdr: bytes) -> None:
+        """Send; returns at once, and never blocks on readers.
+
+        Raises:
+            ValueError: `cdr` is none.
+            BusClosedError: this writer or its backend is closed.
+        """
+        check_cdr(cdr)
+        if self._closed or self._seat.is_closed:
+            raise BusClosedError("the writer was closed")
+        # DDS stamps what it sends with the operating system's clock, whatever the site's says.
+        sent = self._echoes.begin(cdr, time.time_ns())
+        try:
+            self._publisher.publish(cdr)
+        except RuntimeError as error:  # of rcl; the next one may get through
+            why = str(error).partition("\n")[0][:200]
+            self._seat.complaints.say(
+                f"sending {self._topic}", f"{self._topic} could not be sent to ROS: {why}"
+            )
+        finally:
+            sent.ended_ns = time.time_ns()
+
+    def close(self) -> None:
+        """Write no more."""
+        if not self._closed:
+            self._closed = True
+            if not self._seat.is_closed:
+                self._seat.node.destroy_publisher(self._publisher)
+            self._seat.ends.discard(self)
+
+
+class DdsReader:
+    """Reads one topic, of everybody but ourselves: a queue between the executor's thread and the loop."""
+
+    def __init__(
+        self, seat: DdsSeat, topic: str, message: type[object], qos: Qos, handler: Callable[[bytes], None]
+    ) -> None:
+        """Declare; `handler` gets the CDR of what comes, in the loop."""
+        self._seat = seat
+        self._topic = topic
+        self._handler = handler
+        self._echoes = seat.echoes[topic]
+        self._lock = threading.Lock()
+        self._queue: collections.deque[bytes] = collections.deque(maxlen=max(qos.depth, LEAST_CAPACITY))
+        self._marked = False
+        self._closed = False
+        self._oversized = 0
+        self._overrun = 0
+        self._lost = 0
+        """How many were dropped when it was last said."""
+        take = self._take if seat.rclpy.has_info else self._take_bare
+        profile = seat.rclpy.profile(qos)
+        self._subscription = seat.node.create_subscription(message, topic, take, profile, raw=True)
+        seat.ends.add(self)
+
+    def close(self) -> None:
+        """Read no more; no handler runs afterwards."""
+        if not self._closed:
+            self._closed = True
+            if not self._seat.is_closed:
+                self._seat.node.destroy_subscription(self._subscription)
+            self._seat.ends.discard(self)
+
+    def _take_bare(self, cdr: bytes) -> None:  # on the executor's thread
+        self._take(cdr, {})
+
+    def _take(self, cdr: bytes, info: MessageInfo) -> None:  # on the executor's thread
+        if self._closed or self._echoes.is_ours(cdr, info.get("source_timestamp", 0)):
+            return
+        with self._lock:
+            if len(cdr) > self._seat.max_bytes:
+                self._oversized += 1
+            else:
+                self._overrun += len(self._queue) == self._queue.maxlen
+                self._queue.append(cdr)
+            if self._marked:
+                return
+            self._marked = True
+        self._seat.dispatcher.mark(self)
+
+    def drain(self) -> None:
+        """Handle what waits; in the loop."""
+        with self._lock:
+            waiting = tuple(self._queue)
+            self._queue.clear()
+            self._marked = False
+            oversized, overrun = self._oversized, self._overrun
+        if oversized + overrun != self._lost and not self._closed:
+            self._lost = oversized + overrun
+            self._say_lost(oversized, overrun)
+        for cdr in waiting:
+            if self._closed or self._seat.is_closed:
+                return
+            try:
+                self._handler(cdr)
+            except Exception:
+                if self._seat.dispatcher.may_log(self._topic, "error"):
+                    log.exception("what arrived on %s could not be handled", self._topic)
+
+    def _say_lost(self, oversized: int, overrun: int) -> None:
+        reasons = (
+            f"{oversized} were longer than {self._seat.max_bytes} bytes" if oversized else "",
+            f"{overrun} came faster than they could be handled" if overrun else "",
+        )
+        self._seat.complaints.say(
+            f"losses of {self._topic}",
+            f"dropped messages on {self._topic}: {' and '.join(each for each in reasons if each)}",
+        )

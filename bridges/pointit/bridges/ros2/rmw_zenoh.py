@@ -1,0 +1,128 @@
+"""ROS as `rmw_zenoh_cpp` writes it on Zenoh: by its keys, tokens and attachments we are a node too."""
+
+import itertools
+
+from pointit.bridges.ros2.attachment import Attachment, packed, unpacked
+from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
+from pointit.bridges.ros2.graph import Seen
+from pointit.bridges.ros2.keys import EVERY_TOKEN, data_key, resolved, shown
+from pointit.bridges.ros2.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
+
+OLD_FIELDS = (b"source_gid", b"sequence_number")
+"""Names that attachments had before Humble 0.1.2 and Jazzy 0.2.4."""
+
+
+class RmwZenoh:
+    """What one session of ours, with one node, writes and reads; numbers its entities."""
+
+    tokens = EVERY_TOKEN
+
+    def __init__(self, *, session: str, node: str, domain: int, enclave: str = ENCLAVE) -> None:
+        """Begin with the node.
+
+        Args:
+            session: Zenoh's id of it.
+            node: our node's full name.
+            domain: ROS_DOMAIN_ID.
+            enclave: of our node; `BRIDGE` for one that others of its kind are to know.
+
+        Raises:
+            ValueError: `node` is no full ROS name.
+        """
+        self._session = session
+        self._domain = domain
+        self._ids = itertools.count()
+        self._node_id = str(next(self._ids))
+        self._node = resolved(node)
+        self._enclave = enclave
+
+    def key(self, name: str, kind: RosType) -> str:
+        """Return where `name` is exchanged: whoever has another hash is elsewhere."""
+        return data_key(self._domain, name, kind)
+
+    def strays(self, topic: str) -> str:
+        """Return the keys of `topic` in every domain, with every type and hash."""
+        return f"*/{resolved(topic)[1:]}/*/*"
+
+    def astray(self, key: str, topic: str, kind: RosType) -> str:
+        """Return in what `key` differs from ours."""
+        if key == self.key(topic, kind):
+            return ""
+        domain, dds_name, type_hash = key.partition("/")[0], *key.split("/")[-2:]
+        nothing = f"messages on {topic} do not reach us"
+        if domain != f"{self._domain}":
+            return (
+                f"{nothing}: they are in domain {shown(domain, 20)}, we are in {self._domain}; "
+                f"set domain_id to theirs, or start their node with ROS_DOMAIN_ID={self._domain}"
+            )
+        if dds_name != kind.dds_name:
+            theirs = shown(dds_name, 80)
+            return f"{nothing}: they are {theirs}, not {kind.dds_name}; rename one of the two topics"
+        return (
+            f"{nothing}: their {kind.name} has the hash {shown(type_hash, 20)}, ours {kind.hash[:20]}; "
+            "rebuild its package there, or set distro to theirs"
+        )
+
+    def node_token(self) -> str:
+        """Return our node's token."""
+        return NodeToken(
+            domain=self._domain,
+            session=self._session,
+            node_id=self._node_id,
+            node=self._node,
+            enclave=self._enclave,
+        ).text
+
+    def endpoint_token(self, kind: EndpointKind, name: str, of: RosType, qos: Qos) -> str:
+        """Return the token of a new endpoint: 13 chunks, so Lyrical sends it whole messages, not buffers."""
+        return EndpointToken(
+            domain=self._domain,
+            session=self._session,
+            node_id=self._node_id,
+            node=self._node,
+            enclave=self._enclave,
+            endpoint_id=str(next(self._ids)),
+            kind=kind,
+            name=name,
+            type=of,
+            qos=qos,
+        ).text
+
+    def read(self, token: str) -> Seen:
+        """Return what a token of anybody says; raises `ValueError` when it is none."""
+        found = parsed(token)
+        if not isinstance(found, EndpointToken):
+            return Seen(node=found.node, domain=found.domain)
+        is_ours = found.session == self._session
+        is_bridge = self._enclave == found.enclave == BRIDGE and not is_ours
+        endpoint = Endpoint(
+            kind=found.kind,
+            node=found.node,
+            name=found.name,
+            type=found.type,
+            qos=found.qos,
+            domain=found.domain,
+            is_ours=is_ours,
+            is_bridge=is_bridge,
+        )
+        origin = gid(token) if is_bridge else None
+        return Seen(node=found.node, domain=found.domain, endpoint=endpoint, bridge_gid=origin)
+
+    def gid(self, token: str) -> bytes:
+        """Return the 16 bytes that name the endpoint with this token."""
+        return gid(token)
+
+    def pack(self, origin: Attachment) -> bytes | None:
+        """Return the 33 bytes; a node of ROS aborts when they are others."""
+        return packed(origin)
+
+    def unpack(self, attachment: bytes | None) -> Attachment | None:
+        """Return what somebody's attachment says; raises `ValueError` with a sentence when it is none."""
+        if attachment is None:
+            raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")
+        if any(field in attachment for field in OLD_FIELDS):
+            raise ValueError(
+                "their attachment is of an rmw_zenoh before 0.1.2 (Humble) or 0.2.4 (Jazzy), whose nodes and "
+                "newer ones crash each other; update ros-*-rmw-zenoh-cpp there"
+            )
+        return unpacked(attachment)

@@ -1,0 +1,142 @@
+"""A node in a ROS 2 graph: what people point at and what they say, under the names and types ROS knows."""
+
+import asyncio
+import contextlib
+import functools
+import logging
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from pointit.bridges.ros2.addresses import check_apart
+from pointit.bridges.ros2.attendance import Attendance
+from pointit.bridges.ros2.backend import Backend, Graph
+from pointit.bridges.ros2.backends import check_endpoint, opened
+from pointit.bridges.ros2.config import Ros2Config
+from pointit.bridges.ros2.inbox import Inbox
+from pointit.bridges.ros2.outbox import Outbox, Site
+from pointit.bridges.ros2.routes import Routes, routes
+from pointit.bridges.ros2.scene import HEARD, Scene
+from pointit.bridges.ros2.types import Types
+from pointit.runtime import Context, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import Message
+from pointit.schemas.topics import USER_ALIVE, Topic
+
+log = logging.getLogger(__name__)
+
+
+NOTED_S = 4.0
+"""After so long it is said once who is missing: a first user may wonder why nothing happens."""
+
+
+class Ros2(Service[Ros2Config]):
+    """Mirrors topics and services both ways by the route table; the site goes on without it."""
+
+    NAME: ClassVar[str] = "ros2"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = Ros2Config
+
+    def __init__(self, config: Ros2Config, context: Context) -> None:
+        """Make types and routes; nothing is heard before the ROS graph is joined."""
+        super().__init__(config, context)
+        self._table = _enabled(routes(config.routes))
+        types = Types(config.backend.distro)
+        types.prepare(*{route.type for route in self._table.all})
+        file = self._table.file
+        self._scene = Scene(types, world=file.world, person=file.person, kinds=file.kinds)
+        self._attendance = Attendance()
+
+    @classmethod
+    def check(cls, config: Ros2Config) -> None:
+        """Refuse a file of routes that cannot be used, and an address that is none.
+
+        Raises:
+            ConfigError: names the parameter or route, the value and what to do.
+        """
+        check_endpoint(config.backend.endpoint)
+        routes(config.routes)
+
+    @classmethod
+    def check_link(cls, config: Ros2Config, addresses: Sequence[str]) -> None:
+        """Refuse to look for ROS's router where PointIt's is: nobody there would say what is wrong.
+
+        Raises:
+            ConfigError: names both addresses and what to do.
+        """
+        if config.backend.kind != "dds":
+            check_apart(config.backend.endpoint, addresses)
+
+    async def run(self) -> None:
+        """Be in the graph until cancelled.
+
+        Raises:
+            ListenError: the address to be the ROS router at is taken.
+        """
+        backend = await opened(self.config.backend, self.bus, is_bridge=True)
+        log.info(
+            "ROS 2 node %s, domain %d, %s",
+            backend.node,
+            self.config.backend.domain_id,
+            self.config.backend.distro,
+        )
+        async with contextlib.AsyncExitStack() as stack:
+            stack.push_async_callback(backend.close)
+            site = Site(bus=self.bus, clock=self.clock, backend=backend, scene=self._scene)
+            outbox = Outbox(self._table.outward, site, unread=self.config.unread)
+            stack.callback(outbox.close)
+            inbox = Inbox(self._table.inward, self._table.served, site)
+            stack.callback(inbox.close)
+            backend.watch(functools.partial(self._look, outbox, inbox))
+            for topic in dict.fromkeys((*outbox.topics, *HEARD)):
+                hearing = self.bus.subscribe(topic, functools.partial(self._hear, outbox, topic))
+                stack.callback(hearing.close)  # before the graph is left, which takes a while
+            meeting = self.bus.watch(USER_ALIVE, functools.partial(self._meet, outbox, inbox))
+            stack.callback(meeting.close)
+            self.bus.call_later(NOTED_S, functools.partial(_note, backend))
+            await asyncio.Event().wait()
+
+    def _look(self, outbox: Outbox, inbox: Inbox, graph: Graph) -> None:
+        here = graph.within(self.config.backend.domain_id)
+        others = {each.node for each in here.endpoints if not each.is_ours}
+        self.bus.figure("ROS nodes", len(others))
+        outbox.look(here)
+        inbox.look(here)
+
+    def _hear(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
+        if self._attendance.admits(topic, message, name):
+            self._show(outbox, topic, message, name)
+
+    def _show(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
+        self._scene.take(name, message, self.clock.now_ns())
+        outbox.take(topic, message, name)
+
+    def _meet(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's
+        if present:
+            self._scene.person(user)  # whose frame is known from now on
+            outbox.join(user)
+            inbox.join(user)
+            for topic, message in self._attendance.come(user):
+                self._show(outbox, topic, message, user)
+        else:
+            self._attendance.go(user)
+            outbox.leave(user)
+            inbox.leave(user)
+            self._scene.forget(user)
+
+
+def _note(backend: Backend) -> None:
+    for note in backend.notes:
+        log.info("%s", note)
+
+
+def _enabled(table: Routes) -> Routes:
+    """Return the routes that are not left out."""
+    return Routes(
+        tuple(route for route in table.outward if route.enabled),
+        tuple(route for route in table.inward if route.enabled),
+        tuple(route for route in table.served if route.enabled),
+        table.file,
+    )
+
+
+SERVICE = Ros2

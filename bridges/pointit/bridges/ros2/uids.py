@@ -1,0 +1,100 @@
+"""Our names of things as the numbers that ROS messages have room for, and back."""
+
+import re
+
+MOST = 2**31 - 1
+"""Fits `uint32` as well as the `int32` of a marker's id."""
+
+KEPT = 100_000
+"""Names that are remembered, those used longest ago go first; a conveyor needs days for so many."""
+
+_DIGITS = re.compile(r"([0-9]{1,10})\Z")
+
+
+class Uids:
+    """Numbers for names, each for as long as it is in use: the digits it ends with, where they are free."""
+
+    def __init__(self, most: int = MOST, kept: int = KEPT) -> None:
+        """Give numbers from 0 to `most`, to no more than `kept` names at a time."""
+        self._most = most
+        self._kept = min(kept, most + 1)
+        self._numbers: dict[str, int] = {}
+        """The name that was used last is the last."""
+        self._names: dict[int, str] = {}
+        self._next = most // 2 + 1
+        self._awaited: set[int] = set()
+
+    def number(self, name: str) -> int:
+        """Return the number of `name`; a new name gets one."""
+        number = self._numbers.pop(name, None)
+        if number is None:
+            number = self._new(name)
+            self._names[number] = name
+        self._numbers[name] = number
+        return number
+
+    def name(self, number: int) -> str | None:
+        """Return whose number it is; none: nobody's."""
+        return self._names.get(number)
+
+    def bind(self, number: int, name: str) -> None:
+        """Let `name` have `number`, whoever had it before.
+
+        Raises:
+            ValueError: no name can have such a number.
+        """
+        if not 0 <= number <= self._most:
+            raise ValueError(f"{number} is beyond 0 to {self._most}")
+        for old in (self._names.get(number), name):
+            if old is not None and old in self._numbers:
+                del self._names[self._numbers.pop(old)]
+        self._numbers[name], self._names[number] = number, name
+
+    def expect(self, number: int) -> None:
+        """Take that somebody is about to be given `number`; until `settle` that may be any new name."""
+        self._awaited.add(number)
+
+    def settle(self, number: int) -> None:
+        """Expect nobody for `number` any more."""
+        self._awaited.discard(number)
+
+    def is_settled(self, name: str) -> bool:
+        """Return whether the number of `name` will stay: it has one, or nobody is expected."""
+        return not self._awaited or name in self._numbers
+
+    def _new(self, name: str) -> int:
+        if len(self._numbers) >= self._kept:
+            oldest = next(iter(self._numbers))
+            del self._names[self._numbers.pop(oldest)]
+        digits = _DIGITS.search(name)
+        if digits is not None:
+            number = int(digits.group(1))
+            if number <= self._most and number not in self._names:
+                return number
+        while self._next in self._names:
+            self._next = self._next + 1 if self._next < self._most else 0
+        return self._next
+
+
+class Kinds:
+    """Kinds of objects as the numbers 0 to 255 of the ROS toolkit's `type` and `kind`."""
+
+    OTHER = 255
+    """Of what has no number of its own."""
+
+    def __init__(self, kinds: tuple[str, ...]) -> None:
+        """Number `kinds` from 0 on."""
+        self._kinds = kinds
+        self._numbers = {kind: number for number, kind in reversed(tuple(enumerate(kinds)))}
+
+    def number(self, kind: str) -> int:
+        """Return the number of `kind`."""
+        return self._numbers.get(kind, self.OTHER)
+
+    def kind(self, number: int) -> str | None:
+        """Return the kind that `number` means; none: it means nothing."""
+        return self._kinds[number] if 0 <= number < len(self._kinds) else None
+
+    def __str__(self) -> str:
+        """Return them as a sentence lists them."""
+        return ", ".join(f"{number} {kind}" for number, kind in enumerate(self._kinds))

@@ -1,0 +1,153 @@
+"""Serving and calling ROS services on Zenoh."""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Coroutine
+from dataclasses import replace
+from typing import Any
+
+from pointit.bridges.ros2.attachment import Attachment
+from pointit.bridges.ros2.backend import SERVICE, RosType, Server
+from pointit.bridges.ros2.seat import Seat, Sender, check_cdr
+from pointit.runtime.zenoh_plain_requests import Answer, Ask
+
+log = logging.getLogger(__name__)
+
+EMPTY_RETRY_S = (0.005, 0.02, 0.05)
+"""Waits before a request that nobody has got is sent again: who has just come is not known everywhere."""
+GONE = "its server was gone before it answered"
+AT_ONCE_S = 0.05
+"""A request that ended without an answer so soon has reached nobody; later, a server has died of it."""
+
+
+class ServiceDesk:
+    """Answers one service."""
+
+    def __init__(self, seat: Seat, service: str, kind: RosType, server: Server) -> None:
+        """Declare; the presence token comes last: clients that see it find a server."""
+        self._seat = seat
+        self._service = service
+        self._server = server
+        self._answering: dict[tuple[bytes, int] | int, asyncio.Task[None]] = {}
+        self._desk = seat.session.desk(
+            seat.dialect.key(service, kind), self._on_ask, max_bytes=seat.max_bytes
+        )
+        self._token = seat.announce(seat.dialect.endpoint_token("server", service, kind, SERVICE))
+        seat.ends.add(self)
+
+    def close(self) -> None:
+        """Answer no more; requests that are being answered are dropped."""
+        if not self._seat.session.is_closed:
+            self._token.close()
+            self._desk.close()
+        for task in self._answering.values():
+            task.cancel()
+        self._seat.ends.discard(self)
+
+    def _on_ask(self, ask: Ask) -> None:
+        try:
+            origin = self._seat.dialect.unpack(ask.attachment)
+        except ValueError as error:
+            why = f"dropped a request to {self._service}: {error}"
+            self._seat.complaints.say(f"attachments of {self._service}", why)
+            self._start(id(ask), ask.refuse(str(error)))
+            return
+        mark = id(ask) if origin is None else (origin.gid, origin.sequence)
+        if mark in self._answering:
+            self._start(id(ask), ask.refuse("duplicate sequence number"))
+        else:
+            self._start(mark, self._answer(ask, origin))
+
+    def _start(self, mark: tuple[bytes, int] | int, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work, name=f"answer {self._service}")
+        self._answering[mark] = task
+        task.add_done_callback(lambda _task: self._answering.pop(mark, None))
+
+    async def _answer(self, ask: Ask, origin: Attachment | None) -> None:
+        try:
+            response = await self._server(ask.payload)
+            check_cdr(response)
+        except asyncio.CancelledError:
+            ask.drop()
+            raise
+        except Exception as error:  # a server must not, but whoever asks must not wait for ever either
+            log.exception("a request to %s could not be answered", self._service)
+            await ask.refuse(f"{type(error).__name__}: {error}")
+            return
+        echo = None
+        if origin is not None:
+            echo = self._seat.dialect.pack(replace(origin, stamp_ns=self._seat.now_ns()))
+        await ask.answer(response, echo)
+
+
+class ServiceClient:
+    """Asks one service."""
+
+    def __init__(self, seat: Seat, service: str, kind: RosType) -> None:
+        """Declare."""
+        self._seat = seat
+        self._service = service
+        token = seat.dialect.endpoint_token("client", service, kind, SERVICE)
+        self._asker = seat.session.asker(seat.dialect.key(service, kind), max_bytes=seat.max_bytes)
+        self._sender = Sender(seat, token)
+        self._token = seat.announce(token)
+        seat.ends.add(self)
+
+    async def call(self, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the response's CDR.
+
+        Raises:
+            TimeoutError: there is no server, or no answer of it in time.
+        """
+        check_cdr(request)
+        loop = asyncio.get_running_loop()
+        refusals: list[str] = []
+        lacking = "nobody serves it"
+        try:
+            async with asyncio.timeout(timeout_s):
+                for wait_s in (*EMPTY_RETRY_S, None):
+                    await self._asker.wait_for_server()
+                    lacking = "its server did not answer"
+                    began_s = loop.time()
+                    response = await self._ask(request, refusals)
+                    if response is not None:
+                        return response
+                    lacking = GONE
+                    if wait_s is None or refusals or loop.time() - began_s > AT_ONCE_S:
+                        break
+                    await asyncio.sleep(wait_s)
+        except TimeoutError as error:
+            raise TimeoutError(f"ROS service {self._service}: {lacking} within {timeout_s:g} s") from error
+        why = "; ".join(dict.fromkeys(refusals)) or GONE
+        raise TimeoutError(f"ROS service {self._service}: {why}")
+
+    async def _ask(self, request: bytes, refusals: list[str]) -> bytes | None:
+        """Return the first good response; none when there is none, with what else was said in `refusals`."""
+        origin = self._sender.next()
+        attachment = self._seat.dialect.pack(origin)
+        async with contextlib.aclosing(self._asker.ask(request, attachment)) as answers:
+            async for answer in answers:
+                reason = answer.refusal or self._objection(answer, origin)
+                if not reason:
+                    return answer.payload
+                refusals.append(reason)
+        return None
+
+    def _objection(self, answer: Answer, origin: Attachment) -> str:
+        """Return why `answer` is none to the request that came from `origin`."""
+        try:
+            echo = self._seat.dialect.unpack(answer.attachment)
+        except ValueError as error:
+            return f"its answer was dropped: {error}"
+        if echo is not None and (echo.gid, echo.sequence) != (origin.gid, origin.sequence):
+            return "its answer was dropped: it is to another request"
+        return ""
+
+    def close(self) -> None:
+        """Ask no more."""
+        if not self._seat.session.is_closed:
+            self._token.close()
+            self._asker.close()
+        self._sender.close()
+        self._seat.ends.discard(self)

@@ -1,0 +1,152 @@
+"""Writing and reading ROS topics on Zenoh."""
+
+import collections
+from collections.abc import Callable
+
+import xxhash
+
+from pointit.bridges.ros2.backend import Qos, RosType
+from pointit.bridges.ros2.seat import Seat, Sender, check_cdr
+from pointit.runtime.zenoh_plain_ends import Packet, PlainTraffic
+
+LEAST_CAPACITY = 64
+"""Messages that wait for the loop at least, however few a topic's QoS keeps."""
+REMEMBERED = 16
+"""Messages of a topic that are known again when they come twice, at least."""
+
+
+class TopicWriter:
+    """Writes one topic."""
+
+    def __init__(self, seat: Seat, topic: str, kind: RosType, qos: Qos) -> None:
+        """Declare; the presence token comes last: who sees it finds a writer."""
+        token = seat.dialect.endpoint_token("publisher", topic, kind, qos)
+        self._seat = seat
+        self._writer = seat.session.writer(
+            seat.dialect.key(topic, kind), kept=qos.depth if qos.latched else 0, reliable=qos.reliable
+        )
+        self._sender = Sender(seat, token)
+        self._token = seat.announce(token)
+        seat.ends.add(self)
+
+    def put(self, cdr: bytes) -> None:
+        """Send; returns at once, and never blocks on readers.
+
+        Raises:
+            ValueError: `cdr` is none.
+            BusClosedError: this writer or its backend is closed.
+        """
+        check_cdr(cdr)
+        self._writer.put(cdr, self._seat.dialect.pack(self._sender.next()))
+
+    def close(self) -> None:
+        """Write no more."""
+        if not self._seat.session.is_closed:
+            self._token.close()
+            self._writer.close()
+        self._sender.close()
+        self._seat.ends.discard(self)
+
+
+class TopicReader:
+    """Reads one topic, of everybody but ourselves and other bridges of PointIt."""
+
+    def __init__(
+        self, seat: Seat, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
+    ) -> None:
+        """Declare; `handler` gets the CDR of what comes."""
+        self._seat = seat
+        self._topic = topic
+        self._kind = kind
+        self._handler = handler
+        self._malformed = 0
+        self._has_arrived = False
+        self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
+        self._remembered = max(qos.depth, REMEMBERED)
+        dialect, session = seat.dialect, seat.session
+        # Where messages of this topic come in that nobody gets; taken away with the first, good or not.
+        strays = dialect.strays(topic)
+        self._strays = (
+            session.reader(strays, self._on_stray, capacity=1, max_bytes=seat.max_bytes) if strays else None
+        )
+        self._reader = session.reader(
+            dialect.key(topic, kind),
+            self._on_packet,
+            on_loss=self._on_loss,
+            capacity=max(qos.depth, LEAST_CAPACITY),
+            max_bytes=seat.max_bytes,
+            kept=qos.depth if qos.latched else 0,
+            reliable=qos.reliable,
+        )
+        self._token = seat.announce(dialect.endpoint_token("subscriber", topic, kind, qos))
+        seat.ends.add(self)
+
+    def close(self) -> None:
+        """Read no more."""
+        if not self._seat.session.is_closed:
+            self._token.close()
+            self._reader.close()
+            self._end_strays()
+        self._seat.ends.discard(self)
+
+    def _on_packet(self, packet: Packet) -> None:
+        try:
+            origin = self._seat.dialect.unpack(packet.attachment)
+        except ValueError as error:
+            self._malformed += 1
+            self._seat.complaints.say(
+                f"attachments of {self._topic}",
+                f"dropped {self._malformed} messages on {self._topic}: {error}",
+            )
+            return
+        if origin is not None and self._seat.is_barred(origin.gid):
+            return
+        if packet.attachment is not None and self._is_known(packet.attachment, packet.payload):
+            return
+        if not self._has_arrived:
+            self._has_arrived = True
+            self._end_strays()
+        self._handler(packet.payload)
+
+    def _is_known(self, attachment: bytes, payload: bytes) -> bool:
+        """Return whether this very message was there before, as when it is fetched again from a cache."""
+        mark = attachment + xxhash.xxh3_128_digest(payload)  # not all of it: it may be a megabyte
+        if mark in self._recent:
+            return True
+        self._recent[mark] = None
+        if len(self._recent) > self._remembered:
+            self._recent.popitem(last=False)
+        return False
+
+    def _on_loss(self, traffic: PlainTraffic) -> None:
+        reasons = (
+            f"{traffic.oversized} were longer than {self._seat.max_bytes} bytes" if traffic.oversized else "",
+            f"{traffic.overrun} came faster than they could be handled" if traffic.overrun else "",
+        )
+        self._seat.complaints.say(
+            f"losses of {self._topic}",
+            f"dropped messages on {self._topic}: {' and '.join(each for each in reasons if each)}",
+        )
+
+    def _on_stray(self, packet: Packet) -> None:
+        why = self._seat.dialect.astray(packet.key, self._topic, self._kind)
+        if why and not self._is_of_bridge(packet):
+            self._seat.complaints.hold(f"stray {self._topic}", why)
+            self._close_strays()  # one is enough: another robot may have a lot of them
+
+    def _is_of_bridge(self, packet: Packet) -> bool:
+        """Return whether it is another PointIt's, which is where it belongs."""
+        try:
+            origin = self._seat.dialect.unpack(packet.attachment)
+        except ValueError:
+            return False
+        return origin is not None and self._seat.is_barred(origin.gid)
+
+    def _end_strays(self) -> None:
+        self._close_strays()
+        self._seat.complaints.drop(f"stray {self._topic}")
+
+    def _close_strays(self) -> None:
+        if self._strays is not None:
+            self._strays.close()
+            self._strays = None

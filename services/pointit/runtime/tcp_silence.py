@@ -1,0 +1,60 @@
+"""How long TCP waits for another end that has vanished without a word: no longer than Zenoh's lease.
+
+Zenoh gives a link up when nothing came for a lease, but first waits for a write that is under way (1.10). To
+an end that was cut off that write ends when TCP gives up, after 15 minutes: so long would a person who is out
+of reach be present, and their own machine would not say that the router is lost. Zenoh has no setting for it;
+the sockets have one, on Linux, and those that a listening socket accepts inherit it.
+"""
+
+import contextlib
+import socket
+import sys
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+OPEN_FILES = Path("/proc/self/fd")
+
+
+def end_silence(ports: Collection[int], after_ms: int) -> int:
+    """Have TCP end connections from or to `ports` of which nothing is acknowledged for `after_ms`.
+
+    It concerns the sockets that this process has now, and those that will be accepted by them; may be called
+    on any thread.
+
+    Returns:
+        How many sockets were set; 0 where the system has no such option.
+    """
+    if sys.platform != "linux":
+        return 0
+    count = 0
+    for found in tcp_sockets():
+        with contextlib.suppress(OSError):  # closed meanwhile
+            if not _ports_of(found).isdisjoint(ports):
+                found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
+                count += 1
+    return count
+
+
+def tcp_sockets() -> Iterator[socket.socket]:
+    """Yield this process's TCP sockets, Zenoh's too; each only for as long as it is looked at.
+
+    No file is duplicated and closed again: closing any descriptor of a file gives up all locks that the
+    process has on it (POSIX), such as those by which SQLite keeps other writers away.
+    """
+    for entry in list(OPEN_FILES.iterdir()):
+        try:
+            found = socket.socket(fileno=int(entry.name))
+        except OSError:  # it is none, or closed meanwhile
+            continue
+        try:
+            if found.type == socket.SOCK_STREAM and found.family in (socket.AF_INET, socket.AF_INET6):
+                yield found
+        finally:
+            found.detach()  # it is somebody else's
+
+
+def _ports_of(found: socket.socket) -> set[int]:
+    ports = {found.getsockname()[1]}
+    with contextlib.suppress(OSError):  # it listens
+        ports.add(found.getpeername()[1])
+    return ports

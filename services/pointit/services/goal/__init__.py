@@ -1,0 +1,1 @@
+"""Places pointed at in two steps become goals for a robot."""

@@ -1,0 +1,79 @@
+"""Reads a person's cursor, button and interaction, the map and everybody's pose; writes goals and cues."""
+
+import asyncio
+from collections.abc import Sequence
+from typing import ClassVar
+
+from pointit.runtime import Context, Service
+from pointit.runtime.service import Scope
+from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
+from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
+from pointit.services.goal.config import GoalConfig
+from pointit.services.goal.two_steps import Output, TwoSteps
+
+LONGEST_WAIT_S = 5.0
+"""Then the clock is looked at again, which may have been set."""
+
+
+class Goals(Service[GoalConfig]):
+    """Turns one person's pointing at level places into goals for a robot, each confirmed."""
+
+    NAME: ClassVar[str] = "goal"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = GoalConfig
+
+    def __init__(self, config: GoalConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._steps = TwoSteps(config, self.user)
+        self._moved = asyncio.Event()
+        self._goals = self.bus.publisher(GOAL, self.user)
+        self._feedback = self.bus.publisher(FEEDBACK, self.user)
+        self.bus.subscribe(MAP, self._on_map)
+        self.bus.subscribe(POSE, self._on_pose)
+        self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
+        self.bus.subscribe(CURSOR, self._on_cursor, self.user)
+        self.bus.subscribe(BUTTON, self._on_button, self.user)
+
+    async def run(self) -> None:
+        """Take back what is not confirmed in time."""
+        while True:
+            self._put(self._steps.pass_time(self.clock.now_ns()))
+            self._moved.clear()
+            deadline_ns = self._steps.deadline_ns
+            if deadline_ns is None:
+                await self._moved.wait()
+                continue
+            left_s = max(0.0, (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed)
+            try:
+                async with asyncio.timeout(min(left_s, LONGEST_WAIT_S)):
+                    await self._moved.wait()
+            except TimeoutError:
+                pass
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self._steps.on_map(environment)
+
+    def _on_pose(self, pose: UserPose, user: str) -> None:
+        self._steps.on_pose(user, pose)
+
+    def _on_interaction(self, interaction: Interaction, _user: str) -> None:
+        self._put(self._steps.on_interaction(interaction, self.clock.now_ns()))
+
+    def _on_cursor(self, cursor: Cursor, _user: str) -> None:
+        self._put(self._steps.on_cursor(cursor, self.clock.now_ns()))
+
+    def _on_button(self, event: ButtonEvent, _user: str) -> None:
+        self._put(self._steps.on_button(event, self.clock.now_ns()))
+
+    def _put(self, outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Goal):
+                self._goals.put(output)
+                self.bus.figure("goals", output.seq)
+            else:
+                self._feedback.put(output)
+        if outputs:
+            self._moved.set()
+
+
+SERVICE = Goals

@@ -1,0 +1,229 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""Who attacks a secured site, and what its operator is told of it.
+
+As a program: `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys as somebody.
+"""
+
+import asyncio
+import contextlib
+import itertools
+import statistics
+import sys
+import time
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime.router_account import SERVICE
+from pointit.schemas import ButtonEvent, Cursor, encode
+from pointit.schemas.topics import BUTTON, CURSOR, REQUESTS, TOPICS
+from tests.faults.account import Account, Fault
+from tests.faults.memory import Memory
+from tests.faults.site import PEOPLE, Site
+from tests.faults.witness import Witness, witness
+from tests.integration.access.secured import Member
+from tests.support.commands import Command
+
+PATIENCE_S = 20.0
+"""The same on a machine that is busy with other things."""
+ROUTER = SERVICE
+LARGE = 10_000_000
+MARK = b"attack"
+"""What attackers write, which is no message of ours."""
+BUTTON_END = BUTTON.at("x").partition("x")[2]
+SECONDS_OF_A_BURST = 0.01
+
+
+@dataclass
+class Besieged:
+    """A site that is attacked, as its operator sees it."""
+
+    site: Site
+    seen: Witness
+    began_s: float = field(default_factory=time.monotonic)
+    began_ns: int = field(default_factory=time.time_ns)
+    memory: Memory = field(default_factory=lambda: Memory({}))
+    _refused: float = 0.0
+    _heard: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
+    """Whose cursor came, and how old it was, s."""
+
+    def __post_init__(self) -> None:
+        self.seen.bus.subscribe(CURSOR, self._on_cursor)
+        self.begin()
+
+    def begin(self) -> None:
+        """An attack begins now."""
+        pids = {pid for instance, (pid, _) in self.seen.processes().items() if instance != "web"}
+        self.memory = Memory.now(pids | {self.site.router.process.pid})
+        self.began_s, self.began_ns = time.monotonic(), time.time_ns()
+        self._refused = self.refused
+        self._heard.clear()
+
+    @property
+    def refused(self) -> float:
+        """Return how many attempts the router has refused so far, as doctor shows it."""
+        health = self.seen.health.get(ROUTER)
+        return (
+            next((figure.value for figure in health.figures if figure.name == "refused"), 0.0)
+            if health
+            else 0.0
+        )
+
+    @property
+    def refused_since(self) -> float:
+        """Return how many it has refused since the attack began."""
+        return self.refused - self._refused
+
+    def shown(self, instance: str = ROUTER) -> str:
+        """Return what doctor and the page show as wrong with a service."""
+        return "\n".join(finding.sentence for finding in self.seen.findings(instance))
+
+    async def is_told(
+        self, *words: str, instance: str = ROUTER, again: Callable[[], object] = bool, refused: bool = True
+    ) -> float:
+        """Wait until doctor shows all of `words`; return how long it took, s; the router's log has them, too.
+
+        What is to be told may be done `again` and again until then, and was `refused`.
+        """
+        missing = list(words)
+
+        def is_shown() -> bool:
+            shown = self.shown(instance)
+            missing[:] = [each for each in missing if each not in shown]
+            return not missing and (instance != ROUTER or not refused or self.refused_since > 0)
+
+        ended_s = time.monotonic() + PATIENCE_S
+        while not is_shown():
+            again()
+            await asyncio.sleep(0.05)
+            assert time.monotonic() < ended_s, f"{missing} are not shown, but {self.shown(instance)!r}"
+        noticed_s = time.monotonic() - self.began_s
+        if instance == ROUTER:
+            for each in words:
+                await self.site.router.says(each)
+        return noticed_s
+
+    async def unharmed(self) -> None:
+        """Fail unless everybody goes on as before: what comes, who runs, what is selected."""
+        await self.seen.flows()
+        await self.seen.agrees(self.site)
+
+    def delay_s(self, user: str = PEOPLE[1]) -> float:
+        """Return how old the cursors of an innocent were, median since the attack began, s."""
+        delays = [delay_s for who, delay_s in self._heard if who == user]
+        return statistics.median(delays) if delays else float("inf")
+
+    def growth_mb(self) -> float:
+        """Return by how much the process that grew most has grown, MB."""
+        return Memory.now(self.memory.of).growth_mb(self.memory)
+
+    def row(self, account: Account, name: str, noticed_s: float | None, by: str, lost: str = "") -> None:
+        """Put the attack into the table."""
+        account.add(
+            Fault(
+                name=name,
+                noticed_s=noticed_s,
+                by=by,
+                recovered_s=None,
+                lost=lost or self.seen.lost_in_words(self.began_ns),
+                memory_mb=self.growth_mb(),
+            )
+        )
+
+    def _on_cursor(self, cursor: Cursor, user: str) -> None:
+        self._heard.append((user, (time.time_ns() - cursor.stamp_ns) / 1e9))
+
+
+@contextlib.asynccontextmanager
+async def besieged(site: Site) -> AsyncGenerator[Besieged]:
+    """Yield the site, in which all goes well."""
+    async with witness(site) as seen:
+        await seen.begins(site)
+        await seen.hears(ROUTER)
+        yield Besieged(site, seen)
+
+
+@contextlib.contextmanager
+def member(site: Site, name: str) -> Generator[Member]:
+    """Yield somebody with an identity of the site and bad intentions."""
+    with Member(site.folder, name) as somebody:
+        yield somebody
+
+
+def attack(evil: Member, keys: Sequence[str], payload: bytes = MARK) -> None:
+    """Write `payload` to each of `keys`."""
+    for key in keys:
+        evil.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+@contextlib.contextmanager
+def overhearing(who: Member, *keys: str) -> Generator[list[str]]:
+    """Yield a list that grows by the keys under which the mark of an attack arrives."""
+    heard: list[str] = []
+
+    def hear(sample: zenoh.Sample) -> None:
+        if sample.payload.to_bytes() == MARK:
+            heard.append(str(sample.key_expr))
+
+    subscribers = [who.session.declare_subscriber(key, Callback(hear, indirect=False)) for key in keys]
+    yield heard
+    for subscriber in subscribers:
+        subscriber.undeclare()
+
+
+def name_of(row: object, user: str) -> str:
+    """Return what stands for the placeholder of a key."""
+    placeholder = getattr(row, "placeholder", "")
+    return {"": "", "user": user, "service": f"pointing.{user}"}.get(placeholder, "thing")
+
+
+def keys_of(user: str) -> tuple[str, ...]:
+    """Return every key of the topic table, those of a person for `user`."""
+    return tuple(topic.at(name_of(topic, user)) for topic in TOPICS)
+
+
+def request_keys_of(user: str) -> tuple[str, ...]:
+    """Return every request's key for `user`."""
+    return tuple(request.at(name_of(request, user)) for request in REQUESTS)
+
+
+@contextlib.contextmanager
+def flooding(site: Site, name: str, rate_hz: float, *keys: str) -> Generator[Command]:
+    """Have a process write each of `keys` in turn, `rate_hz` in all, while inside."""
+    program = [sys.executable, "-m", "tests.faults.attackers"]
+    command = site.commands.run([*program, str(site.folder.path), name, str(rate_hz), *keys])
+    try:
+        yield command
+    finally:
+        command.kill()
+
+
+def flood(folder: SiteFolder, name: str, rate_hz: float, keys: Sequence[str]) -> None:
+    """Write until killed; say once a second how often."""
+    with Member(folder, name) as somebody:
+        payloads = {key: _press() if key.endswith(BUTTON_END) else bytes(100) for key in keys}
+        began_s = time.monotonic()
+        sys.stdout.write("begins\n")
+        sys.stdout.flush()
+        for count, key in enumerate(itertools.cycle(keys), 1):
+            somebody.session.put(key, payloads[key], congestion_control=zenoh.CongestionControl.BLOCK)
+            ahead_s = count / rate_hz - (time.monotonic() - began_s)
+            if ahead_s > SECONDS_OF_A_BURST:
+                time.sleep(ahead_s)
+            if count % max(1, round(rate_hz)) == 0:
+                sys.stdout.write(f"{count} in {time.monotonic() - began_s:.1f} s\n")
+                sys.stdout.flush()
+
+
+def _press() -> bytes:
+    """Return what nobody can tell from a person's button."""
+    return encode(ButtonEvent(stamp_ns=time.time_ns()))
+
+
+if __name__ == "__main__":
+    flood(SiteFolder(Path(sys.argv[1])), sys.argv[2], float(sys.argv[3]), sys.argv[4:])

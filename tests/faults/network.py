@@ -1,0 +1,247 @@
+"""Hosts on one machine, each a network namespace, and the wire between them, which can be made bad.
+
+Every packet between two hosts is forwarded by a third namespace, the wire: there it is lost, held up or
+queued, so that both ends have nothing but TCP (and Zenoh) to find out. Host A is this machine's own
+namespace: the test itself looks on from there.
+"""
+
+import contextlib
+import functools
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from tests.support.commands import Command, Commands, without_page
+
+PREFIX = "pointit-fault-"
+"""Of our namespaces; the process that made one follows."""
+BLOCKS = range(256)
+"""Of addresses meant for tests of networks (RFC 2544), 198.18.N.0/24."""
+WIRE = "wire"
+ALL = 100
+"""Percent."""
+
+
+@functools.cache
+def lacking() -> str:
+    """Return why there can be no network here; empty when there can."""
+    if not sys.platform.startswith("linux") or os.geteuid() != 0:
+        return "needs root on Linux, to make network namespaces"
+    missing = [tool for tool in ("ip", "nft", "tc", "unshare") if shutil.which(tool) is None]
+    if missing:
+        return f"needs {' and '.join(missing)} (packages iproute2, nftables, util-linux)"
+    name = f"{PREFIX}{os.getpid()}-try"
+    try:
+        _run("ip", "netns", "add", name)
+        device = f"pit-{os.getpid()}"  # another suite may try at the same time
+        _run("ip", "link", "add", device, "type", "veth", "peer", "name", "eth0", "netns", name)
+        _run("ip", "netns", "exec", name, "nft", "add table inet faults")
+    except RuntimeError as error:
+        return f"may make no network here: {error}"
+    finally:
+        with contextlib.suppress(RuntimeError):
+            _run("ip", "netns", "del", name)
+    return ""
+
+
+def network_or_skip() -> None:
+    """Skip the test where there can be no network."""
+    if lacking():
+        pytest.skip(lacking())
+
+
+@dataclass(frozen=True)
+class Host:
+    """A namespace with one way out."""
+
+    name: str
+    address: str
+    namespace: str
+    """Empty: this machine's own."""
+
+    @property
+    def socket(self) -> str:
+        """Return the device by which the wire reaches it."""
+        return f"to-{self.name}"
+
+    def arguments(self, *command: str) -> list[str]:
+        """Return `command` as it is run there, on a machine of that name."""
+        if not self.namespace:
+            return list(command)
+        named = ["unshare", "--uts", "sh", "-c", 'hostname "$0"; exec "$@"', self.name]
+        return ["ip", "netns", "exec", self.namespace, *named, *command]
+
+    def pointit(self, commands: Commands, *arguments: str, environment: Mapping[str, str]) -> Command:
+        """Start `pointit …` there."""
+        program = [sys.executable, "-m", "pointit.cli"]
+        return commands.run(self.arguments(*program, *without_page(arguments)), environment)
+
+
+@dataclass
+class Network:
+    """Hosts, and the wire that all their packets go through."""
+
+    block: int
+    hosts: dict[str, Host] = field(default_factory=dict[str, Host])
+    _delays: list["subprocess.Popen[bytes]"] = field(default_factory=list["subprocess.Popen[bytes]"])
+
+    @property
+    def wire(self) -> str:
+        """Return the namespace between the hosts."""
+        return f"{PREFIX}{os.getpid()}-{WIRE}"
+
+    def join(self, name: str, *, here: bool = False) -> Host:
+        """Make a host that the wire connects with all others; `here`: of this machine's own namespace."""
+        number = 4 * len(self.hosts)
+        mine, gate = f"198.18.{self.block}.{number + 1}", f"198.18.{self.block}.{number + 2}"
+        namespace = "" if here else f"{PREFIX}{os.getpid()}-{name}"
+        host = self.hosts[name] = Host(name, mine, namespace)
+        device = f"pit{self.block}" if here else "eth0"
+        if not here:
+            _run("ip", "netns", "add", namespace)
+            self._settings(namespace)
+            _run("ip", "-n", namespace, "link", "set", "lo", "up")
+        inside = ["-n", namespace] if namespace else []
+        peer = ["peer", "name", host.socket, "netns", self.wire]
+        _run("ip", *inside, "link", "add", device, "type", "veth", *peer)
+        _run("ip", *inside, "address", "add", f"{mine}/30", "dev", device)
+        _run("ip", *inside, "link", "set", "dev", device, "up")
+        self._ip("address", "add", f"{gate}/30", "dev", host.socket)
+        self._ip("link", "set", "dev", host.socket, "up")
+        # `cubic` is what most machines have; this one's own is left alone
+        where = f"198.18.{self.block}.0/24" if here else "default"
+        _run(
+            "ip",
+            *inside,
+            "route",
+            "add",
+            where,
+            "via",
+            gate,
+            "dev",
+            device,
+            "metric",
+            "9",
+            "congctl",
+            "cubic",
+        )
+        return host
+
+    def cut(self, host: Host) -> None:
+        """Take the host's cable out."""
+        self._ip("link", "set", "dev", host.socket, "down")
+
+    def mend(self, host: Host) -> None:
+        """Put it in again."""
+        self._ip("link", "set", "dev", host.socket, "up")
+
+    def lose(self, host: Host, percent: int, *, up: bool = True, down: bool = True) -> None:
+        """Lose so many of the packets from the host (`up`) and to it (`down`), silently and at random."""
+        what = "drop" if percent == ALL else f"numgen random mod 100 < {percent} drop"
+        rules = [f"iif {host.socket} {what}"] * up + [f"oif {host.socket} {what}"] * down
+        chain = "type filter hook forward priority 0;"
+        lines = ["table inet faults {", "chain forward {", chain, *rules, "}", "}"]
+        self._nft("\n".join(lines))
+
+    def narrow(self, host: Host, kbit: int) -> None:
+        """Let no more than `kbit` a second through to the host; what is too much waits for up to 0.4 s."""
+        limit = ["rate", f"{kbit}kbit", "burst", "4kb", "latency", "400ms"]
+        _run("tc", "-n", self.wire, "qdisc", "add", "dev", host.socket, "root", "tbf", *limit)
+
+    def delay(self, host: Host, least_s: float, most_s: float) -> None:
+        """Hold every packet from and to the host up, each for a random time, as `tc netem` does."""
+        module = Path(__file__).with_name("network_delay.py")
+        near, far = f"d{host.name}", "delayed"
+        program = [sys.executable, str(module), near, far, str(least_s), str(most_s)]
+        inside = ["ip", "netns", "exec", self.wire]
+        process = subprocess.Popen([*inside, *program], stdout=subprocess.PIPE, start_new_session=True)
+        self._delays.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n", "no tun devices here"
+        self._ip("link", "set", "dev", far, "netns", host.namespace)
+        self._ip("link", "set", "dev", near, "up")
+        _run("ip", "-n", host.namespace, "link", "set", "dev", far, "up")
+        self._ip("route", "add", f"{host.address}/32", "dev", near)
+        there = ["default", "dev", far, "src", host.address, "metric", "1", "congctl", "cubic"]
+        _run("ip", "-n", host.namespace, "route", "add", *there)
+
+    def clear(self) -> None:
+        """Make the wire as good as new."""
+        with contextlib.suppress(RuntimeError):
+            self._nft("delete table inet faults")
+        for host in self.hosts.values():
+            with contextlib.suppress(RuntimeError):
+                self.mend(host)
+            with contextlib.suppress(RuntimeError):
+                _run("tc", "-n", self.wire, "qdisc", "del", "dev", host.socket, "root")
+        for process in self._delays:
+            process.kill()  # its devices go with it, and the routes over them
+            process.wait(10)
+            assert process.stdout is not None
+            process.stdout.close()
+        self._delays.clear()
+
+    def sent_bytes(self, host: Host) -> int:
+        """Return how much has gone to the host so far."""
+        file = f"/sys/class/net/{host.socket}/statistics/tx_bytes"
+        return int(_run("ip", "netns", "exec", self.wire, "cat", file))
+
+    def open(self) -> None:
+        """Lay the wire."""
+        _run("ip", "netns", "add", self.wire)
+        self._settings(self.wire)
+
+    def close(self) -> None:
+        """Take everything away; what still runs there loses its network."""
+        self.clear()
+        for host in self.hosts.values():
+            if not host.namespace:
+                with contextlib.suppress(RuntimeError):
+                    _run("ip", "link", "del", f"pit{self.block}")
+        for name in _namespaces():
+            if name.startswith(f"{PREFIX}{os.getpid()}-"):
+                _run("ip", "netns", "del", name)
+
+    def _settings(self, namespace: str) -> None:
+        for setting in ("ip_forward=1", "conf.all.rp_filter=0", "conf.default.rp_filter=0"):
+            _run("ip", "netns", "exec", namespace, "sysctl", "-q", "-w", f"net.ipv4.{setting}")
+
+    def _ip(self, *arguments: str) -> None:
+        _run("ip", "-n", self.wire, *arguments)
+
+    def _nft(self, text: str) -> None:
+        _run("ip", "netns", "exec", self.wire, "nft", text)
+
+
+@contextlib.contextmanager
+def network() -> Generator[Network]:
+    """Yield a wire with nobody at it, and take everything away at the end; what dead tests left, too."""
+    for name in _namespaces():
+        if name.startswith(PREFIX) and not Path(f"/proc/{name.removeprefix(PREFIX).split('-')[0]}").exists():
+            with contextlib.suppress(RuntimeError):
+                _run("ip", "netns", "del", name)
+    routes = _run("ip", "route")
+    block = next(number for number in BLOCKS if f"198.18.{number}." not in routes)
+    made = Network(block)
+    try:
+        made.open()
+        yield made
+    finally:
+        made.close()
+
+
+def _namespaces() -> list[str]:
+    return [line.split()[0] for line in _run("ip", "netns", "list").splitlines() if line]
+
+
+def _run(*command: str) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
+    if done.returncode:
+        raise RuntimeError(f"`{' '.join(command)}`: {done.stderr.strip()}")
+    return done.stdout

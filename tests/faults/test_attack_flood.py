@@ -1,0 +1,87 @@
+"""Somebody who writes without measure, and somebody who does not read what they asked for."""
+
+import asyncio
+import signal
+
+import pytest
+
+from pointit.schemas.topics import BUTTON, RAY
+from tests.faults.account import Account
+from tests.faults.attackers import besieged, flooding
+from tests.faults.site import Site
+from tests.support.bench import until
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+RATE_HZ = 20_000.0
+FLOOD_S = 4.0
+STUCK_S = 6.0
+GROWTH_MB = 60.0
+LATE_S = 1.0
+"""Five times what a cursor takes on a machine as busy as one that runs other tests beside; a stall is 5 s."""
+EVIL = "anna"
+
+
+@pytest.mark.parametrize(
+    ("what", "keys", "words"),
+    [
+        ("on an own key", (RAY.at(EVIL),), (f"plant/{EVIL} writes {RAY.at(EVIL)} ", "times a second")),
+        (
+            "of an own button",
+            (BUTTON.at(EVIL),),
+            (f"plant/{EVIL} writes {BUTTON.at(EVIL)} ", "times a second"),
+        ),
+        (
+            "on many keys",
+            tuple(f"users/{EVIL}/x{number}" for number in range(2000)),
+            (f"plant/{EVIL} may not write users/{EVIL}/x", " more: refused"),
+        ),
+    ],
+)
+async def test_a_flood_harms_nobody_and_is_named(
+    site: Site, account: Account, what: str, keys: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    async with besieged(site) as attacked:
+        quiet_s = attacked.delay_s()
+        with flooding(site, EVIL, RATE_HZ, *keys) as flood:
+            await flood.says("begins")
+            attacked.begin()
+            noticed_s = await attacked.is_told(*words, refused="may not" in words[0])
+            await asyncio.sleep(FLOOD_S)
+            late_s, rate_hz = attacked.delay_s(), flood_rate_hz(flood.out)
+        await attacked.unharmed()
+        assert late_s < LATE_S, f"{late_s:.3f} s, {quiet_s:.3f} s before"
+        assert attacked.growth_mb() < GROWTH_MB
+        lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
+        attacked.row(
+            account, f"a flood {what} ({rate_hz:.0f} Hz)", noticed_s, "doctor: router; its log", lost
+        )
+
+
+def flood_rate_hz(printed: str) -> float:
+    """Return the rate that the attacker has reached."""
+    count, _, rest = printed.strip().splitlines()[-1].partition(" in ")
+    return int(count) / float(rest.removesuffix(" s"))
+
+
+@pytest.mark.parametrize("names", [("dashboard1", "operator")], ids=["two dashboards"])
+async def test_a_reader_that_stands_still_holds_nobody_up(
+    site: Site, account: Account, names: tuple[str, ...]
+) -> None:
+    async with besieged(site) as attacked:
+        readers = [site.start("hz", "--all", name=name) for name in names]
+        for reader in readers:
+            await until(lambda reader=reader: "Hz" in reader.out or "hz" in reader.out, 20, reader.out)  # type: ignore[misc]
+        attacked.begin()
+        for reader in readers:
+            reader.process.send_signal(signal.SIGSTOP)
+        await asyncio.sleep(STUCK_S)
+        late_s, growth_mb = attacked.delay_s(), attacked.growth_mb()
+        for reader in readers:
+            reader.process.send_signal(signal.SIGCONT)
+            reader.kill()
+        await attacked.unharmed()
+        assert late_s < LATE_S
+        assert growth_mb < GROWTH_MB
+        lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
+        attacked.row(account, "dashboards that stand still for 6 s", None, "nobody: they only look on", lost)

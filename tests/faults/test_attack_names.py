@@ -1,0 +1,128 @@
+"""Somebody with an identity of the site who writes, answers, is present and reads as somebody else."""
+
+import pytest
+
+from pointit.schemas.topics import (
+    ANY,
+    CURSOR,
+    HEALTH,
+    IMU,
+    INTERACTION,
+    POSE,
+    RAY,
+    SELECTION,
+    SERVICE_ALIVE,
+    SET_BRIGHTNESS,
+    SET_METHOD,
+    SET_POSE,
+    USER_ALIVE,
+    WRIST,
+)
+from tests.faults.account import Account
+from tests.faults.attackers import ROUTER, attack, besieged, keys_of, member, overhearing
+from tests.faults.site import Site
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+EVIL = "anna"
+"""May write below her own keys, and read what everybody may."""
+VICTIM = "user1"
+BY = "doctor: router; the router's log"
+
+
+async def test_who_writes_as_another_is_refused_and_named(site: Site, account: Account) -> None:
+    alien = {key for key in keys_of(VICTIM) if "thing/color" not in key}
+    keys = sorted(
+        {*alien, SELECTION.at(), HEALTH.at("pui"), HEALTH.at(ROUTER), "surprise", "users/*/pose", "**"}
+    )
+    async with besieged(site) as attacked:
+        with (
+            member(site, "supervisor") as ally,
+            member(site, EVIL) as evil,
+            member(site, "dashboard1") as viewer,
+        ):
+            with overhearing(ally, "**", "**/@adv/**") as heard, ally.listening("**/@may/**") as ear:
+                ally.settle(evil)
+                attacked.begin()
+                attack(evil, keys)
+                attack(viewer, keys)
+                noticed_s = await attacked.is_told(
+                    f"plant/{EVIL} may not write ", "plant/dashboard1 may not write "
+                )
+                ear.hears(evil.mark())
+                ear.hears(viewer.mark())
+            assert heard == []
+        told = await site.start("doctor", name="operator").end()
+        assert told.code == 1
+        assert f"router: plant/{EVIL} may not write" in " ".join(told.out.split())
+        assert attacked.refused_since >= 2 * len(keys)
+        await attacked.unharmed()
+        attacked.row(account, "every key written by who may not: another person, a dashboard", noticed_s, BY)
+
+
+async def test_history_is_written_and_read_by_whom_it_belongs_to(site: Site, account: Account) -> None:
+    """Below `@adv` writers keep what late joiners ask for: neither is had or given behind the key."""
+    late = [f"{topic.at(VICTIM)}/@adv/pub/1/2/_" for topic in (POSE, INTERACTION)]
+    async with besieged(site) as attacked:
+        with member(site, "supervisor") as ally, member(site, EVIL) as evil:
+            with overhearing(ally, "**", "**/@adv/**") as heard, ally.listening("**/@may/**") as ear:
+                ally.settle(evil)
+                attacked.begin()
+                attack(evil, late)
+                with (
+                    evil.serving(f"{POSE.at(VICTIM)}/@adv/**", f"{POSE.at(VICTIM)}/**") as asked,
+                    evil.present(f"{POSE.at(VICTIM)}/@adv/pub/1/2/_"),
+                ):
+                    evil.settle(ally)
+                    seen = ally.sees(f"{POSE.at(VICTIM)}/@adv/**")
+                    ally.answered(f"{POSE.at(VICTIM)}/@adv/pub/1/2/_")
+                assert not any("/pub/1/2" in key for key in seen)
+                assert evil.answered(f"{IMU.at(VICTIM)}/@adv/**", f"{RAY.at(VICTIM)}/@adv/**") == set()
+                noticed_s = await attacked.is_told(f"plant/{EVIL} may not ", f"write {POSE.at(VICTIM)}")
+                await attacked.is_told(f"read {IMU.at(VICTIM)}")
+                ear.hears(evil.mark())
+            assert (heard, asked) == ([], [])
+        await attacked.unharmed()
+        attacked.row(account, "another's history, written, answered for, read (`@adv`)", noticed_s, BY)
+
+
+async def test_who_answers_or_is_present_as_another_is_refused_and_named(
+    site: Site, account: Account
+) -> None:
+    requests = [SET_BRIGHTNESS.at(), SET_METHOD.at(), SET_POSE.at(VICTIM)]
+    names = [
+        USER_ALIVE.at(VICTIM),
+        USER_ALIVE.at("nobody"),
+        SERVICE_ALIVE.at("selector"),
+        SERVICE_ALIVE.at("pui.x"),
+    ]
+    async with besieged(site) as attacked:
+        present = set(attacked.seen.present), set(attacked.seen.people)
+        with member(site, "operator") as ally, member(site, EVIL) as evil:
+            attacked.begin()
+            with evil.serving(*requests) as asked, evil.present(*names):
+                for key in requests:
+                    ally.answered(key)
+                noticed_s = await attacked.is_told(f"plant/{EVIL} may not ", "answer ", "be present as ")
+                assert asked == []
+                assert (set(attacked.seen.present), set(attacked.seen.people)) == present
+        await attacked.unharmed()
+        attacked.row(account, "requests answered and presence told in another's name", noticed_s, BY)
+
+
+async def test_who_reads_how_others_move_is_refused_and_named(site: Site, account: Account) -> None:
+    private = [topic.at(name) for topic in (IMU, WRIST, RAY) for name in (VICTIM, ANY)]
+    async with besieged(site) as attacked:
+        for name in (EVIL, "dashboard1"):
+            with member(site, name) as evil, member(site, "supervisor") as speaker:
+                attacked.begin()
+                with evil.listening(*private, "**", "users/**", "users/*/*", CURSOR.at(ANY)) as ear:
+                    noticed_s = await attacked.is_told(f"plant/{name} may not ", "read ")
+                    ear.hears(CURSOR.at(VICTIM))  # what everybody may
+                    speaker.put(*keys_of(VICTIM)[:2])
+                    ear.keys.clear()
+                    ear.hears(CURSOR.at(VICTIM))
+                assert not {key for key in ear.keys if key.endswith(("/imu", "/wrist", "/ray"))}, name
+                assert evil.answered(*private) == set()
+        await attacked.unharmed()
+        attacked.row(account, "others' imu, wrist and ray, read by a person and a dashboard", noticed_s, BY)

@@ -1,0 +1,68 @@
+# pyright: reportUnknownMemberType=false
+# (the stubs of zenoh leave return types out)
+"""What was once said, said again: by whoever may say it, and by somebody else."""
+
+import asyncio
+import time
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.schemas.topics import BUTTON, IMU, INTERACTION, POSE, RAY
+from tests.faults.account import Account
+from tests.faults.attackers import besieged, member
+from tests.faults.site import Site
+from tests.integration.access.secured import Member
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+VICTIM = "user1"
+OLD_S = 2.0
+"""Samples of so long ago are no news."""
+FOR_S = 3.0
+KEYS = tuple(topic.at(VICTIM) for topic in (IMU, RAY, POSE, INTERACTION, BUTTON))
+
+
+async def captured(by: Member) -> list[zenoh.Sample]:
+    """Return what is said under the victim's keys for a second; it is old then."""
+    samples: list[zenoh.Sample] = []
+    hears = [by.session.declare_subscriber(key, Callback(samples.append, indirect=False)) for key in KEYS]
+    await asyncio.sleep(1.0)
+    for each in hears:
+        each.undeclare()
+    await asyncio.sleep(OLD_S)
+    return samples
+
+
+def say(by: Member, samples: list[zenoh.Sample]) -> None:
+    for sample in samples:
+        by.session.put(
+            sample.key_expr,
+            sample.payload,
+            encoding=sample.encoding,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+
+@pytest.mark.parametrize("name", ["supervisor", "anna"])
+async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, name: str) -> None:
+    async with besieged(site) as attacked:
+        with member(site, "supervisor") as spy, member(site, name) as evil:
+            samples = await captured(spy)
+            assert len(samples) > 10
+            attacked.begin()
+            if name == "supervisor":  # who may say all that; a reader tells old from new
+                words, instance = "were older than those before them", "pui"
+            else:
+                words, instance = f"plant/{name} may not write ", "router"
+            noticed_s = await attacked.is_told(words, instance=instance, again=lambda: say(evil, samples))
+            ended_s = time.monotonic() + FOR_S
+            while time.monotonic() < ended_s:
+                say(evil, samples)
+                await asyncio.sleep(0.1)
+        assert attacked.seen.stale(attacked.began_ns, OLD_S) == 0
+        await attacked.unharmed()
+        who = "their own writer" if name == "supervisor" else "another person"
+        by = f"doctor: {instance}"
+        attacked.row(account, f"old samples said again by {who}", noticed_s, by)

@@ -1,0 +1,118 @@
+"""Clocks of single machines jump while everything runs: told, and of no consequence to anybody else."""
+
+import asyncio
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.faults.account import Account, Fault
+from tests.faults.clock import MachineClock
+from tests.faults.site import NOTICED_S, Site
+from tests.faults.witness import Witness, witness
+from tests.support.bench import until
+
+BACK_S = 20.0
+JUMPS_S = (-5.0, 5.0)
+"""In this order: for 20 s the keeper says of a clock that was ahead that it is."""
+MINES = ("selector", "conveyor-sim")
+"""Services that run on a machine of their own."""
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+
+def names(seen: Witness, machine: str) -> bool:
+    return any(f"the clock of machine {machine} is" in finding.sentence for finding in seen.findings())
+
+
+async def test_of_a_persons_machine(site: Site, account: Account, tmp_path: Path) -> None:
+    clock = MachineClock(tmp_path / "watch", "watch")
+    async with witness(site) as seen:
+        await seen.begins(site)
+        before = seen.processes()
+        environment = {**site.environment("anna"), **clock.environment}
+        anna = site.commands.start("user", "anna", "--no-view", environment=environment)
+        await seen.flows("anna")
+        for ahead_s in JUMPS_S:
+            jump_ns, jump_s = time.time_ns(), time.monotonic()
+            clock.set(ahead_s)
+            await until(lambda: names(seen, "watch"), NOTICED_S, "doctor to name the machine")
+            noticed_s = time.monotonic() - jump_s
+            await seen.flows()
+            clock.set(0.0)
+            right_s = time.monotonic()
+            await seen.flows("anna")
+            recovered_s = time.monotonic() - right_s
+            await seen.agrees(site)
+            account.add(
+                Fault(
+                    name=f"clock of a person's machine {ahead_s:+.0f} s, and back",
+                    noticed_s=noticed_s,
+                    by="doctor, keeper: clock of machine",
+                    recovered_s=recovered_s,
+                    lost=seen.lost_in_words(jump_ns, but="anna"),
+                )
+            )
+            assert recovered_s < BACK_S
+            if ahead_s < 0:
+                await until(lambda: not names(seen, "watch"), BACK_S, "nothing to be found of the clock")
+        seen.is_undisturbed(before)
+        assert (await anna.stop(signal.SIGINT)).code == 0
+        await until(lambda: "anna" not in seen.people, what="her to be gone")
+
+
+async def moved(site: Site, seen: Witness, clock: MachineClock) -> None:
+    """Have `MINES` run on the machine of `clock`."""
+    for instance in MINES:
+        os.kill(seen.health[instance].pid, signal.SIGKILL)
+        await seen.finds(instance, "absent")
+        assert site.run is not None
+        await site.run.says(f"{instance} was ended by SIGKILL")
+        del seen.health[instance]
+        site.restart(instance, clock.environment)
+    for instance in MINES:
+        await seen.hears(instance)
+    await seen.flows()
+
+
+@pytest.mark.parametrize("ahead_s", [30.0, -30.0])
+@pytest.mark.long
+async def test_of_the_conveyors_and_selectors_machine(
+    site: Site, account: Account, tmp_path: Path, ahead_s: float
+) -> None:
+    machine = f"plc{ahead_s:+.0f}"
+    clock = MachineClock(tmp_path / "plc", machine)
+    async with witness(site) as seen:
+        await seen.begins(site)
+        await moved(site, seen, clock)
+        before = seen.processes()
+        await seen.sees_selected(1)
+        jump_ns, jump_s = time.time_ns(), time.monotonic()
+        selected = set(seen.selected)
+        clock.set(ahead_s)
+        await until(lambda: names(seen, machine), NOTICED_S, "doctor to name the machine")
+        noticed_s = time.monotonic() - jump_s
+        await asyncio.sleep(max(0.0, 3.0 - noticed_s))
+        clock.set(0.0)
+        right_s = time.monotonic()
+        told, dispatched = len(seen.told()), len(seen.events)
+        await seen.flows()
+        flows_s = time.monotonic() - right_s
+        await until(lambda: len(seen.told()) > told, 30.0, "selecting to go on")
+        await until(lambda: len(seen.events) > dispatched, 30.0, "dispatching to go on")
+        recovered_s = time.monotonic() - right_s
+        seen.keeps(selected)
+        await seen.agrees(site)
+        seen.is_undisturbed(before)
+        account.add(
+            Fault(
+                name=f"clock of selector's and conveyor's machine {ahead_s:+.0f} s, and back",
+                noticed_s=noticed_s,
+                by="doctor, keeper: clock of machine",
+                recovered_s=flows_s,
+                lost=f"{seen.lost_in_words(jump_ns)}; selects again after {recovered_s:.1f} s",
+            )
+        )
+        assert flows_s < BACK_S

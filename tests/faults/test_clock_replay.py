@@ -1,0 +1,126 @@
+# pyright: reportUnknownMemberType=false
+# (the stubs of zenoh leave return types out)
+"""What was on the bus seconds ago is put there again, by who may write it: nobody takes it for new."""
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.schemas import Cursor, PointingRay, decode
+from pointit.schemas.topics import ANY, CURSOR, IMU, OBJECTS, RAY, SELECTION_EVENTS
+from tests.faults.account import Account, Fault
+from tests.faults.site import FLOWS_S, NOTICED_S, Site
+from tests.faults.witness import Witness, witness
+from tests.integration.access.secured import Member
+from tests.support.bench import until
+
+RECORDED = (IMU.at("user1"), RAY.at("user1"), CURSOR.at("user1"), SELECTION_EVENTS.at(), OBJECTS.at(ANY))
+LATER_S = 3.0
+MOST_TAKEN = 0.02
+"""Of what is played: on a machine so busy that for a second nothing new comes, some is."""
+READERS = ("pointing.user1", "pui", "selector", "led-driver")
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    at_s: float
+    key: str
+    payload: bytes
+    encoding: zenoh.Encoding
+
+
+class Recorder:
+    """Takes what is on the bus of one person, and of what all share."""
+
+    def __init__(self, member: Member) -> None:
+        self.taken: list[Recorded] = []
+        take = Callback(self._take, indirect=False)
+        self._hears = [member.session.declare_subscriber(key, take) for key in RECORDED]
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        key, payload = str(sample.key_expr), bytes(sample.payload)
+        self.taken.append(Recorded(time.monotonic(), key, payload, sample.encoding))
+
+    def end(self, last_s: float) -> list[Recorded]:
+        """Take no more; return what came in the `last_s`."""
+        for each in self._hears:
+            each.undeclare()
+        since_s = time.monotonic() - last_s
+        return [each for each in self.taken if each.at_s > since_s]
+
+
+def known(recorded: list[Recorded]) -> set[tuple[int, int]]:
+    """Return stamps and numbers of the rays and cursors."""
+    kinds: dict[str, type[PointingRay | Cursor]] = {RAY.at("user1"): PointingRay, CURSOR.at("user1"): Cursor}
+    messages = [
+        decode(kinds[each.key], each.payload, kinds[each.key].schema_name())
+        for each in recorded
+        if each.key in kinds
+    ]
+    return {(message.stamp_ns, message.seq) for message in messages}
+
+
+async def play(member: Member, recorded: list[Recorded]) -> None:
+    """Put it all again, as fast as it came."""
+    began_s = time.monotonic()
+    for each in recorded:
+        await asyncio.sleep(max(0.0, each.at_s - recorded[0].at_s - (time.monotonic() - began_s)))
+        member.session.put(each.key, each.payload, encoding=each.encoding)
+
+
+def complains(seen: Witness, instance: str) -> bool:
+    return any(
+        finding.code == "warning" and "were older than those before them" in finding.sentence
+        for finding in seen.findings(instance)
+    )
+
+
+async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) -> None:
+    async with witness(site) as seen:
+        await seen.begins(site)
+        rays: list[PointingRay] = []
+        seen.bus.subscribe(RAY, lambda ray, _user: rays.append(ray), "user1")
+        before = seen.processes()
+        with Member(site.folder, "supervisor") as member:
+            recorder = Recorder(member)
+            await seen.sees_more_selected()
+            await until(lambda: SELECTION_EVENTS.at() in {each.key for each in recorder.taken}, FLOWS_S)
+            recorded = recorder.end(last_s=2.0)
+            await asyncio.sleep(LATER_S)
+            count, selected = len(seen.told()), set(seen.selected)
+            rays.clear()
+            seen.cursors["user1"].clear()
+            played_ns, played_s = time.time_ns(), time.monotonic()
+            playing = asyncio.create_task(play(member, recorded))
+            await until(
+                lambda: all(complains(seen, instance) for instance in READERS), NOTICED_S, "health of readers"
+            )
+            noticed_s = time.monotonic() - played_s
+            await playing
+        made: list[PointingRay | Cursor] = [*rays, *seen.cursors["user1"]]
+        old = known(recorder.taken)
+        taken = [each for each in made if each.stamp_ns < played_ns - round(LATER_S * 0.8 * 1e9)]
+        taken = [each for each in taken if (each.stamp_ns, each.seq) not in old]
+        assert len(taken) <= len(recorded) * MOST_TAKEN, "rays and cursors were made of what is old"
+        ended_s = time.monotonic()
+        await seen.flows()
+        await seen.agrees(site)
+        assert len(seen.told()) >= count
+        seen.keeps(selected)
+        seen.is_undisturbed(before)
+        await until(lambda: not any(complains(seen, each) for each in READERS), FLOWS_S, "all to be well")
+        account.add(
+            Fault(
+                name=f"replay of {len(recorded)} samples, rays, cursors, objects, events",
+                noticed_s=noticed_s,
+                by="health of who reads them: older than before",
+                recovered_s=time.monotonic() - ended_s,
+                lost=seen.lost_in_words(played_ns) + f"; {len(taken)} taken for new",
+            )
+        )

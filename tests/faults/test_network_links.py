@@ -1,0 +1,218 @@
+"""Links between hosts that fail or are bad: what is seen of it at the site, and how it comes back.
+
+Host A has router, services and ben; anna, and somebody who looks on, are at host B. Whatever happens to B's
+link, ben goes on undisturbed, nothing ends, and no selection event is lost to who looks on at B.
+"""
+
+import asyncio
+import statistics
+import time
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from tests.faults.account import Account, Fault
+from tests.faults.network import ALL
+from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
+from tests.faults.network_view import FRESH_S, PATIENCE_S, View, quantile_s
+from tests.support.bench import until
+
+pytestmark = pytest.mark.timeout(180)  # of a machine that has much else to do
+
+AFTER_S = 2.0
+LOOK_S = 0.05
+GAP_S = 2.0
+"""Between two cursors of who is not concerned, on a busy machine."""
+NOTICED_S = 10.0
+GONE_S = 12.0
+"""Lease, and as long for TCP to give a write up."""
+RECOVERED_S = 15.0
+MEMORY_MB = 30.0
+GONE = ("silent", "absent", "left")
+"""What doctor says of who cannot be reached."""
+BAD = (*GONE, "slow", "stale", "clock", "warning")
+"""And of a link that is bad; a busy machine is slow, too."""
+
+
+@dataclass
+class Both:
+    plant: Plant
+    spectator: Spectator
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Both]:
+    """Start the two hosts, once for all tests here."""
+    with running(tmp_path_factory.mktemp("links")) as plant:
+        spectator = plant.spectator(plant.b, "operator")
+        asyncio.run(until(lambda: bool(spectator.lines()), PATIENCE_S, "somebody who looks on at host B"))
+        yield Both(plant, spectator)
+
+
+@dataclass
+class Outcome:
+    """What a fault did."""
+
+    noticed_s: float | None
+    by: str
+    recovered_s: float
+    during_s: list[float]
+    """Ages of anna's cursors."""
+    memory_mb: float
+    events: int
+    events_s: float
+    """From the fault's end until all of them were known at host B."""
+
+    def row(self, name: str, lost: str = "") -> Fault:
+        latency = f"{self.events} events, none lost, all known after {self.events_s:.1f} s"
+        if self.during_s:
+            p50, p99 = (quantile_s(self.during_s, share) * 1e3 for share in (0.5, 0.99))
+            latency += f"; wrist to cursor p50 {p50:.0f} ms, p99 {p99:.0f} ms"
+        return Fault(
+            name=name,
+            noticed_s=self.noticed_s,
+            by=self.by,
+            recovered_s=self.recovered_s,
+            lost="; ".join(each for each in (lost, latency) if each),
+            memory_mb=self.memory_mb,
+        )
+
+
+class Trial:
+    """One fault of B's link, from calm to calm."""
+
+    def __init__(self, both: Both, view: View) -> None:
+        self.both = both
+        self.plant = both.plant
+        self.view = view
+        self.wire = both.plant.network
+        self.b = both.plant.b
+
+    async def suffer(
+        self, begin: Callable[[], None], lasts_s: float, codes: Collection[str], named: Collection[str] = ()
+    ) -> Outcome:
+        """Begin the fault, end it after `lasts_s` and when doctor has found `named`; check what must hold.
+
+        Of what doctor finds only `codes` count.
+        """
+        view, plant = self.view, self.plant
+        await view.flows(HERE, THERE)
+        await view.calm()
+        await self._events_arrive()
+        memory = plant.memory_mb()
+        began_s = time.monotonic()
+        found: dict[str, float] = {}
+        try:
+            begin()
+            while time.monotonic() - began_s < lasts_s or not found.keys() >= set(named):
+                for finding in view.findings():
+                    if finding.code in codes:
+                        found.setdefault(finding.code, time.monotonic() - began_s)
+                waited_s = time.monotonic() - began_s
+                assert waited_s < lasts_s + GONE_S, f"found after {waited_s:.0f} s: {found}"
+                view.tell()
+                await asyncio.sleep(LOOK_S)
+        finally:
+            self.wire.clear()
+        ended_s = time.monotonic()
+        await view.flows(THERE)
+        recovered_s = time.monotonic() - ended_s
+        await self._events_arrive()
+        events_s = time.monotonic() - ended_s
+        await asyncio.sleep(AFTER_S)
+        await view.calm()
+        assert len(view.events) >= lasts_s
+        assert view.gap_s(HERE, began_s) < GAP_S, "ben was disturbed"
+        assert statistics.median(view.ages_s(HERE, began_s)) < FRESH_S
+        assert plant.ended() == []
+        assert recovered_s < RECOVERED_S
+        late_s = max(view.ages_s(HERE, began_s))  # on a machine that has much else to do
+        assert max(view.ages_s(THERE, began_s)) < late_s + FRESH_S, "what was held up is shown"
+        grown = max(now_mb - memory[name] for name, now_mb in plant.memory_mb().items())
+        assert grown < MEMORY_MB
+        codes = sorted(found, key=lambda code: found[code])
+        return Outcome(
+            noticed_s=min(found.values(), default=None),
+            by=f"doctor: {', then '.join(codes)}" if codes else "",
+            recovered_s=recovered_s,
+            during_s=view.ages_s(THERE, began_s, ended_s),
+            memory_mb=grown,
+            events=len(view.events),
+            events_s=events_s,
+        )
+
+    async def _events_arrive(self) -> None:
+        """Wait until everything that was selected and let go so far is known at host B."""
+        self.view.tell()
+        there = self.both.spectator
+        await until(lambda: set(self.view.events) <= set(there.events()), PATIENCE_S, "all events at host B")
+
+
+@pytest.mark.slow
+async def test_a_cut_link(both: Both, account: Account) -> None:
+    async with both.plant.view() as view:
+        trial = Trial(both, view)
+        outcome = await trial.suffer(lambda: trial.wire.cut(trial.b), 5.0, GONE, named=["silent"])
+    assert outcome.noticed_s is not None
+    assert outcome.noticed_s < NOTICED_S
+    outcome.during_s.clear()
+    account.add(outcome.row("link of a host cut for 5 s", "the host's cursors meanwhile"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "ways"),
+    [
+        ("black hole, both ways", {}),
+        pytest.param("half open: nothing comes from the host", {"down": False}, marks=pytest.mark.long),
+        pytest.param("half open: nothing gets to the host", {"up": False}, marks=pytest.mark.long),
+    ],
+)
+async def test_a_link_that_swallows_everything(
+    both: Both, account: Account, name: str, ways: dict[str, bool]
+) -> None:
+    """Who cannot be reached is not present, however full the buffers of the dead connections are."""
+    async with both.plant.view() as view:
+        trial = Trial(both, view)
+        outcome = await trial.suffer(
+            lambda: trial.wire.lose(trial.b, ALL, **ways), 8.0, GONE, named=["absent"]
+        )
+    assert outcome.noticed_s is not None
+    assert outcome.noticed_s < NOTICED_S
+    assert any("router at" in line and "is back" in line for line in both.plant.there.logged())
+    outcome.during_s.clear()
+    account.add(outcome.row(name, "the host's cursors meanwhile"))
+
+
+@pytest.mark.slow
+async def test_a_link_that_loses_much(both: Both, account: Account) -> None:
+    async with both.plant.view() as view:
+        trial = Trial(both, view)
+        outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 20), 12.0, BAD)
+    assert outcome.noticed_s is not None
+    account.add(outcome.row("20 % of packets lost, both ways", f"{_missing(outcome, 12.0)} of cursors"))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+async def test_a_link_that_loses_little(both: Both, account: Account) -> None:
+    async with both.plant.view() as view:
+        trial = Trial(both, view)
+        outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 1), 15.0, BAD)
+    assert quantile_s(outcome.during_s, 0.5) < FRESH_S
+    account.add(outcome.row("1 % of packets lost, both ways", f"{_missing(outcome, 15.0)} of cursors"))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+async def test_a_link_that_delays(both: Both, account: Account) -> None:
+    async with both.plant.view() as view:
+        trial = Trial(both, view)
+        outcome = await trial.suffer(lambda: trial.wire.delay(trial.b, 0.0, 0.1), 15.0, BAD)
+    assert quantile_s(outcome.during_s, 0.5) < FRESH_S
+    account.add(outcome.row("50 ms delay, ±50 ms jitter, both ways", f"{_missing(outcome, 15.0)} of cursors"))
+
+
+def _missing(outcome: Outcome, lasted_s: float) -> str:
+    return f"{max(0.0, 1.0 - len(outcome.during_s) / (50.0 * lasted_s)):.0%}"

@@ -1,0 +1,110 @@
+"""Every process of a loaded, secured site is killed (SIGKILL) and started again, one after the other."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tests.faults.account import Account, Fault
+from tests.faults.memory import Memory
+from tests.faults.site import NOTICED_S, SHARED, Site
+from tests.faults.witness import witness
+from tests.support.bench import until
+
+BACK_S = 30.0
+"""A process starts in a second or two on a quiet machine."""
+GROWTH_MB = 30.0
+VICTIMS = (*SHARED, "pointing.user1", "localizer.user1", "supervisor.user1", "user-sim.user1")
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+
+@pytest.mark.parametrize("instance", VICTIMS)
+async def test_a_killed_service_is_noticed_and_starts_again(
+    site: Site, account: Account, instance: str
+) -> None:
+    async with witness(site) as seen:
+        await seen.begins(site)
+        await seen.sees_selected(1)
+        before, selected = seen.processes(), set(seen.selected)
+        memory = Memory.now(pid for other, (pid, _) in before.items() if other != instance)
+        killed_ns, killed_s = time.time_ns(), time.monotonic()
+        os.kill(before[instance][0], signal.SIGKILL)
+        finding = await seen.finds(instance, "absent")
+        noticed_s = time.monotonic() - killed_s
+        assert site.run is not None
+        await site.run.says(f"{instance} was ended by SIGKILL")
+        assert finding.remedy == f"start it again: {site.command(instance)}"
+        del seen.health[instance]
+        began_s = time.monotonic()
+        again = site.restart(instance)
+        await seen.hears(instance)
+        await seen.flows()
+        recovered_s = time.monotonic() - began_s
+        assert recovered_s < BACK_S
+        assert seen.health[instance].pid == again.process.pid
+        seen.is_undisturbed(before, instance)
+        seen.keeps(selected)
+        await seen.agrees(site)
+        growth_mb = Memory.now(memory.of).growth_mb(memory)
+        assert growth_mb < GROWTH_MB
+        account.add(
+            Fault(
+                name=f"kill -9 {instance}",
+                noticed_s=noticed_s,
+                by="doctor: absent; the run's log",
+                recovered_s=recovered_s,
+                lost=seen.lost_in_words(killed_ns),
+                memory_mb=growth_mb,
+            )
+        )
+
+
+async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Account) -> None:
+    async with witness(site) as seen:
+        await seen.begins(site)
+        await seen.sees_selected(1)
+        before, selected = seen.processes(), set(seen.selected)
+        memory = Memory.now(pid for pid, _ in before.values())
+        lost = site.says_lost()
+        killed_ns, killed_s = time.time_ns(), time.monotonic()
+        site.router.process.kill()
+        await until(lambda: site.says_lost() > lost, NOTICED_S, "the run to say so")
+        noticed_s = time.monotonic() - killed_s
+        report = await site.doctor()
+        assert [item["code"] for item in report["findings"]] == ["unreachable"]
+        began_s = time.monotonic()
+        await site.route().says("router listens")
+        await until(lambda: set(before) <= seen.present, BACK_S, "all to be present again")
+        await seen.flows()
+        recovered_s = time.monotonic() - began_s
+        assert recovered_s < BACK_S
+        seen.is_undisturbed(before)
+        seen.keeps(selected)
+        await seen.agrees(site)
+        growth_mb = Memory.now(memory.of).growth_mb(memory)
+        assert growth_mb < GROWTH_MB
+        account.add(
+            Fault(
+                name="kill -9 router",
+                noticed_s=noticed_s,
+                by="log of each; doctor: unreachable",
+                recovered_s=recovered_s,
+                lost=seen.lost_in_words(killed_ns),
+                memory_mb=growth_mb,
+            )
+        )
+
+
+async def test_after_all_of_it_doctor_is_content(site: Site) -> None:
+    async with witness(site) as seen:
+        await seen.begins(site)
+    await site.content()
+    if "keeper" in site.again:  # an operator's, not the run's
+        ended = await site.again["keeper"].stop(signal.SIGTERM)
+        assert ended.code == 0
+        site.restart("keeper")
+    logs = [path.read_text() for path in site.path.glob("**/pointit-*/*.log")]
+    assert logs
+    assert not any("Traceback" in log for log in (*logs, *(again.err for again in site.again.values())))

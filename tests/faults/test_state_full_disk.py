@@ -1,0 +1,124 @@
+"""The disk of the journal, and of all state, runs full under load, and is emptied again."""
+
+import errno
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.faults.account import Account, Fault
+from tests.faults.memory import Memory
+from tests.faults.site import NOTICED_S, Site
+from tests.faults.witness import Witness, witness
+from tests.support.bench import until
+
+BACK_S = 20.0
+"""A journal tries again every 5 s."""
+MORE = 3
+"""Selections that are told while the disk is full."""
+GROWTH_MB = 30.0
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+
+def fill(path: Path) -> None:
+    """Write to `path` until the disk takes no more."""
+    with path.open("wb", buffering=0) as file:
+        for size in (65536, 4096, 1):
+            try:
+                while True:
+                    file.write(bytes(size))
+            except OSError as error:
+                assert error.errno == errno.ENOSPC  # noqa: PT017 - what is to be seen
+
+
+@pytest.fixture
+def small(site: Site) -> Site:
+    if not site.has_small_disk:
+        pytest.skip("needs a small disk for the site's state: no tmpfs can be mounted here without root")
+    return site
+
+
+def complains(seen: Witness, service: str) -> bool:
+    return any("cannot be written" in warning for warning in seen.health[service].warnings)
+
+
+async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Account) -> None:
+    async with witness(small) as seen:
+        await seen.begins(small)
+        await seen.sees_selected(1)
+        before, selected = seen.processes(), set(seen.selected)
+        memory = Memory.now(pid for pid, _ in before.values())
+        filler = small.state / "filler"
+        full_ns, full_s = time.time_ns(), time.monotonic()
+        try:
+            fill(filler)
+            await until(lambda: complains(seen, "selector"), NOTICED_S, "the selector to say so")
+            noticed_s = time.monotonic() - full_s
+            assert any(finding.service == "selector" for finding in seen.findings())
+            told = len(seen.told())
+            await until(lambda: len(seen.told()) >= told + MORE, 30.0, "selecting to go on")
+            assert len(small.told()) < seen.told()[-1][0], "what is told is in memory only"
+            await seen.flows()
+        finally:
+            filler.unlink()
+        room_s = time.monotonic()
+        await until(lambda: not complains(seen, "selector"), BACK_S, "the selector to be content")
+        recovered_s = time.monotonic() - room_s
+        await seen.agrees(small)
+        seen.is_undisturbed(before)
+        seen.keeps(selected)
+        growth_mb = Memory.now(memory.of).growth_mb(memory)
+        assert growth_mb < GROWTH_MB
+        account.add(
+            Fault(
+                name="disk full",
+                noticed_s=noticed_s,
+                by="health of selector, conveyor, keeper",
+                recovered_s=recovered_s,
+                lost=seen.lost_in_words(full_ns),
+                memory_mb=growth_mb,
+            )
+        )
+        await until(
+            lambda: not any(complains(seen, name) for name in seen.health), BACK_S, "all to be content"
+        )
+
+
+@pytest.mark.long
+async def test_a_selector_that_begins_on_a_full_disk_says_so(small: Site, account: Account) -> None:
+    async with witness(small) as seen:
+        await seen.begins(small)
+        await seen.sees_selected(1)
+        selected = set(seen.selected)
+        filler = small.state / "filler"
+        try:
+            fill(filler)
+            await until(lambda: complains(seen, "selector"), NOTICED_S, "the selector to say so")
+            os.kill(seen.health["selector"].pid, signal.SIGKILL)
+            await seen.finds("selector", "absent")
+            del seen.health["selector"]
+            untold = len(set(seen.told()) - set(small.told()))
+            began_s = time.monotonic()
+            small.restart("selector")
+            await seen.hears("selector")
+            told = len(seen.events)
+            await until(lambda: len(seen.events) > told, 30.0, "selecting to go on")
+            seen.keeps(selected)
+            await until(lambda: complains(seen, "selector"), NOTICED_S, "the new selector to say so")
+            noticed_s = time.monotonic() - began_s
+        finally:
+            filler.unlink()
+        room_s = time.monotonic()
+        await until(lambda: not complains(seen, "selector"), BACK_S, "the selector to be content")
+        account.add(
+            Fault(
+                name="selector killed while the disk is full",
+                noticed_s=noticed_s,
+                by="its health, before and after",
+                recovered_s=time.monotonic() - room_s,
+                lost=f"{untold} events of the audit, in memory only as health had said",
+            )
+        )

@@ -1,0 +1,220 @@
+"""Who sees everything of a secured site, and counts what it loses."""
+
+import asyncio
+import contextlib
+import itertools
+import socket
+import time
+from collections import defaultdict
+from collections.abc import AsyncGenerator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pointit.diagnosis.diagnose import diagnose
+from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.schemas import Cursor, Deployment, Health, ImuSample, Message, Selection, SelectionEvent
+from pointit.schemas.topics import (
+    CURSOR,
+    DEPLOYMENT,
+    HEALTH,
+    IMU,
+    SELECTION,
+    SELECTION_EVENTS,
+    SERVICE_ALIVE,
+)
+from tests.faults.site import FLOWS_S, INSTANCES, NOTICED_S, PEOPLE, START_S, Site
+from tests.integration.access.secured import link_of
+from tests.support.bench import until
+from tests.support.commands import Onlooker
+
+SELECTORS = ("selected", "deselected", "refused")
+"""Events that the selector tells; the conveyor tells the others, and refuses what has passed its last way."""
+
+
+@dataclass
+class Witness(Onlooker):
+    """Sees everything, with the supervisor's credentials."""
+
+    events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
+    selections: list[Selection] = field(default_factory=list[Selection])
+    samples: dict[str, list[ImuSample]] = field(default_factory=lambda: defaultdict(list))
+    """By user."""
+    arrivals: list[tuple[str, int, int]] = field(default_factory=list[tuple[str, int, int]])
+    """Of cursors: user, stamp, and when it came, both Unix ns."""
+
+    reports: dict[str, list[Report]] = field(default_factory=lambda: defaultdict(list))
+    deployments: dict[str, Deployment] = field(default_factory=dict[str, Deployment])
+    ever: set[str] = field(default_factory=set[str])
+    """Instances that are or were present."""
+    began_s: float = field(default_factory=time.monotonic)
+    _first: int = 1
+    """Number of the selector's first event that counts."""
+
+    def look(self) -> None:
+        super().look()
+        self.bus.subscribe(SELECTION_EVENTS, lambda message, _name: self.events.append(message))
+        self.bus.subscribe(SELECTION, lambda message, _name: self.selections.append(message))
+        self.bus.subscribe(IMU, lambda message, user: self.samples[user].append(message))
+        self.bus.subscribe(CURSOR, self._on_cursor)
+        self.bus.subscribe(HEALTH, self._on_report)
+        self.bus.subscribe(DEPLOYMENT, self._on_deployment)
+        self.bus.watch(SERVICE_ALIVE, lambda instance, _here: self.ever.add(instance))
+
+    def _on_report(self, health: Health, instance: str) -> None:
+        report = Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+        self.reports[instance] = [*self.reports[instance][-1:], report]
+
+    def _on_deployment(self, deployment: Deployment, name: str) -> None:
+        self.deployments[name] = deployment
+
+    def findings(self, instance: str = "") -> list[Finding]:
+        """Return what doctor would find now, who has looked on as long as we: of one service, or anything.
+
+        But for notes of the past, and that this machine is slow.
+        """
+        seen = Observation(
+            began_s=self.began_s,
+            now_s=time.monotonic(),
+            present=frozenset(self.present),
+            left=frozenset(self.ever - self.present),
+            reports=self.reports,
+            deployments=self.deployments,
+            host=socket.gethostname(),
+        )
+        found = [each for each in diagnose(seen) if each.severity != "note" and each.code != "slow"]
+        return [finding for finding in found if not instance or finding.service == instance]
+
+    async def finds(self, instance: str, *codes: str) -> Finding:
+        """Wait until doctor would find one of `codes` of a service."""
+
+        def found() -> list[Finding]:
+            return [finding for finding in self.findings(instance) if finding.code in codes]
+
+        await until(lambda: bool(found()), NOTICED_S, f"{codes} of {instance}; there is {self.findings()}")
+        return found()[0]
+
+    def _on_cursor(self, cursor: Cursor, user: str) -> None:
+        self.arrivals.append((user, cursor.stamp_ns, time.time_ns()))
+
+    @property
+    def selected(self) -> dict[str, str]:
+        """Return what is selected, and by whom."""
+        return {thing.id: thing.user for thing in self.selections[-1].objects} if self.selections else {}
+
+    async def begins(self, site: Site) -> None:
+        """Wait until all is there and flows; events count from now on."""
+        await self.all_report()
+        await self.flows()
+        await until(lambda: not self._journal_fails, FLOWS_S, "the journal to be in order")
+        self._first = max((seq for seq, _, _ in site.told()), default=0) + 1
+
+    @property
+    def _journal_fails(self) -> bool:
+        return any("cannot be written" in warning for warning in self.health["selector"].warnings)
+
+    def told(self) -> list[tuple[int, str, str]]:
+        """Return number, object and event of what the selector has told, each once, in order."""
+        mine = [event for event in self.events if event.event in SELECTORS and not _is_conveyors(event)]
+        return sorted({(e.seq, e.object_id, e.event) for e in mine if e.seq >= self._first})
+
+    def processes(self) -> dict[str, tuple[int, float]]:
+        """Return the process of each service, and for how long it has run, s."""
+        return {instance: (health.pid, health.uptime_s) for instance, health in self.health.items()}
+
+    def is_undisturbed(self, before: Mapping[str, tuple[int, float]], but: str = "") -> None:
+        """Fail unless all `but` one are the `processes` that they were, and have not begun anew."""
+        for instance, (pid, uptime_s) in before.items():
+            if instance != but:
+                assert self.health[instance].pid == pid, instance
+                assert self.health[instance].uptime_s >= uptime_s, instance
+
+    def keeps(self, selected: Iterable[str]) -> None:
+        """Fail unless what was `selected` still is, but for what is not there any more or was deselected."""
+        there = {thing.id for thing in self.objects[-1].objects}
+        gone = {
+            event.object_id for event in self.events if event.event in ("left", "dispatched", "deselected")
+        }
+        lost = (set(selected) & there) - gone - set(self.selected)
+        assert not lost, f"selections did not survive: {lost}"
+
+    async def agrees(self, site: Site) -> None:
+        """Wait until what was seen told since the beginning is what the selector's journal says was told."""
+        kept = [record for record in site.told() if record[0] >= self._first]
+        assert [seq for seq, _, _ in kept] == list(range(self._first, self._first + len(kept))), kept
+        await until(
+            lambda: self.told()[: len(kept)] == kept, FLOWS_S, f"{kept} to be told, not only {self.told()}"
+        )
+        dispatches = sorted({event.seq for event in self.events if _is_conveyors(event)})
+        missing = set(range(dispatches[0], dispatches[-1])) - set(dispatches) if dispatches else ()
+        assert not missing, f"the conveyor's events {missing} were lost"
+
+    async def all_report(self, instances: Sequence[str] = INSTANCES) -> None:
+        await until(
+            lambda: set(instances) <= set(self.health), START_S, f"health of all, not only {set(self.health)}"
+        )
+
+    async def flows(self, *users: str) -> None:
+        """Wait for a frame, objects and cursors of `users`, or everybody, that were captured from now on."""
+        now_ns = time.time_ns()
+
+        def all_came() -> bool:
+            newest: list[Sequence[Message]] = [self.frames, self.objects]
+            newest += [self.cursors[user] for user in users or PEOPLE]
+            return all(messages and messages[-1].stamp_ns >= now_ns for messages in newest)
+
+        await until(all_came, FLOWS_S, f"frames, objects and cursors of {list(users or PEOPLE)}")
+
+    async def sees_more_selected(self, patience_s: float = 60.0) -> None:
+        """Wait until something is selected that is not now; what was selected leaves meanwhile."""
+        now = set(self.selected)
+        await until(lambda: bool(set(self.selected) - now), patience_s, f"more than {now} to be selected")
+
+    async def sees_selected(self, count: int, patience_s: float = 60.0) -> None:
+        """Wait until `count` objects are selected."""
+        await until(lambda: len(self.selected) >= count, patience_s, f"{count} to be selected")
+
+    def lost(self, since_ns: int, but: str = "") -> tuple[int, int]:
+        """Return how many samples since then have come to no cursor that got here, and of how many.
+
+        `but` one person's, whose clock is wrong.
+        """
+        count = answered = 0
+        for user, samples in self.samples.items():
+            if user == but:
+                continue
+            newest_ns = max((cursor.stamp_ns for cursor in self.cursors[user]), default=0)
+            window = [sample for sample in samples if since_ns <= sample.stamp_ns <= newest_ns]
+            steps = (after.seq - before.seq for before, after in itertools.pairwise(window))
+            count += sum(step if step > 0 else 1 for step in steps)  # else whoever sends was restarted
+            count += bool(window)
+            answered += len({c.stamp_ns for c in self.cursors[user] if since_ns <= c.stamp_ns <= newest_ns})
+        return max(0, count - answered), count
+
+    def lost_in_words(self, since_ns: int, but: str = "") -> str:
+        """Return what the table says of it; that no event was lost is asserted by `agrees`."""
+        lost, count = self.lost(since_ns, but)
+        events = sum(seq >= self._first for seq, _, _ in self.told())
+        return f"{lost} of {count} cursors; none of {events} selection events"
+
+    def stale(self, since_ns: int, old_s: float = 0.5) -> int:
+        """Return how many cursors came since then that were older than `old_s` when it was."""
+        oldest_ns = since_ns - round(old_s * 1e9)
+        return sum(stamp_ns < oldest_ns for _, stamp_ns, came_ns in self.arrivals if came_ns >= since_ns)
+
+
+def _is_conveyors(event: SelectionEvent) -> bool:
+    return event.event in ("left", "dispatched") or "is past its last way" in event.reason
+
+
+@contextlib.asynccontextmanager
+async def witness(site: Site) -> AsyncGenerator[Witness]:
+    """Yield somebody who sees everything of the site, which begins if it has not, from now on."""
+    await site.begin()
+    async with asyncio.timeout(START_S):
+        bus = await ZenohBus.open(link_of(site.folder, "supervisor"), patience_s=START_S)
+    seen = Witness(bus)
+    seen.look()
+    try:
+        yield seen
+    finally:
+        await bus.close()

@@ -1,0 +1,287 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Bytes that no node of ROS sends, from a bare session: dropped, counted, named, and never the end of us."""
+
+import asyncio
+import itertools
+import re
+import struct
+from collections.abc import Callable
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from tests.integration.ros2.nodes import ADD, POSE, RELIABLE, Node, cdr_of, graphs, number_of
+from tests.support.bench import until
+
+GID = b"g" * 16
+
+
+def attachment(sequence: int = 1, length: int = 16, gid: bytes = GID) -> bytes:
+    return struct.pack("<qqB16s", sequence, 0, length, gid)
+
+
+OLD = (
+    b"\x03\x0fsequence_number\x08"
+    + bytes(8)
+    + b"\x10source_timestamp\x08"
+    + bytes(8)
+    + b"\x0asource_gid\x10"
+    + GID
+)
+
+MALFORMED = {
+    "none": (None, "no attachment"),
+    "empty": (b"", "an attachment of 0 bytes"),
+    "short": (attachment()[:-1], "an attachment of 32 bytes"),
+    "long": (attachment() + b"\0", "an attachment of 34 bytes"),
+    "another length": (attachment(length=15), "a gid of 15 bytes"),
+    "of an old rmw_zenoh": (OLD, r"before 0.1.2 \(Humble\) or 0.2.4 \(Jazzy\).*update ros-\*-rmw-zenoh-cpp"),
+}
+
+
+@pytest.mark.parametrize("what", MALFORMED)
+async def test_messages_with_malformed_attachments_are_dropped_counted_and_named(what: str) -> None:
+    data, why = MALFORMED[what]
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        stranger = await at.stranger()
+        seen = a.hears("/x", POSE)
+        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+        for number in range(3):
+            stranger.put(key, cdr_of(number), attachment=data)
+        stranger.put(key, cdr_of(7), attachment=attachment())
+        await until(lambda: seen == [7])
+        said = a.shown.now["attachments of /x"]
+        assert said.startswith("dropped 3 messages on /x: ")
+        assert re.search(why, said), said
+
+
+async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_none() -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router", max_message_bytes=1000)
+        stranger = await at.stranger()
+        seen = a.hears("/x", POSE)
+        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+        stranger.put(key, cdr_of(1, 997), attachment=attachment(1))
+        stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2))
+        stranger.put(key, cdr_of(3), attachment=bytes(5000))
+        stranger.delete(key)
+        stranger.put(key, cdr_of(4, 996), attachment=attachment(3))
+        await until(lambda: seen == [4])
+        assert a.shown.now == {"losses of /x": "dropped messages on /x: 3 were longer than 1000 bytes"}, (
+            "the third by its attachment"
+        )
+
+
+async def test_payloads_are_handed_on_as_they_are_and_a_handler_may_refuse_them() -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        stranger = await at.stranger()
+        seen: list[bytes] = []
+        a.backend.subscribe("/x", POSE, RELIABLE, seen.append)
+        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+        payloads = [b"", b"\0", b"\0\1\0\0", b"garbage", bytes(1000)]
+        for number, payload in enumerate(payloads):
+            stranger.put(key, payload, attachment=attachment(number))
+        await until(lambda: len(seen) == len(payloads))
+        assert seen == payloads
+
+
+TOKENS = [
+    "@ros2_lv/x",
+    "@ros2_lv/7/1/0/0/NN/%/%",
+    "@ros2_lv/seven/1/0/0/NN/%/%/node",
+    "@ros2_lv/7/nobody/0/0/NN/%/%/node",
+    "@ros2_lv/7/1/0/0/NN/%/%/9node",
+    "@ros2_lv/7/1/0/0/XX/%/%/node",
+    "@ros2_lv/7/1/0/1/MP/%/%/node/%x",
+    "@ros2_lv/7/1/0/1/MP/%/%/node/%x/no_type/RIHS01_1/::,10:,:,:,,",
+    "@ros2_lv/7/1/0/1/MP/%/%/node/%x/a::msg::dds_::B_/RIHS01_1/qos",
+    "@ros2_lv/7/1/0/1/MP/%/%/node/x y/a::msg::dds_::B_/RIHS01_1/::,10:,:,:,,",
+    "@ros2_lv/7/1/0/1/MP/%/%/node/" + "x" * 6000,
+    "@ros2_lv/7/" + "/".join("1" * 200),
+]
+
+
+async def test_tokens_that_are_none_are_counted_and_the_rest_is_read() -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        stranger = await at.stranger()
+        tokens = [stranger.liveliness().declare_token(each) for each in TOKENS]
+        good = f"@ros2_lv/7/1/0/2/MP/%/%/node/%x/{POSE.dds_name}/{POSE.hash}/::,10:,:,:,,"
+        tokens += [
+            stranger.liveliness().declare_token(good),
+            stranger.liveliness().declare_token(f"{good}/backends:cpu:1;more/of/it"),
+        ]
+        await until(lambda: any(each.name == "/x" for each in a.graph.endpoints))
+        await until(lambda: a.graph.unreadable == len(TOKENS))
+        for token in tokens:
+            token.undeclare()
+        await until(lambda: not a.graph.unreadable and not a.graph.endpoints)
+        assert not a.shown.now
+
+
+async def ask(stranger: zenoh.Session, payload: bytes, attached: bytes | None) -> str:
+    def get() -> str:
+        replies = stranger.get(
+            f"7/s/{ADD.dds_name}/{ADD.hash}", payload=payload, attachment=attached, timeout=10.0
+        )
+        (reply,) = replies
+        if reply.ok is None:
+            assert reply.err is not None
+            return reply.err.payload.to_string()
+        assert reply.ok.attachment is not None
+        return reply.ok.attachment.to_bytes().hex()
+
+    return await asyncio.to_thread(get)
+
+
+async def test_every_request_is_answered_whatever_it_is() -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router", max_message_bytes=1000)
+        stranger = await at.stranger()
+        asked: list[bytes] = []
+        gate = asyncio.Event()
+
+        async def serve(request: bytes) -> bytes:
+            asked.append(request)
+            if request == cdr_of(1):
+                await gate.wait()
+            return cdr_of(0)
+
+        a.backend.serve("/s", ADD, serve)
+        for what, (data, _) in MALFORMED.items():
+            assert "attachment" in await ask(stranger, cdr_of(0), data), what
+        assert "too long" in await ask(stranger, bytes(1001), attachment())
+        assert "too long" in await ask(stranger, b"", bytes(5000))
+        assert asked == []
+        assert "dropped a request to /s" in a.shown.now["attachments of /s"]
+        first = asyncio.create_task(ask(stranger, cdr_of(1), attachment(5)))
+        await until(lambda: len(asked) == 1)
+        assert await ask(stranger, cdr_of(1), attachment(5)) == "duplicate sequence number"
+        gate.set()
+        answer = bytes.fromhex(await first)
+        sequence, stamp_ns, length, gid = struct.unpack("<qqB16s", answer)
+        assert (sequence, length, gid) == (5, 16, GID)
+        assert stamp_ns > 0
+        assert len(await ask(stranger, cdr_of(2), attachment(5))) == 66, "answered: the number is free again"
+
+
+def garbled(query: zenoh.Query) -> list[tuple[bytes, bytes | None]]:
+    """Return answers to a request, the last one the good one."""
+    assert query.attachment is not None
+    own = query.attachment.to_bytes()
+    return [
+        (cdr_of(1), None),
+        (cdr_of(2), b""),
+        (cdr_of(3), OLD),
+        (cdr_of(4), own[:-1] + bytes([own[-1] ^ 1])),
+        (cdr_of(5), bytes([own[0] + 1]) + own[1:]),
+        (bytes(2_000_000), own),
+        (cdr_of(7), own),
+    ]
+
+
+async def test_answers_that_are_none_are_dropped_and_the_good_one_is_taken() -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        stranger = await at.stranger()
+        key = f"7/s/{ADD.dds_name}/{ADD.hash}"
+        takes = itertools.cycle([slice(None), slice(0, 6), slice(0, 0)])
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                for payload, attached in garbled(query)[next(takes)]:
+                    query.reply(key, payload, attachment=attached)
+
+        queryable = stranger.declare_queryable(key, Callback(answer, indirect=True), complete=True)
+        assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7
+        with pytest.raises(TimeoutError) as caught:
+            await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)
+        for why in ("no attachment", "of 0 bytes", "0.1.2", "another request", "longer than 1000000"):
+            assert why in str(caught.value)
+        assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7, "empty, and again"
+        queryable.undeclare()
+
+
+def claim(node: str, domain: int, kind: str, hash_: str, qos: str = "::,10:,:,:,,") -> str:
+    return f"@ros2_lv/{domain}/abc/0/1/{kind}/%/%/{node}/%x/{POSE.dds_name}/{hash_}/{qos}"
+
+
+CASES: dict[str, tuple[str, str, str]] = {
+    "another definition": (
+        claim("robot", 7, "MP", "RIHS01_" + "9" * 64),
+        "definition of /x",
+        "ROS node /robot uses a different definition of geometry_msgs/msg/PoseStamped: on /x expected ",
+    ),
+    "another domain": (
+        claim("robot", 0, "MP", POSE.hash),
+        "domain",
+        "ROS node /robot is in domain 0, we are in 7: nothing arrives; set domain_id to 0, or start them",
+    ),
+    "Humble": (
+        claim("robot", 7, "MP", "TypeHashNotSupported"),
+        "distro",
+        "ROS node /robot is of Humble, whose messages have no type hash and never reach those of jazzy; set ",
+    ),
+    "QoS": (
+        claim("robot", 7, "MP", POSE.hash, "2::,5:,:,:,,"),
+        "QoS of /x",
+        "QoS of ROS node /robot on /x does not match ours: the subscriber, which is ours, wants it reliable ",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", CASES)
+async def test_what_will_not_work_is_named_within_five_seconds_while_it_lasts(what: str) -> None:
+    token, about, sentence = CASES[what]
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        stranger = await at.stranger()
+        a.hears("/x", POSE)
+        declared = stranger.liveliness().declare_token(token)
+        await until(lambda: about in a.shown.now, 5)
+        assert a.shown.now[about].startswith(sentence)
+        declared.undeclare()
+        await until(lambda: not a.shown.now)
+
+
+STRAYS: dict[str, tuple[str, str]] = {
+    "another domain": (f"0/x/{POSE.dds_name}/{POSE.hash}", "they are in domain 0, we are in 7"),
+    "another type": ("7/x/a::msg::dds_::B_/RIHS01_1", "they are a::msg::dds_::B_, not"),
+    "another hash": (f"7/x/{POSE.dds_name}/RIHS01_999", "has the hash RIHS01_999, ours RIHS01_1111111111111"),
+}
+
+
+@pytest.mark.parametrize("what", STRAYS)
+async def test_messages_without_tokens_that_go_astray_are_named_until_good_ones_come(what: str) -> None:
+    key, why = STRAYS[what]
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        stranger = await at.stranger()
+        seen = a.hears("/x", POSE)
+
+        def said(node: Node, put: Callable[[], None]) -> bool:
+            put()
+            return why in node.shown.now.get("stray /x", "")
+
+        await until(lambda: said(a, lambda: stranger.put(key, b"anything")), 5)
+        assert not seen
+        stranger.put(f"7/x/{POSE.dds_name}/{POSE.hash}", cdr_of(1), attachment=attachment())
+        await until(lambda: seen == [1])
+        assert not a.shown.now
+
+
+async def test_who_is_missing_is_noted_and_is_no_complaint() -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router")
+        a.hears("/x", POSE)
+        a.backend.advertise("/y", POSE, RELIABLE)
+        await until(lambda: "no other ROS node is seen in domain 7" in " ".join(a.backend.notes))
+        b = await at.node("/b")
+        b.hears("/z", POSE)
+        await until(lambda: len(a.backend.notes) == 2)
+        assert a.backend.notes == ("nobody in ROS subscribes to /y", "nobody in ROS publishes /x")
+        assert not a.shown.ever

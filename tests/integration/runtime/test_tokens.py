@@ -1,0 +1,88 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""Who is present on somebody else's network, when more come and go than can wait for the loop."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Mapping
+from typing import Any
+
+import pytest
+import pytest_asyncio
+import zenoh
+
+from pointit.runtime import zenoh_plain_tokens
+from pointit.runtime.zenoh_plain import PlainLink, PlainSession, open_plain
+from tests.support.bench import until
+
+NAMES = {f"@lab/{index}" for index in range(6)}
+
+
+@pytest_asyncio.fixture
+async def pair(endpoint: str) -> AsyncIterator[tuple[PlainSession, zenoh.Session]]:
+    """Yield a session of ours, which routes, and that of a stranger."""
+    ours = await open_plain(PlainLink(endpoint=endpoint, mode="router"))
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    stranger = await asyncio.to_thread(zenoh.open, config)
+    try:
+        yield ours, stranger
+    finally:
+        await asyncio.to_thread(stranger.close)
+        await ours.close()
+
+
+class Crowd:
+    """Who is there, as our reader tells it."""
+
+    def __init__(self, ours: PlainSession) -> None:
+        self.present: set[str] = set()
+        self.reader: Any = ours.tokens("@lab/*", self._take)
+
+    def _take(self, changes: Mapping[str, bool]) -> None:
+        for token, present in changes.items():
+            (self.present.add if present else self.present.discard)(token)
+
+    def hold_up(self, dropped: int) -> None:
+        """Keep the loop until so many changes found no room."""
+        until_s = time.monotonic() + 15.0
+        while self.reader.dropped < dropped and time.monotonic() < until_s:
+            time.sleep(0.01)
+        assert self.reader.dropped >= dropped
+
+
+async def test_who_came_and_went_unseen_is_known_in_the_end(
+    pair: tuple[PlainSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_plain_tokens, "MAX_WAITING_TOKENS", 2)
+    ours, stranger = pair
+    crowd = Crowd(ours)
+    own = ours.token("@lab/own")
+    await until(lambda: crowd.present == {"@lab/own"})
+    tokens = [stranger.liveliness().declare_token(name) for name in sorted(NAMES)]
+    crowd.hold_up(4)
+    await until(lambda: crowd.present == NAMES | {"@lab/own"}, what="those who came to be known")
+    for token in tokens:
+        token.undeclare()
+    crowd.hold_up(8)
+    await until(lambda: crowd.present == {"@lab/own"}, what="those who went to be gone")
+    own.close()
+    await until(lambda: not crowd.present)
+
+
+async def test_what_changes_while_all_are_asked_for_is_newer_than_the_answer(
+    pair: tuple[PlainSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_plain_tokens, "MAX_WAITING_TOKENS", 2)
+    ours, stranger = pair
+    crowd = Crowd(ours)
+    tokens = [stranger.liveliness().declare_token(name) for name in sorted(NAMES)]
+    crowd.hold_up(4)
+    await until(lambda: crowd.present == NAMES)
+    reader = crowd.reader
+    reader._since = {"@lab/0", "@lab/9"}
+    reader._found = NAMES - {"@lab/0", "@lab/1"} | {"@lab/8", "@lab/9"}
+    reader._mark()
+    await until(lambda: crowd.present == NAMES - {"@lab/1"} | {"@lab/8"})
+    assert len(tokens) == len(NAMES)

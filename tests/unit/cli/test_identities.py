@@ -1,0 +1,97 @@
+"""Until when identities last, as commands tell it."""
+
+import datetime as dt
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.cli.identities import ending, rows_of, section, seen_from
+from pointit.runtime import ConfigError
+from pointit.runtime.credentials import read_credentials
+
+NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+LATER = NOW + dt.timedelta(days=345)
+
+
+def made(path: Path, *, password: bool = False) -> SiteFolder:
+    folder = SiteFolder(path)
+    state = SiteState(
+        site="lab",
+        hosts=("127.0.0.1",),
+        port=7447,
+        days=365,
+        password=password,
+        dashboard_rate_hz=0.0,
+        identities={},
+    )
+    folder.found(state, {"anna": "user", "ben": "user", "carla": "user", "operator": "operator"}, NOW)
+    return folder
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> SiteFolder:
+    folder = made(tmp_path / "lab")
+    folder.renew(["ben"], LATER)
+    folder.revoke("anna")
+    folder.remove("carla")
+    return folder
+
+
+def standing(rows: list[dict[str, object]]) -> dict[object, tuple[object, ...]]:
+    return {row["name"]: (row["state"], row["until"], row["own"]) for row in rows}
+
+
+def test_where_the_sites_folder_is_at_hand_everybody_is_told_of(site: SiteFolder) -> None:
+    credentials = read_credentials(site.identity_folder("operator"), NOW)
+    expected = {
+        "anna": ("revoked", "2027-01-01", False),
+        "ben": ("valid", "2027-12-12", False),
+        "operator": ("ends soon", "2027-01-01", True),
+        "router": ("ends soon", "2027-01-01", False),
+    }
+    rows = seen_from(credentials, None, LATER)
+    assert standing(rows) == expected
+    assert ending(rows) == ["operator", "router"]
+    assert standing(seen_from(credentials, site.path, LATER)) == expected
+    assert not any(row["own"] for row in seen_from(None, site.path, LATER))
+
+
+def test_elsewhere_the_own_identity_is_told_of(site: SiteFolder, tmp_path: Path) -> None:
+    carried = tmp_path / "elsewhere" / "operator"
+    shutil.copytree(site.identity_folder("operator"), carried)
+    credentials = read_credentials(carried, NOW)
+    assert standing(seen_from(credentials, None, NOW)) == {"operator": ("valid", "2027-01-01", True)}
+    assert standing(seen_from(credentials, None, LATER)) == {"operator": ("ends soon", "2027-01-01", True)}
+    assert seen_from(None, None, NOW) == []
+
+
+def test_a_folder_around_it_that_is_broken_or_of_another_site_does_no_harm(
+    site: SiteFolder, tmp_path: Path
+) -> None:
+    other = SiteFolder(tmp_path / "hall")
+    other.found(site.state().model_copy(update={"site": "hall"}), {"operator": "operator"}, NOW)
+    credentials = read_credentials(site.identity_folder("operator"), NOW)
+    assert not any(row["own"] for row in seen_from(credentials, other.path, NOW))
+    (site.path / "site.json").write_text("{}")
+    assert list(standing(seen_from(credentials, None, NOW))) == ["operator"]
+    with pytest.raises(ConfigError, match="holds no site"):
+        seen_from(credentials, tmp_path, NOW)
+
+
+def test_passwords_do_not_end(tmp_path: Path) -> None:
+    site = made(tmp_path / "lab", password=True)
+    credentials = read_credentials(site.identity_folder("operator"), NOW)
+    rows = seen_from(credentials, None, LATER)
+    assert standing(rows)["anna"] == ("valid", None, False)
+    assert ending(rows) == ["router"]
+    assert standing(seen_from(credentials, None, LATER))["operator"] == ("valid", None, True)
+    table = {str(row["name"]): row["until"] for row in section(rows).rows}
+    assert table["operator (this one)"] == "by password"
+    assert table["router"] == "2027-01-01"
+
+
+def test_what_has_ended_is_expired(site: SiteFolder) -> None:
+    (row,) = rows_of(site.state(), ["operator"], NOW + dt.timedelta(days=366))
+    assert row["state"] == "expired"

@@ -1,0 +1,41 @@
+"""`pointit run --ros2`: what is said of where it is."""
+
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli import run as run_command
+from pointit.cli.plan import Plan
+
+SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
+
+
+@pytest.mark.parametrize(
+    ("credentials", "arguments", "connect", "is_told"),
+    [
+        (None, [], (), True),
+        (None, ["--connect", "tcp/hall:7450"], ("tcp/hall:7450",), False),
+        (SECURED, [], ("tls/hall:7450",), False),
+    ],
+)
+def test_where_a_run_listens_is_told_if_it_does(
+    credentials: object,
+    arguments: list[str],
+    connect: tuple[str, ...],
+    is_told: bool,  # noqa: FBT001 - a parameter
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plans: list[Plan] = []
+
+    def execute(plan: Plan, _log_level: str) -> int:
+        plans.append(plan)
+        return 0
+
+    monkeypatch.setattr(run_command, "execute", execute)
+    monkeypatch.setattr(run_command, "given_credentials", lambda: credentials)
+    result = CliRunner().invoke(run_command.run, ["--ros2", "--no-web", *arguments])
+    assert result.exception is None, result.output
+    assert plans[0].link.connect == connect
+    assert plans[0].link.listen == (() if connect else (run_command.BESIDE_ROS,))
+    assert any(f"--connect {run_command.BESIDE_ROS}" in note for note in plans[0].notes) == is_told

@@ -1,0 +1,68 @@
+"""Which pieces of a network lie on a ring, beside what SciPy finds."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import BeltLink
+from pointit.services.conveyor_sim.network import Network
+from pointit.services.conveyor_sim.rings import NO_RING, Rings
+from pointit.services.conveyor_sim.zones import Zones
+from tests.unit.conveyor_sim.rooms import RING
+
+BELTS = 6
+LONG_M = 4.0
+
+
+def rings_of(network: Network) -> Rings:
+    return Rings(network, Zones(network, 0.4), 0.4)
+
+
+def network_of(links: list[tuple[int, int, int]]) -> Network:
+    """Return belts side by side, linked from somewhere along one to the start of another."""
+    lines = {
+        str(index): Polyline([(0.0, 10.0 * index, 1.0), (LONG_M, 10.0 * index, 1.0)])
+        for index in range(BELTS)
+    }
+    return Network(
+        lines,
+        [
+            BeltLink(source=str(source), target=str(target), source_position_m=float(at_m))
+            for source, at_m, target in links
+        ],
+    )
+
+
+belts = st.integers(0, BELTS - 1)
+
+
+@given(st.lists(st.tuples(belts, st.integers(1, round(LONG_M)), belts), max_size=10, unique=True))
+def test_rings_are_what_scipy_calls_strongly_connected(links: list[tuple[int, int, int]]) -> None:
+    network = network_of(links)
+    rings = rings_of(network)
+    graph = np.zeros((len(network.pieces), len(network.pieces)))
+    for piece in network.pieces:
+        graph[piece.index, piece.nexts] = 1.0
+    count, labels = connected_components(csr_array(graph), connection="strong")
+    expected: list[tuple[int, ...]] = []
+    for label in range(count):
+        group = [int(index) for index in np.flatnonzero(labels == label)]
+        if len(group) > 1 or graph[group[0], group[0]]:
+            expected.append(tuple(group))
+    assert sorted(rings.pieces) == sorted(expected)
+    for index, ring in enumerate(rings.of):
+        assert (ring == NO_RING) == all(index not in group for group in expected)
+        assert ring == NO_RING or index in rings.pieces[ring]
+
+
+def test_the_way_in_and_the_way_out_are_no_part_of_a_ring() -> None:
+    lines = {belt.id: Polyline(belt.line_m) for belt in RING.belts}
+    network = Network(lines, RING.links)
+    rings = rings_of(network)
+    (ring,) = rings.pieces
+    on_it = {network.pieces[index].belt for index in ring}
+    assert on_it == {"south", "east", "north", "west"}
+    assert rings.most[0] > 0

@@ -1,0 +1,102 @@
+"""What the tests of conversions share: types, a room, the row of a name, values that went through CDR."""
+
+import functools
+import math
+from typing import Any
+
+from pointit.bridges.ros2.routes import Routes, routes
+from pointit.bridges.ros2.rows import Inward, Outward, Served
+from pointit.bridges.ros2.scene import Scene
+from pointit.bridges.ros2.types import Types
+from pointit.schemas import (
+    NS_PER_S,
+    Belt,
+    Cursor,
+    Environment,
+    Lamp,
+    Message,
+    Strip,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+)
+
+NOW_NS = 1_700_000_000 * NS_PER_S + 5
+
+ROOM = Environment(
+    stamp_ns=NOW_NS,
+    name="room",
+    lamps=(Lamp(id="led_0", position_m=(1.0, 2.0, 3.0)),),
+    strips=(Strip(id="0", line_m=((0.0, 0.0, 1.0), (4.0, 0.0, 1.0)), pixels=8),),
+    belts=(
+        Belt(id="part_a", line_m=((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))),
+        Belt(id="part_b", line_m=((0.0, 5.0, 0.0), (3.0, 5.0, 0.0))),
+    ),
+)
+
+CURSOR = Cursor(
+    stamp_ns=NOW_NS,
+    surface="belt",
+    surface_id="part_a",
+    point_m=(0.0, 0.5, 0.0),
+    position_m=0.5,
+    miss_m=0.25,
+    range_m=2.0,
+    origin_m=(0.0, 0.5, 2.0),
+    direction=(0.0, 0.0, -1.0),
+)
+POSE = UserPose(
+    stamp_ns=NOW_NS,
+    position_m=(1.0, 2.0, 0.5),
+    yaw_rad=math.pi / 2.0,
+    covariance=(0.04, 0.0, 0.001, 0.0, 0.01, 0.002, 0.001, 0.002, 0.003),
+    z_sigma_m=0.1,
+)
+
+
+@functools.cache
+def jazzy() -> Types:
+    return Types("jazzy")
+
+
+def furnished() -> Scene:
+    scene = Scene(jazzy())
+    scene.take("", ROOM, NOW_NS)
+    return scene
+
+
+def out(table: Routes, name: str) -> Outward:
+    return next(row for row in table.outward if row.name == name)
+
+
+def into(name: str) -> Inward:
+    return next(row for row in routes().inward if row.name == name)
+
+
+def server(name: str) -> Served:
+    return next(row for row in routes().served if row.name == name)
+
+
+def sent(
+    row: Outward, message: Message, scene: Scene, name: str = "user1", *, again_ns: int | None = None
+) -> list[Any]:
+    """What ROS reads of a message that comes now."""
+    scene.take(name, message, max(scene.now_ns, NOW_NS))
+    values = row.convert(message, name, scene, again_ns=again_ns)
+    return [jazzy().decode(row.type, jazzy().encode(row.type, value)) for value in values]
+
+
+def package(number: int, *, belt: str = "part_a", at_m: float = 1.0, kind: str = "red") -> TrackedObject:
+    return TrackedObject(
+        id=f"19-{number}",
+        kind=kind,
+        position_m=(0.0, at_m, 0.0),
+        length_m=0.3,
+        surface="belt",
+        surface_id=belt,
+        surface_position_m=at_m,
+    )
+
+
+def objects(*items: TrackedObject) -> TrackedObjects:
+    return TrackedObjects(stamp_ns=NOW_NS, objects=items)

@@ -1,0 +1,245 @@
+"""Who is there, from tokens; and what of it will not work, in words."""
+
+import re
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pytest
+
+from pointit.bridges.ros2.backend import LATCHED, SENSOR, Endpoint, EndpointKind, Graph, Qos, RosType
+from pointit.bridges.ros2.findings import COUNTERPART, Finding, findings
+from pointit.bridges.ros2.graph import MAX_TOKENS, Roster, Seen
+
+POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
+OTHER = replace(POSE, hash="RIHS01_" + "b" * 64)
+HUMBLE = replace(POSE, hash="TypeHashNotSupported")
+BOOL = RosType(name="std_msgs/msg/Bool", hash="RIHS01_" + "c" * 64)
+KINDS = tuple(COUNTERPART)
+
+
+def end(
+    kind: EndpointKind = "subscriber", node: str = "/pointit", of: RosType = POSE, **more: object
+) -> Endpoint:
+    values: dict[str, object] = {
+        "kind": kind,
+        "node": node,
+        "name": "/x",
+        "type": of,
+        "qos": Qos(),
+        "domain": 7,
+        "is_ours": node == "/pointit",
+    }
+    return Endpoint(**(values | more))  # type: ignore[arg-type]
+
+
+def found(*endpoints: Endpoint, distro: str = "jazzy", domain: int = 7) -> dict[str, Finding]:
+    graph = Graph(nodes=frozenset(), endpoints=frozenset(endpoints))
+    result = findings(graph, domain=domain, distro=distro, needs="they need this")
+    assert len({each.about for each in result}) == len(result)
+    assert all(len(each.sentence) < 600 for each in result)
+    return {each.about: each for each in result}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_fits_is_nothing_to_speak_of(kind: EndpointKind) -> None:
+    assert found(end(kind), end(COUNTERPART[kind], "/robot")) == {}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_definition_is_named_with_both_hashes_and_the_remedy(kind: EndpointKind) -> None:
+    about, finding = next(iter(found(end(kind), end(COUNTERPART[kind], "/robot", OTHER)).items()))
+    assert about == "definition of /x"
+    assert finding.sentence == (
+        "ROS node /robot uses a different definition of geometry_msgs/msg/PoseStamped: on /x expected "
+        "RIHS01_aaaaaaaaaaaaa…, saw RIHS01_bbbbbbbbbbbbb…, and nothing arrives; rebuild geometry_msgs there "
+        "from PointIt's folder interfaces, or from a distribution whose definition is the same"
+    )
+    assert not finding.is_note
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_who_is_no_counterpart_may_have_what_definition_it_likes(kind: EndpointKind) -> None:
+    assert "definition of /x" not in found(end(kind), end(kind, "/robot", OTHER))
+    assert "definition of /x" not in found(end(kind), end(COUNTERPART[kind], "/robot", OTHER, name="/y"))
+    assert "definition of /x" not in found(end(kind, "/other"), end(COUNTERPART[kind], "/robot", OTHER))
+
+
+def test_another_type_under_the_same_name() -> None:
+    sentence = found(end(), end("publisher", "/robot", BOOL))["type of /x"].sentence
+    assert sentence.startswith(
+        "ROS node /robot uses /x as std_msgs/msg/Bool, we as geometry_msgs/msg/PoseStamped"
+    )
+
+
+def test_an_unknown_hash_fits_every_definition() -> None:
+    assert found(end(), end("publisher", "/robot", replace(POSE, hash=""))) == {}
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "distro", "says"),
+    [
+        (
+            POSE,
+            HUMBLE,
+            "jazzy",
+            "ROS node /robot is of Humble, .*; set distro to humble, or let them run jazzy",
+        ),
+        (HUMBLE, POSE, "humble", r"ROS node /robot is not of Humble, .* set distro to theirs \(jazzy"),
+    ],
+)
+def test_humble_and_the_rest_never_meet(ours: RosType, theirs: RosType, distro: str, says: str) -> None:
+    result = found(end(of=ours), end("publisher", "/robot", theirs), distro=distro)
+    assert set(result) == {"distro", "nobody publishes"}, "said once, not for every topic"
+    assert re.match(says, result["distro"].sentence)
+
+
+def test_humble_among_humble_is_well() -> None:
+    assert found(end(of=HUMBLE), end("publisher", "/robot", HUMBLE), distro="humble") == {}
+
+
+RELIABLE = Qos()
+
+
+@pytest.mark.parametrize(
+    ("writer", "reader", "says"),
+    [
+        (RELIABLE, RELIABLE, ""),
+        (RELIABLE, SENSOR, ""),
+        (LATCHED, RELIABLE, ""),
+        (LATCHED, SENSOR, ""),
+        (SENSOR, RELIABLE, "wants it reliable"),
+        (RELIABLE, LATCHED, "wants what was sent before"),
+        (SENSOR, LATCHED, "wants it reliable"),
+        (None, LATCHED, ""),
+    ],
+)
+def test_what_dds_would_not_match(writer: Qos | None, reader: Qos | None, says: str) -> None:
+    sides: tuple[EndpointKind, ...] = ("publisher", "subscriber")
+    for here in sides:
+        mine, theirs = (writer, reader) if here == "publisher" else (reader, writer)
+        result = found(end(here, qos=mine), end(COUNTERPART[here], "/robot", qos=theirs))
+        assert set(result) == ({"QoS of /x"} if says else set())
+        if says:
+            assert says in result["QoS of /x"].sentence
+            assert ("which is ours" in result["QoS of /x"].sentence) == (here == "subscriber")
+
+
+def test_services_have_no_qos_to_clash() -> None:
+    assert found(end("server", qos=SENSOR), end("client", "/robot", qos=LATCHED)) == {}
+
+
+def test_everybody_is_in_another_domain() -> None:
+    result = found(end(), end("publisher", "/robot", domain=0), end("publisher", "/robot2", BOOL, domain=3))
+    assert result["domain"].sentence == (
+        "ROS nodes /robot, /robot2 are in domain 0, 3, we are in 7: nothing arrives; set domain_id to 0, or "
+        "start them with ROS_DOMAIN_ID=7"
+    )
+
+
+def test_what_we_look_for_is_in_another_domain() -> None:
+    here = end("publisher", "/near", name="/y")
+    assert "domain" in found(end(), here, end("publisher", "/robot", domain=0))
+    assert "domain" not in found(end(), here, end("publisher", "/robot", domain=0, name="/z"))
+    assert "domain" not in found(end(), here, end("publisher", "/robot", domain=0), end("publisher", "/near"))
+
+
+def test_another_pointit_is_named_and_its_domain_never_advised() -> None:
+    bridge = end("publisher", "/other/pointit", is_bridge=True)
+    assert found(end(), bridge)["bridge"].sentence == (
+        "another PointIt bridge is node /other/pointit in this domain (7): we do not listen to it, but ROS "
+        "nodes take the people and objects of both for the same; give one of the two another "
+        "backend.domain_id and backend.node"
+    )
+    assert found(end(), replace(bridge, node="/pointit"))["bridge"], "whatever it is called"
+    assert set(found(end(), replace(bridge, domain=0))) == {"nobody"}
+    robot = end("publisher", "/robot", domain=3)
+    assert "set domain_id to 3" in found(end(), replace(bridge, domain=0), robot)["domain"].sentence
+
+
+def test_who_is_missing_is_a_note() -> None:
+    assert found(end()) == {
+        "nobody": Finding(
+            about="nobody",
+            is_note=True,
+            sentence="no other ROS node is seen in domain 7: they need this",
+        )
+    }
+    many = [end("publisher", name=f"/topic{index}") for index in range(5)]
+    result = found(*many, end("publisher", "/robot", name="/y"))
+    assert {about: each.sentence for about, each in result.items()} == {
+        "nobody subscribes to": "nobody in ROS subscribes to /topic0, /topic1, /topic2 and 2 more"
+    }
+    assert all(each.is_note for each in result.values())
+
+
+def test_long_names_and_many_nodes_are_cut() -> None:
+    crowd = [end("publisher", f"/robot{index:02}" + "x" * 200, OTHER) for index in range(30)]
+    sentence = found(end(), *crowd)["definition of /x"].sentence
+    assert "and 27 more use a different definition" in sentence
+    assert "x" * 100 not in sentence
+
+
+def rostered(tokens: Iterable[str]) -> tuple[Roster, list[int]]:
+    changes: list[int] = []
+
+    def read(token: str) -> Seen:
+        name, _, domain = token.partition("@")
+        return Seen(node=name, domain=int(domain), endpoint=end("publisher", name) if "end" in name else None)
+
+    roster = Roster(read, 7, lambda: changes.append(1))
+    roster.change(dict.fromkeys(tokens, True))
+    return roster, changes
+
+
+def test_a_roster_knows_who_came_and_went() -> None:
+    roster, changes = rostered(["/a@7", "/b@0", "/end@7", "nonsense"])
+    assert roster.graph() == Graph(
+        nodes=frozenset({"/a", "/end"}), endpoints=frozenset({end("publisher", "/end")}), unreadable=1
+    )
+    roster.change({"/a@7": True, "/unknown@7": False})
+    assert len(changes) == 1
+    roster.change({"/a@7": False, "nonsense": False, "/end@7": False})
+    assert len(changes) == 2
+    assert roster.graph() == Graph(nodes=frozenset(), endpoints=frozenset())
+
+
+def test_a_roster_knows_what_messages_of_bridges_carry_while_they_are_there() -> None:
+    seen = {
+        "/a": Seen(node="/a", domain=7, bridge_gid=b"a"),
+        "/b": Seen(node="/b", domain=0, bridge_gid=b"b"),
+    }
+    roster = Roster(seen.__getitem__, 7, lambda: None)
+    roster.change({"/a": True, "/b": True})
+    assert roster.bridged == {b"a", b"b"}
+    roster.change({"/a": False})
+    assert roster.bridged == {b"b"}
+
+
+def test_our_own_tokens_stay_whatever_others_say() -> None:
+    roster, changes = rostered([])
+    roster.announce("/a@7")
+    roster.announce("/a@7")
+    roster.change({"/a@7": True})
+    roster.change({"/a@7": False})
+    roster.retract("/a@7")
+    assert roster.graph().nodes == {"/a"}
+    roster.retract("/a@7")
+    assert roster.graph().nodes == frozenset()
+    assert len(changes) == 2
+
+
+def test_a_roster_has_an_end() -> None:
+    roster, _ = rostered(
+        f"/n{index}@7" if index % 2 else f"nonsense {index}" for index in range(MAX_TOKENS + 9)
+    )
+    graph = roster.graph()
+    assert len(graph.nodes) + graph.unreadable == MAX_TOKENS
+
+
+def test_a_crowd_is_looked_through_once() -> None:
+    ours = [end("publisher", name=f"/user{count}/ray") for count in range(1000)]
+    crowd = [end("publisher", "/robot", name=f"/robot/{count}") for count in range(8000)]
+    began_s = time.thread_time()
+    assert set(found(*ours, *crowd)) == {"nobody subscribes to"}
+    assert time.thread_time() - began_s < 1.5, "for each of ours it takes 4 s"

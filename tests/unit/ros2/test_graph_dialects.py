@@ -1,0 +1,201 @@
+"""How ROS is written on Zenoh: by rmw_zenoh, against what genuine nodes wrote, and by the bridge to DDS."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.bridges.ros2.attachment import Attachment
+from pointit.bridges.ros2.backend import LATCHED, SENSOR, EndpointKind, Qos, RosType
+from pointit.bridges.ros2.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.ros2dds import Ros2Dds
+from pointit.bridges.ros2.token import BRIDGE, gid
+from tests.unit.ros2.facts import golden
+
+POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
+ADD = RosType(name="conveyor_msgs/srv/AddPack", hash="RIHS01_" + "b" * 64)
+SESSION = "fd857cb30ca6267672bad8919c98b29f"
+KINDS: tuple[EndpointKind, ...] = ("publisher", "subscriber", "server", "client")
+
+
+def rmw() -> RmwZenoh:
+    return RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
+
+
+def dds() -> Ros2Dds:
+    return Ros2Dds(session=SESSION, node="/pointit", domain=0)
+
+
+def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
+    """The fixture is one node with 26 endpoints, numbered as it declared them."""
+    genuine = {int(text.split("/")[4]): (text, gid) for text, gid in golden("wire")["tokens"]}
+    ours = rmw()
+    assert ours.node_token() == genuine[0][0]
+    for number in range(1, len(genuine)):
+        text, gid = genuine[number]
+        seen = ours.read(text)
+        assert seen.endpoint is not None
+        endpoint = seen.endpoint
+        assert (endpoint.is_ours, endpoint.domain, endpoint.node) == (True, 7, "/user1/belt")
+        assert endpoint.qos is not None
+        token = ours.endpoint_token(endpoint.kind, endpoint.name, endpoint.type, endpoint.qos)
+        if number == 1:  # /rosout has a lifespan, which we have no use for
+            assert endpoint.name == "/rosout"
+            continue
+        assert token == text
+        assert ours.gid(token).hex() == gid
+
+
+def test_bridges_of_pointit_know_each_other_by_their_enclave_whatever_they_are_called() -> None:
+    ours, other = (
+        RmwZenoh(session=session, node="/pointit", domain=7, enclave=BRIDGE) for session in (SESSION, "ab")
+    )
+    token = other.endpoint_token("publisher", "/x", POSE, SENSOR)
+    seen, own = ours.read(token), other.read(token)
+    assert seen.endpoint is not None
+    assert (seen.endpoint.is_ours, seen.endpoint.is_bridge, seen.bridge_gid) == (False, True, gid(token))
+    assert own.endpoint is not None
+    assert (own.endpoint.is_ours, own.endpoint.is_bridge, own.bridge_gid) == (True, False, None)
+    plain = RmwZenoh(session="cd", node="/pointit", domain=7)
+    stranger = plain.endpoint_token("publisher", "/x", POSE, SENSOR)
+    for reader, text in ((plain, token), (ours, stranger)):
+        endpoint = reader.read(text).endpoint
+        assert endpoint is not None
+        assert not endpoint.is_bridge
+        assert reader.read(text).bridge_gid is None
+
+
+def test_all_tokens_are_under_the_pattern_and_no_two_are_the_same() -> None:
+    ours = rmw()
+    tokens = [ours.node_token()] + [ours.endpoint_token(kind, "/x", POSE, SENSOR) for kind in KINDS * 2]
+    assert len(set(tokens)) == 9
+    assert all(token.startswith(ours.tokens.removesuffix("**")) for token in tokens)
+    assert all(len(token.split("/")) == 13 for token in tokens[1:]), "Lyrical: no buffers, please"
+
+
+def test_strays_are_everything_with_the_name_but_what_is_right() -> None:
+    ours = rmw()
+    key = ours.key("/user1/ray", POSE)
+    assert key == f"7/user1/ray/geometry_msgs::msg::dds_::PoseStamped_/{POSE.hash}"
+    assert ours.strays("/user1/ray") == "*/user1/ray/*/*"
+    assert ours.astray(key, "/user1/ray", POSE) == ""
+    for stray, why in (
+        (key.replace("7/", "0/", 1), "domain 0, we are in 7; set domain_id to theirs"),
+        (key.replace("PoseStamped", "Pose"), "they are geometry_msgs::msg::dds_::Pose_, not"),
+        (key.replace("aaaa", "cccc"), "hash RIHS01_ccccccccccccc, ours RIHS01_aaaaaaaaaaaaa; rebuild"),
+    ):
+        assert why in ours.astray(stray, "/user1/ray", POSE)
+
+
+def _with_length(data: bytes) -> bytes:
+    return data[:16] + b"\x10" + data[16:]
+
+
+@given(st.binary(max_size=80) | st.none() | st.binary(min_size=32, max_size=32).map(_with_length))
+def test_an_attachment_is_one_or_a_sentence(data: bytes | None) -> None:
+    if data is not None and len(data) == 33 and data[16] == 16:
+        origin = rmw().unpack(data)
+        assert origin is not None
+        assert rmw().pack(origin) == data
+    else:
+        with pytest.raises(ValueError, match="attachment"):
+            rmw().unpack(data)
+
+
+def test_attachments_of_old_versions_are_recognized() -> None:
+    for field in (b"source_gid", b"sequence_number"):
+        with pytest.raises(ValueError, match=r"before 0\.1\.2 \(Humble\) or 0\.2\.4 \(Jazzy\)"):
+            rmw().unpack(b"\x03\x0a" + field + bytes(20))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("qos", [SENSOR, LATCHED, Qos(depth=7)])
+def test_what_the_bridge_to_dds_is_told_can_be_read_again(kind: EndpointKind, qos: Qos) -> None:
+    ours, is_topic = dds(), kind in ("publisher", "subscriber")
+    token = ours.endpoint_token(kind, "/user1/ray", POSE if is_topic else ADD, qos)
+    seen = Ros2Dds(session="1", node="/other", domain=3).read(token).endpoint
+    assert seen is not None
+    assert (seen.kind, seen.name, seen.domain, seen.is_ours) == (kind, "/user1/ray", 3, False)
+    assert (seen.qos, seen.type.hash) == ((qos, POSE.hash) if is_topic else (None, ""))
+    assert ours.read(token).endpoint == replace(seen, is_ours=True, domain=0)
+
+
+def test_the_format_of_the_bridge_to_dds() -> None:
+    ours = dds()
+    assert ours.key("/user1/ray", POSE) == "user1/ray"
+    assert ours.endpoint_token("publisher", "/user1/ray", POSE, LATCHED) == (
+        f"@/{SESSION}/@ros2_lv/MP/user1§ray/geometry_msgs§msg§PoseStamped/:1:1:0,1:typehash={POSE.hash};"
+    )
+    assert ours.endpoint_token("server", "/add", ADD, SENSOR) == (
+        f"@/{SESSION}/@ros2_lv/SS/add/conveyor_msgs§srv§AddPack"
+    )
+    origin = Attachment(sequence=1, stamp_ns=2, gid=bytes(16))
+    assert (ours.pack(origin), ours.unpack(b"rqh"), ours.unpack(None)) == (None, None, None)
+    bare = ours.read(f"@/{SESSION}/@ros2_lv/MS/tf/tf2_msgs§msg§TFMessage/K:::,5").endpoint
+    assert bare is not None
+    assert (bare.qos, bare.type.hash) == (Qos(depth=5, reliable=False), "")
+
+
+PIECES = (
+    "@",
+    SESSION,
+    "@ros2_lv",
+    "MP",
+    "SS",
+    "AS",
+    "user1§x",
+    "§",
+    "a§msg§B",
+    ":1:1:0,1",
+    "::x:",
+    "x" * 5000,
+)
+
+
+@given(st.lists(st.sampled_from(PIECES) | st.text(max_size=10), min_size=4, max_size=8))
+def test_any_token_of_a_bridge_to_dds_is_read_or_refused(chunks: list[str]) -> None:
+    try:
+        seen = dds().read("/".join(chunks))
+    except ValueError:
+        return
+    assert seen.endpoint is not None
+    assert seen.endpoint.name.startswith("/")
+
+
+def test_gids_of_the_bridge_to_dds_are_our_own_business() -> None:
+    ours = dds()
+    token = ours.endpoint_token("publisher", "/x", POSE, SENSOR)
+    assert len({ours.gid(token) for _ in range(10)}) == 10
+
+
+NO_NODES = ("pointit", "/", "/a//b", "/9", "/a b", "")
+
+
+@pytest.mark.parametrize("dialect", [RmwZenoh, Ros2Dds])
+@pytest.mark.parametrize("node", NO_NODES)
+def test_a_node_has_a_full_name(dialect: type[RmwZenoh] | type[Ros2Dds], node: str) -> None:
+    with pytest.raises(ValueError, match="is not a full ROS name"):
+        dialect(session=SESSION, node=node, domain=0)
+
+
+@pytest.mark.parametrize(
+    "token",
+    [
+        "@/aa\x1b[2J/@ros2_lv/MP/x/std_msgs§msg§Bool/:1:0:0,5",
+        "@/aa/@ros2_lv/MP/x/std_msgs§msg§Bool\n/:1:0:0,5",
+        "@/aa/@ros2_lv/MP/x/std_msgs§msg§Bool/:1:0:0,5:typehash=RIHS01_\x1b;",
+    ],
+)
+def test_no_token_of_a_bridge_to_dds_writes_to_terminals(token: str) -> None:
+    with pytest.raises(ValueError, match=r"token|neither|hash"):
+        Ros2Dds(session="aa", node="/pointit", domain=0).read(token)
+
+
+@pytest.mark.parametrize("chunks", ["5\x1b[2J/{}/{}", "7/\x1b[2J/{1}", "7/{0}/\n\x1b[2J"])
+def test_no_key_that_goes_astray_writes_to_terminals(chunks: str) -> None:
+    ours = RmwZenoh(session="aa", node="/pointit", domain=7)
+    domain, _, rest = chunks.partition("/")
+    key = f"{domain}/x/{rest.format(POSE.dds_name, POSE.hash)}"
+    assert ours.astray(key, "/x", POSE)
+    assert ours.astray(key, "/x", POSE).isprintable()

@@ -1,0 +1,267 @@
+"""What comes from ROS, by a table like the real one."""
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from pointit.bridges.ros2.inbox import MOST_ASKED
+from pointit.runtime import RefusedError
+from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetSpeed
+from pointit.schemas.environment import Belt
+from pointit.schemas.topics import ADD_PACKAGE, BUTTON, SET_SPEED, WRIST
+from tests.support.bench import START_NS, until
+from tests.unit.ros2.graph_of_one import Bench, bench
+from tests.unit.ros2.scenes import jazzy
+
+ROTATION = "/anna/metawear_ros/rotation"
+QUATERNION = "geometry_msgs/msg/QuaternionStamped"
+ADD_PACK = "conveyor_msgs/srv/AddPack"
+ROOM = Environment(
+    stamp_ns=START_NS, seq=1, name="room", belts=(Belt(id="a", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))),)
+)
+
+
+def turned(bridge: Bench, w: float = 1.0) -> dict[str, Any]:
+    return {"quaternion": bridge.types.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=w)}
+
+
+async def ask(bridge: Bench, service: str, kind: str, /, **fields: Any) -> Any:
+    request = bridge.types.request_of(kind)
+    cdr = await bridge.backend.servers[service](
+        bridge.types.encode(request, bridge.types.make(request, **fields))
+    )
+    return bridge.types.decode(bridge.types.response_of(kind), cdr)
+
+
+async def test_a_rotation_moves_the_wrist_of_who_is_there() -> None:
+    async with bench(jazzy()) as bridge:
+        assert ROTATION not in bridge.backend.readers
+        seen: list[Any] = []
+        bridge.other.subscribe(WRIST, lambda message, name: seen.append((name, message)))
+        bridge.inbox.join("anna")
+        bridge.say(ROTATION, QUATERNION, **turned(bridge))
+        await until(lambda: bool(seen))
+        assert seen[0][0] == "anna"
+        assert seen[0][1].orientation_xyzw == (0.0, 0.0, 0.0, 1.0)
+        bridge.inbox.leave("anna")
+        assert ROTATION not in bridge.backend.readers
+
+
+async def test_bad_values_are_dropped_and_told_until_good_ones_come() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.inbox.join("anna")
+        bridge.backend.readers[ROTATION](b"\x00\x01\x00\x00short")
+        assert any(ROTATION in warning for warning in bridge.warnings())
+        bridge.clock.advance(1.0)
+        await until(lambda: bridge_takes(bridge, 0.0) and any("norm" in each for each in bridge.warnings()))
+        await until(lambda: bridge_takes(bridge, 1.0) and not bridge.warnings())
+
+
+def bridge_takes(bridge: Bench, w: float) -> bool:
+    bridge.say(ROTATION, QUATERNION, **turned(bridge, w))
+    return True
+
+
+@pytest.mark.parametrize(
+    ("ros", "most"), [("/tf", 64 * 1024), ("/tf_static", 64 * 1024), (ROTATION, 16 * 1024)]
+)
+async def test_what_is_too_long_to_be_read_in_the_loop_is_dropped_and_told(ros: str, most: int) -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.inbox.join("anna")
+        kind = QUATERNION if ros == ROTATION else "tf2_msgs/msg/TFMessage"
+        fields = turned(bridge) if ros == ROTATION else {}
+        cdr = bridge.types.encode(kind, bridge.types.make(kind, **fields))  # what follows it is padding
+        bridge.backend.readers[ros](cdr.ljust(most, b"\0"))
+        assert not bridge.warnings()
+
+        def longer() -> bool:
+            bridge.backend.readers[ros](cdr.ljust(most + 1, b"\0"))
+            return bool(bridge.warnings())
+
+        await until(longer)
+        [warning] = bridge.warnings()
+        assert f"{most + 1} bytes, at most {most} are read" in warning
+
+
+async def test_a_request_that_is_too_long_is_answered_unread() -> None:
+    async with bench(jazzy()) as bridge:
+        name = bridge.types.request_of(ADD_PACK)
+        cdr = bridge.types.encode(name, bridge.types.make(name))
+        await bridge.backend.servers["/add_pack"](cdr.ljust(16 * 1024 + 1, b"\0"))
+        assert any("at most 16384 are read" in each for each in bridge.warnings())
+
+
+async def test_a_command_asks_our_conveyor_and_a_refusal_is_told() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.scene.take("", ROOM, bridge.clock.now_ns())
+        asked: list[SetSpeed] = []
+
+        async def serve(query: SetSpeed, _name: str) -> Done:
+            asked.append(query)
+            if query.speed_mps > 0.4:
+                raise RefusedError("too fast for this belt")
+            return Done()
+
+        bridge.other.serve(SET_SPEED, serve)
+        bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["*"], velocity=[0.5])
+        await until(lambda: any("too fast for this belt" in each for each in bridge.warnings()))
+        bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["a"], velocity=[0.25])
+        await until(lambda: len(asked) == 2 and not bridge.warnings())
+        assert asked[1].belts == ("a",)
+
+
+BELT_COMMAND = "conveyor_msgs/msg/BeltCommand"
+
+
+async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_asked() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.scene.take("", ROOM, bridge.clock.now_ns())
+        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+        await until(lambda: bool(bridge.warnings()), what="to be told that nobody serves it")
+        for _ in range(5):
+            bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+            assert bridge.warnings(), "it is not answered yet"
+            await asyncio.sleep(0)
+        asked, go_on = asyncio.Event(), asyncio.Event()
+
+        async def serve(_query: SetSpeed, _name: str) -> Done:
+            asked.set()
+            await go_on.wait()
+            return Done()
+
+        bridge.other.serve(SET_SPEED, serve)
+        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+        await asked.wait()
+        assert bridge.warnings()
+        go_on.set()
+        await until(lambda: not bridge.warnings())
+
+
+@pytest.mark.parametrize("bad", ["b", "none"])
+async def test_what_one_belt_does_takes_no_refusal_of_another_back(bad: str) -> None:
+    """In one command: belt b refuses, or there is no such belt, and belt a does it later."""
+    belts = tuple(Belt(id=each, line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))) for each in ("a", "b"))
+    room = Environment(stamp_ns=START_NS, seq=1, name="room", belts=belts)
+    async with bench(jazzy()) as bridge:
+        bridge.scene.take("", room, bridge.clock.now_ns())
+        go_on, answered = asyncio.Event(), asyncio.Event()
+
+        async def serve(query: SetSpeed, _name: str) -> Done:
+            if query.belts == ("b",):
+                raise RefusedError("it is locked")
+            await go_on.wait()
+            answered.set()
+            return Done()
+
+        bridge.other.serve(SET_SPEED, serve)
+        bridge.say("/belt_cmd", BELT_COMMAND, name=["a", bad], velocity=[0.25, 0.5])
+        await until(lambda: bool(bridge.warnings()))
+        go_on.set()
+        await answered.wait()
+        await until(lambda: not bridge.inbox._asked)
+        assert bridge.warnings()
+
+
+async def test_wishes_that_are_too_many_are_dropped_and_told() -> None:
+    belts = tuple(Belt(id=f"b{n}", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))) for n in range(MOST_ASKED + 6))
+    room = Environment(stamp_ns=START_NS, seq=1, name="room", belts=belts)
+    async with bench(jazzy()) as bridge:
+        bridge.scene.take("", room, bridge.clock.now_ns())
+        asked: list[SetSpeed] = []
+        go_on = asyncio.Event()
+
+        async def serve(query: SetSpeed, _name: str) -> Done:
+            asked.append(query)
+            await go_on.wait()
+            return Done()
+
+        bridge.other.serve(SET_SPEED, serve)
+        speeds = [0.01 * (n + 1) for n in range(len(belts))]
+        bridge.say("/belt_cmd", BELT_COMMAND, name=[belt.id for belt in belts], velocity=speeds)
+        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+        await until(lambda: len(asked) == MOST_ASKED)
+        go_on.set()
+        await until(lambda: not bridge.inbox._asked)
+        assert len(asked) == MOST_ASKED
+        assert any(f"{MOST_ASKED} wishes are open already" in each for each in bridge.warnings())
+        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+        await until(lambda: not bridge.warnings(), what="there to be room again")
+
+
+async def test_a_service_is_answered_by_ours() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.scene.take("", ROOM, bridge.clock.now_ns())
+
+        async def serve(query: AddPackage, _name: str) -> AddPackageReply:
+            assert query.lane == "a"
+            return AddPackageReply(object_id="package9")
+
+        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "nobody serves it"
+        served = bridge.other.serve(ADD_PACKAGE, serve)
+        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is True
+        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
+        assert any("there is no belt 3" in each for each in bridge.warnings())
+        served.close()
+
+
+async def test_a_request_that_is_none_is_answered_too() -> None:
+    async with bench(jazzy()) as bridge:
+        cdr = await bridge.backend.servers["/add_pack"](b"\x00\x01\x00\x00")
+        response = bridge.types.decode(bridge.types.response_of(ADD_PACK), cdr)
+        assert response.result is False
+        assert any("/add_pack" in each for each in bridge.warnings())
+
+
+async def test_services_of_others_are_left_to_them() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.look(("server", "/add_pack"))
+        assert "/add_pack" not in bridge.backend.servers
+        assert "/set_belt_speed" in bridge.backend.servers
+        bridge.look()
+        assert "/add_pack" not in bridge.backend.servers, "they may be back at once"
+        bridge.look(("server", "/add_pack"))
+        bridge.look()
+        await until(lambda: "/add_pack" in bridge.backend.servers)
+
+
+async def test_a_request_that_is_dropped_holds_no_number() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.scene.take("", ROOM, bridge.clock.now_ns())
+        asked = asyncio.Event()
+
+        async def serve(_query: AddPackage, _name: str) -> AddPackageReply:
+            asked.set()
+            await asyncio.Event().wait()
+            raise AssertionError
+
+        bridge.other.serve(ADD_PACKAGE, serve)
+        asking = asyncio.create_task(ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1))
+        await asked.wait()
+        assert not bridge.scene.uids.is_settled("package1"), "it may be the one that was asked for"
+        asking.cancel()
+        await asyncio.wait([asking])
+        assert bridge.scene.uids.is_settled("package1")
+
+
+async def test_who_leaves_takes_what_was_wrong_along() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.inbox.join("anna")
+        bridge.backend.readers[ROTATION](b"\x00\x01\x00\x00short")
+        assert bridge.warnings()
+        bridge.inbox.leave("anna")
+        assert not bridge.warnings()
+
+
+async def test_who_left_with_the_button_down_presses_when_they_are_back() -> None:
+    button, down = "/anna/metawear_ros/button", "std_msgs/msg/Bool"
+    async with bench(jazzy()) as bridge:
+        seen: list[int] = []
+        bridge.other.subscribe(BUTTON, lambda message, _name: seen.append(message.seq))
+        for presses in (1, 2):
+            bridge.inbox.join("anna")
+            bridge.say(button, down, data=True)
+            bridge.say(button, down, data=True)
+            await until(lambda count=presses: len(seen) == count)  # type: ignore[misc]  # bound in this round
+            bridge.inbox.leave("anna")
+        assert seen == [1, 2]

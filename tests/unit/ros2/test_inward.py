@@ -1,0 +1,356 @@
+"""What ROS sends, as our messages and queries; and what is refused, each with one sentence."""
+
+import math
+from typing import Any
+
+import pytest
+
+from pointit.bridges.ros2.inward.checks import AHEAD_NS, LATE_NS
+from pointit.bridges.ros2.inward.person import HEARD_NS, MOST_TRANSFORMS, SOONEST_NS
+from pointit.bridges.ros2.rows import About, Inward, Said, Warned
+from pointit.bridges.ros2.scene import Scene
+from pointit.geometry import rotation
+from pointit.schemas import (
+    NS_PER_S,
+    AddPackage,
+    ButtonEvent,
+    ClockTick,
+    SetPose,
+    SetSpeed,
+    UserPose,
+    WristSample,
+)
+from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, POSE, SET_POSE, SET_SPEED, WRIST
+from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
+
+make = jazzy().make
+LEVEL = (0.0, 0.0, math.sin(0.5), math.cos(0.5))
+"""Turned by 1 rad about z."""
+
+
+def stamped(stamp_ns: int = NOW_NS, frame: str = "") -> Any:
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    return make(
+        "std_msgs/msg/Header",
+        stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
+        frame_id=frame,
+    )
+
+
+def quaternion(q: tuple[float, float, float, float]) -> Any:
+    return make("geometry_msgs/msg/Quaternion", x=q[0], y=q[1], z=q[2], w=q[3])
+
+
+def arm(q: tuple[float, float, float, float] = LEVEL, stamp_ns: int = NOW_NS) -> Any:
+    name = "geometry_msgs/msg/QuaternionStamped"
+    return make(name, header=stamped(stamp_ns, "metawear_ros"), quaternion=quaternion(q))
+
+
+def place(
+    *,
+    q: tuple[float, float, float, float] = LEVEL,
+    at: tuple[float, float, float] = (1.0, 2.0, 0.0),
+    frame: str = "world",
+) -> Any:
+    point = make("geometry_msgs/msg/Point", x=at[0], y=at[1], z=at[2])
+    pose = make("geometry_msgs/msg/Pose", position=point, orientation=quaternion(q))
+    return make("geometry_msgs/msg/PoseStamped", header=stamped(frame=frame), pose=pose)
+
+
+def frame_of(
+    child: str, parent: str = "world", *, q: tuple[float, float, float, float] = LEVEL, x: float = 1.0
+) -> Any:
+    moved = make(
+        "geometry_msgs/msg/Transform",
+        translation=make("geometry_msgs/msg/Vector3", x=x, y=2.0, z=0.0),
+        rotation=quaternion(q),
+    )
+    name = "geometry_msgs/msg/TransformStamped"
+    return make(name, header=stamped(frame=parent), child_frame_id=child, transform=moved)
+
+
+def tf(*frames: Any) -> Any:
+    return make("tf2_msgs/msg/TFMessage", transforms=list(frames))
+
+
+def taken(
+    row: Inward, value: Any, scene: Scene | None = None, *, now_ns: int = NOW_NS, wall_ns: int = NOW_NS
+) -> list[Said | Warned]:
+    """What comes of a value after its way through CDR."""
+    read = jazzy().decode(row.type, jazzy().encode(row.type, value))
+    found = row.convert(read, "user1", scene or furnished(), now_ns=now_ns, wall_ns=wall_ns)
+    for each in found:
+        if isinstance(each, Said):
+            assert each.at in row.into
+    return list(found)
+
+
+def said(found: list[Said | Warned]) -> Any:
+    (one,) = found
+    assert isinstance(one, Said), one
+    return one.what
+
+
+def warned(found: list[Said | Warned]) -> str:
+    (one,) = found
+    assert isinstance(one, Warned), one
+    assert "\n" not in one.sentence
+    return one.sentence
+
+
+def test_a_rotation_is_the_wrist_of_an_arm() -> None:
+    row = into("rotation_in")
+    (one,) = taken(row, arm(stamp_ns=NOW_NS - 40))
+    assert isinstance(one, Said)
+    assert (one.at, one.name) == (WRIST, "user1")
+    assert isinstance(one.what, WristSample)
+    assert one.what.device == "arm"
+    assert one.what.stamp_ns == NOW_NS - 40
+    assert one.what.orientation_xyzw == pytest.approx(LEVEL)
+    assert [said(taken(row, arm())).seq for _ in range(2)] == [2, 3]
+
+
+@pytest.mark.parametrize("factor", [1.0 + 5e-4, 1.0 - 5e-4, -1.0])
+def test_a_rotation_that_is_nearly_one_is_normalized(factor: float) -> None:
+    x, y, z, w = (factor * each for each in LEVEL)
+    found = said(taken(into("rotation_in"), arm((x, y, z, w)))).orientation_xyzw
+    assert math.hypot(*found) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01), (1.0, 1.0, 1.0, 1.0)])
+def test_a_rotation_that_is_none_is_refused(q: tuple[float, float, float, float]) -> None:
+    assert "norm 1" in warned(taken(into("rotation_in"), arm(q)))
+    assert "norm 1" in warned(taken(into("mocap_pose"), place(q=q)))
+
+
+def test_an_imu_without_orientation_is_refused() -> None:
+    row = into("imu_in")
+    assert said(taken(row, make(row.type, header=stamped(), orientation=quaternion(LEVEL)))).seq == 1
+    none = make(row.type, header=stamped(), orientation_covariance=[-1.0, *[0.0] * 8])
+    assert "no orientation" in warned(taken(row, none))
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "is_kept"),
+    [
+        (NOW_NS + AHEAD_NS, True),
+        (NOW_NS + AHEAD_NS + 1, False),
+        (NOW_NS - LATE_NS, True),
+        (NOW_NS - LATE_NS - 1, False),
+        (12 * NS_PER_S, False),
+    ],
+)
+def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, is_kept: bool) -> None:  # noqa: FBT001
+    found = taken(into("rotation_in"), arm(stamp_ns=stamp_ns))
+    assert isinstance(found[0], Said)
+    assert isinstance(found[0].what, WristSample)
+    assert found[0].what.stamp_ns == (stamp_ns if is_kept else NOW_NS)
+    assert len(found) == (1 if is_kept else 2)
+    if not is_kept:
+        assert "synchronize the clocks" in warned(found[1:])
+
+
+def test_no_stamp_is_now() -> None:
+    assert said(taken(into("rotation_in"), arm(stamp_ns=0))).stamp_ns == NOW_NS
+
+
+def test_a_button_is_pressed_when_it_becomes_true() -> None:
+    row, scene = into("button_in"), furnished()
+    states = [False, True, True, False, True]
+    found = [taken(row, make(row.type, data=state), scene) for state in states]
+    assert [len(each) for each in found] == [0, 1, 0, 0, 1]
+    assert said(found[4]) == ButtonEvent(stamp_ns=NOW_NS, seq=2, source="ros2")
+    assert isinstance(found[4][0], Said)
+    assert found[4][0].at is BUTTON
+    other = row.convert(make(row.type, data=True), "user2", scene, now_ns=NOW_NS, wall_ns=NOW_NS)
+    assert len(other) == 1
+
+
+def test_a_pose_of_motion_capture_is_where_the_person_stands() -> None:
+    pose = said(taken(into("mocap_pose"), place(at=(1.0, 2.0, 0.25))))
+    assert isinstance(pose, UserPose)
+    assert (pose.position_m, pose.method) == ((1.0, 2.0, 0.25), "external")
+    assert pose.yaw_rad == pytest.approx(1.0)
+    assert said(taken(into("mocap_pose"), place(frame=""))).method == "external"
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (place(frame="odom"), "in the frame 'odom': send it in 'world'"),
+        (place(frame="x" * 300), "in the frame 'xxx"),
+        (place(at=(2e6, 0.0, 0.0)), "is no place"),
+        (place(q=(0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5))), "no heading: its x axis points 90° up"),
+    ],
+)
+def test_a_pose_that_cannot_be_one_is_refused(value: Any, told: str) -> None:
+    sentence = warned(taken(into("mocap_pose"), value))
+    assert told in sentence
+    assert len(sentence) < 250
+
+
+def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
+    row, scene = into("tf_in"), furnished()
+    scene.person("user1")
+    scene.person("user2")
+    value = tf(
+        frame_of("base_link", "odom"),
+        frame_of("user1/human_footprint"),
+        frame_of("user2/human_footprint", "odom"),
+        frame_of("user3/human_footprint"),
+    )
+    (one,) = taken(row, value, scene)
+    assert isinstance(one, Said)
+    assert (one.at, one.name) == (POSE, "user1")
+    assert scene.person("user1").tf_until_ns == NOW_NS + HEARD_NS
+    assert scene.person("user2").tf_until_ns == 0
+
+
+def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
+    row, scene = into("tf_in"), furnished()
+    scene.person("user1")
+    times = [0, 1, SOONEST_NS - 1, SOONEST_NS, SOONEST_NS + 5, -NS_PER_S]  # at last the clock is set back
+    value = tf(frame_of("user1/human_footprint"))
+    assert [len(taken(row, value, scene, now_ns=NOW_NS + each)) for each in times] == [1, 0, 0, 1, 0, 1]
+
+
+def test_a_static_frame_tells_the_pose_once() -> None:
+    row, scene = into("tf_static_in"), furnished()
+    scene.person("user1")
+    (one,) = taken(row, tf(frame_of("user1/human_footprint")), scene)
+    assert isinstance(one, Said)
+    assert (one.at, one.name) == (SET_POSE, "user1")
+    assert isinstance(one.what, SetPose)
+    assert one.what.position_m == (1.0, 2.0, 0.0)
+    assert one.what.yaw_rad == pytest.approx(1.0)
+    assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
+    assert "no place" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
+
+
+def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:
+    row, scene = into("tf_static_in"), furnished()
+    assert (
+        taken(row, tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map")), scene) == []
+    )
+    assert row.meets is not None
+    (one,) = row.meets(About(scene, "anna", NOW_NS))
+    assert isinstance(one, Said)
+    assert (one.at, one.name) == (SET_POSE, "anna")
+    assert isinstance(one.what, SetPose)
+    assert one.what.position_m == (1.0, 2.0, 0.0)
+    assert row.meets(About(scene, "ben", NOW_NS)) == (), "in another frame"
+    for count in range(MOST_TRANSFORMS):
+        taken(row, tf(frame_of(f"box_{count}")), scene)
+    assert row.meets(About(scene, "anna", NOW_NS)) == (), "as many are kept as one message may have"
+
+
+def command(names: list[str], speeds: list[float]) -> Any:
+    return make("conveyor_msgs/msg/BeltCommand", name=names, velocity=speeds)
+
+
+def test_a_belt_command_sets_speeds() -> None:
+    row = into("belt_cmd")
+    assert said(taken(row, command(["*"], [0.5]))) == SetSpeed(speed_mps=0.5)
+    found = taken(row, command(["part_a", "*", "part_b", "part_c"], [0.25, 0.5, 0.25, 1.0]))
+    assert [each.what for each in found if isinstance(each, Said)] == [
+        SetSpeed(speed_mps=0.5),
+        SetSpeed(speed_mps=0.25, belts=("part_a", "part_b")),
+    ]
+    assert "no belt 'part_c'; there are part_a, part_b" in warned([e for e in found if isinstance(e, Warned)])
+    (one,) = taken(row, command(["*"], [-0.5]))
+    assert isinstance(one, Said)
+    assert one.at is SET_SPEED
+
+
+def test_a_strip_that_is_a_belt_has_the_ros_toolkits_name() -> None:
+    scene = furnished()
+    assert scene.room is not None
+    scene.take("", scene.room.model_copy(update={"belts": ()}), NOW_NS)
+    assert said(taken(into("belt_cmd"), command(["strip_0"], [0.5]), scene)).belts == ("0",)
+
+
+@pytest.mark.parametrize(
+    ("names", "speeds", "told"),
+    [
+        ([], [], "0 names and 0 velocities"),
+        (["*"], [], "1 names and 0 velocities"),
+        (["*"] * 300, [0.5] * 300, "at most 256"),
+        (["*"], [5.5], "send one within ±5 m/s"),
+        (["x" * 500], [0.5], "there is no belt 'xxx"),
+    ],
+)
+def test_a_belt_command_that_means_nothing_is_refused(
+    names: list[str], speeds: list[float], told: str
+) -> None:
+    sentence = warned(taken(into("belt_cmd"), command(names, speeds)))
+    assert told in sentence
+    assert len(sentence) < 250
+
+
+def test_a_package_is_added_by_the_number_of_its_kind() -> None:
+    row = into("add_package")
+    (one,) = taken(row, make(row.type, data=1))
+    assert one == Said(ADD_PACKAGE, "", AddPackage(kind="red"))
+    assert "kind 77 means nothing here: there are 0 blue, 1 red" in warned(
+        taken(row, make(row.type, data=77))
+    )
+
+
+def clock(sim_s: float) -> Any:
+    sec, nanosec = divmod(round(sim_s * NS_PER_S), NS_PER_S)
+    return make(
+        "rosgraph_msgs/msg/Clock", clock=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    )
+
+
+def ticks(row: Inward, times: list[tuple[float, float]]) -> list[ClockTick]:
+    """What comes of pairs of wall time and simulated time, s."""
+    found: list[ClockTick] = []
+    for wall_s, sim_s in times:
+        for each in taken(row, clock(sim_s), wall_ns=NOW_NS + round(wall_s * NS_PER_S)):
+            assert isinstance(each, Said)
+            assert each.at is CLOCK
+            assert isinstance(each.what, ClockTick)
+            found.append(each.what)
+    return found
+
+
+def test_simulated_time_is_told_once_a_second_with_its_speed() -> None:
+    row = into("clock_in")
+    assert not row.enabled
+    found = ticks(row, [(0.01 * n, 100.0 + 0.02 * n) for n in range(301)])
+    assert [tick.speed for tick in found] == pytest.approx([1.0, 2.0, 2.0, 2.0])
+    assert [(tick.stamp_ns - NOW_NS) / NS_PER_S for tick in found] == pytest.approx([0.0, 0.25, 1.25, 2.25])
+    assert [tick.sim_ns / NS_PER_S for tick in found] == pytest.approx([100.0, 100.5, 102.5, 104.5])
+
+
+@pytest.mark.parametrize("jump_s", [-50.0, 50.0])
+def test_a_jump_of_simulated_time_is_told_at_once(jump_s: float) -> None:
+    row = into("clock_in")
+    steady = [(0.1 * n, 100.0 + 0.1 * n) for n in range(5)]
+    found = ticks(row, [*steady, (0.5, 100.5 + jump_s)])
+    assert [tick.sim_ns / NS_PER_S for tick in found] == pytest.approx([100.0, 100.3, 100.5 + jump_s])
+    assert found[-1].speed == pytest.approx(1.0)
+
+
+def test_a_wall_clock_that_was_set_back_is_told_at_once() -> None:
+    found = ticks(into("clock_in"), [(0.0, 100.0), (0.1, 100.1), (-50.0, 100.2)])
+    assert [(tick.stamp_ns - NOW_NS) // NS_PER_S for tick in found] == [0, -50]
+
+
+def test_a_simulation_that_stands_still_creeps() -> None:
+    found = ticks(into("clock_in"), [(0.5 * n, 100.0) for n in range(8)])
+    assert found[-1].speed == pytest.approx(0.01)
+
+
+def test_a_time_before_all_times_is_refused() -> None:
+    row = into("clock_in")
+    assert "before 0" in warned(taken(row, clock(-1.0)))
+
+
+def test_the_yaw_of_an_arm_is_as_ros_has_it() -> None:
+    azimuth_rad, elevation_rad = 0.7, -0.3
+    q = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
+    ahead = rotation.rotate(said(taken(into("rotation_in"), arm(q))).orientation_xyzw, (1.0, 0.0, 0.0))
+    assert math.atan2(ahead[1], ahead[0]) == pytest.approx(azimuth_rad)
+    assert math.asin(ahead[2]) == pytest.approx(elevation_rad)

@@ -1,0 +1,217 @@
+"""What goes out to ROS, by a table like the real one."""
+
+import asyncio
+import dataclasses
+
+import pytest
+
+from pointit.bridges.ros2.routes import Routes, routes
+from pointit.schemas import ButtonEvent, ClockTick, Health, Interaction, PointingRay, Selection, UserPose
+from pointit.schemas.topics import BUTTON, CLOCK, HEALTH, INTERACTION, POSE, RAY, SELECTION
+from tests.support.bench import START_NS, until
+from tests.unit.ros2.graph_of_one import Bench, bench
+from tests.unit.ros2.scenes import jazzy
+
+RAY_ROS, RAY_TYPE = "/anna/pointing_ray", "geometry_msgs/msg/PoseStamped"
+
+
+def ray(count: int) -> PointingRay:
+    return PointingRay(
+        stamp_ns=START_NS + count, seq=count, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0)
+    )
+
+
+def take(bridge: Bench, topic: object, message: object, name: str = "anna") -> None:
+    bridge.scene.take(name, message, bridge.clock.now_ns())  # type: ignore[arg-type]  # a test's shorthand
+    bridge.outbox.take(topic, message, name)  # type: ignore[arg-type]  # likewise
+
+
+async def test_what_nobody_reads_is_not_even_made() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.outbox.join("anna")
+        take(bridge, RAY, ray(1))
+        assert bridge.heard(RAY_ROS, RAY_TYPE) == []
+        bridge.look(("subscriber", RAY_ROS))
+        take(bridge, RAY, ray(2))
+        await until(lambda: bool(bridge.heard(RAY_ROS, RAY_TYPE)))
+        (seen,) = bridge.heard(RAY_ROS, RAY_TYPE)
+        assert seen.header.frame_id == "anna/human_footprint"
+        assert seen.header.stamp.nanosec == (START_NS + 2) % 10**9
+
+
+async def test_it_may_be_sent_all_the_same() -> None:
+    async with bench(jazzy(), unread=True) as bridge:
+        take(bridge, RAY, ray(1))
+        assert len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1
+
+
+async def test_of_what_comes_too_fast_the_newest_is_sent() -> None:
+    async with bench(jazzy(), unread=True) as bridge:
+        for count in range(200):
+            take(bridge, RAY, ray(count))
+        await until(lambda: len(bridge.backend.sent[RAY_ROS]) == 2)
+        first, last = bridge.heard(RAY_ROS, RAY_TYPE)
+        assert (first.header.stamp.nanosec, last.header.stamp.nanosec) == (
+            START_NS % 10**9,
+            (START_NS + 199) % 10**9,
+        )
+
+
+def slowed(name: str, rate_hz: float) -> Routes:
+    table = routes()
+    rows = [
+        dataclasses.replace(row, rate_hz=rate_hz, repeat_hz=None) for row in table.outward if row.name == name
+    ]
+    return dataclasses.replace(table, outward=tuple(rows))
+
+
+async def test_nobody_displaces_others_where_each_has_a_message_of_their_own() -> None:
+    people = ("anna", "ben", "cleo")
+    async with bench(jazzy(), slowed("tf", 20.0), unread=True) as bridge:
+        for seq in range(3):
+            for user in people:
+                at_m = (float(seq), 0.0, 0.0)
+                take(bridge, POSE, UserPose(stamp_ns=START_NS, seq=seq, position_m=at_m, yaw_rad=0.0), user)
+
+        def last() -> dict[str, float]:
+            values = bridge.heard("/tf", "tf2_msgs/msg/TFMessage")
+            sent = [transform for value in values for transform in value.transforms]
+            return {each.child_frame_id.partition("/")[0]: each.transform.translation.x for each in sent}
+
+        await until(lambda: last() == dict.fromkeys(people, 2.0))
+
+
+async def test_health_of_one_service_does_not_displace_that_of_another() -> None:
+    async with bench(jazzy(), slowed("diagnostics", 20.0), unread=True) as bridge:
+        for instance in ("selector", "localizer", "keeper"):
+            health = Health(
+                stamp_ns=START_NS,
+                seq=1,
+                service=instance,
+                instance=instance,
+                pid=1,
+                host="here",
+                uptime_s=1.0,
+            )
+            take(bridge, HEALTH, health, instance)
+        await until(lambda: len(bridge.backend.sent["/diagnostics"]) == 3)
+
+
+def waiting(bridge: Bench, route: str) -> list[str]:
+    return [name for _, name in bridge.outbox._lines[route, ""]._waiting.values()]
+
+
+@pytest.mark.parametrize(("route", "left"), [("tf", ["ben", "cleo"]), ("markers", ["cleo"])])
+async def test_what_shows_everybody_is_sent_no_more_often_for_that(route: str, left: list[str]) -> None:
+    async with bench(jazzy(), slowed(route, 0.05), unread=True) as bridge:
+        for user in ("anna", "ben", "cleo"):
+            pose = UserPose(stamp_ns=START_NS, seq=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+            take(bridge, POSE, pose, user)
+        assert waiting(bridge, route) == left
+        bridge.outbox.leave("ben")
+        assert waiting(bridge, route) == ["cleo"], "nothing of who leaves"
+
+
+async def test_who_leaves_takes_their_names_along() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.outbox.join("anna")
+        names = {name for name in bridge.backend.writers if name.startswith("/anna/")}
+        assert len(names) == sum("{user}" in route.ros for route in routes().outward)
+        bridge.outbox.leave("anna")
+        assert not any(name.startswith("/anna/") for name in bridge.backend.writers)
+
+
+async def test_a_transform_is_repeated_with_the_time_it_is_then() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.look(("subscriber", "/tf"))
+        pose = UserPose(stamp_ns=START_NS, seq=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+        take(bridge, POSE, pose)
+        bridge.clock.advance(3.0)
+        await until(lambda: len(bridge.backend.sent["/tf"]) >= 2)
+        first, again = bridge.heard("/tf", "tf2_msgs/msg/TFMessage")[:2]
+        assert again.transforms[0].header.stamp.sec == first.transforms[0].header.stamp.sec + 3
+        bridge.outbox.leave("anna")
+        count = len(bridge.backend.sent["/tf"])
+        await asyncio.sleep(0.25)  # two periods: nothing to wait for
+        assert len(bridge.backend.sent["/tf"]) == count
+
+
+async def test_the_sites_time_ends_with_who_gives_it() -> None:
+    table = routes()
+    short = [dataclasses.replace(row, repeat_for_s=0.1) for row in table.outward if row.name == "clock"]
+    assert table.outward[[row.name for row in table.outward].index("clock")].repeat_for_s == 10.0
+    async with bench(jazzy(), dataclasses.replace(table, outward=tuple(short)), unread=True) as bridge:
+        take(bridge, CLOCK, ClockTick(stamp_ns=START_NS, seq=1, sim_ns=START_NS, speed=2.0), "")
+        await until(lambda: len(bridge.backend.sent["/clock"]) > 1)
+        await asyncio.sleep(0.2)  # it ends meanwhile
+        count = len(bridge.backend.sent["/clock"])
+        await asyncio.sleep(0.1)  # five periods: nothing to wait for
+        assert len(bridge.backend.sent["/clock"]) == count
+        take(bridge, CLOCK, ClockTick(stamp_ns=START_NS, seq=2, sim_ns=START_NS, speed=2.0), "")
+        await until(
+            lambda: len(bridge.backend.sent["/clock"]) > count + 1, what="the next one to be repeated"
+        )
+
+
+async def test_what_stays_the_same_is_said_once() -> None:
+    async with bench(jazzy()) as bridge:
+        for count in range(3):
+            take(bridge, SELECTION, Selection(stamp_ns=START_NS + count, seq=count), "")
+        assert len(bridge.backend.sent["/selected_packages"]) == 1
+        for state in ("idle", "pointing", "pointing"):
+            take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state))
+        assert len(bridge.backend.sent["/anna/state_transition"]) == 2
+
+
+async def test_a_press_goes_down_and_up() -> None:
+    async with bench(jazzy()) as bridge:
+        take(bridge, BUTTON, ButtonEvent(stamp_ns=START_NS, seq=1))
+        ros = "/anna/metawear_ros/button"
+        await until(lambda: len(bridge.backend.sent[ros]) == 2)
+        assert [value.data for value in bridge.heard(ros, "std_msgs/msg/Bool")] == [True, False]
+
+
+async def test_what_others_publish_is_left_to_them() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.look(("publisher", "/packages"), ("publisher", RAY_ROS))
+        bridge.outbox.join("anna")
+        assert "/packages" not in bridge.backend.writers
+        assert RAY_ROS in bridge.backend.writers, "only what yields does"
+        bridge.look()
+        assert "/packages" not in bridge.backend.writers, "they may be back at once"
+        bridge.look(("publisher", "/packages"))
+        bridge.look()
+        await until(lambda: "/packages" in bridge.backend.writers)
+
+
+async def test_of_two_that_make_room_for_each_other_one_comes_back() -> None:
+    async with bench(jazzy()) as one, bench(jazzy()) as two:
+
+        def settle() -> bool:
+            there = ["/packages" in each.backend.writers for each in (one, two)]
+            for each, is_given in ((one, there[1]), (two, there[0])):
+                if is_given:
+                    each.look(("publisher", "/packages"))
+                else:
+                    each.look()
+            return sum(there) == 1
+
+        assert not settle()
+        await until(settle)
+        for _ in range(3):
+            assert settle()
+
+
+async def test_what_cannot_be_sent_is_told_and_the_rest_goes_on() -> None:
+    async with bench(jazzy(), unread=True) as bridge:
+        bad = ray(1).model_copy(update={"origin_m": (float("nan"), 0.0, 0.0)})
+        take(bridge, RAY, bad)
+        assert any(RAY_ROS in warning for warning in bridge.warnings())
+        await asyncio.sleep(0)
+        take(bridge, RAY, ray(2))
+        await until(lambda: len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1)
+        assert not bridge.warnings()
+        take(bridge, RAY, bad)
+        await until(lambda: bool(bridge.warnings()))
+        bridge.outbox.leave("anna")
+        assert not bridge.warnings(), "what was about her"

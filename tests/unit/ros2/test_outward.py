@@ -1,0 +1,333 @@
+"""Our messages as ROS reads them."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pointit.bridges.ros2.backend import Qos
+from pointit.bridges.ros2.outward.drawing import DELETE_ALL
+from pointit.bridges.ros2.outward.values import LAST_S, MOST_TEXT
+from pointit.bridges.ros2.routes import Routes, routes
+from pointit.bridges.ros2.rows import Outward
+from pointit.bridges.ros2.scene import TRACKED_NS
+from pointit.geometry import rotation, vector
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    ClockTick,
+    ConveyorState,
+    Cursor,
+    Environment,
+    Figure,
+    Goal,
+    Health,
+    Hover,
+    ImuSample,
+    Interaction,
+    LampColor,
+    PointingRay,
+    SelectedObject,
+    Selection,
+    StripFrame,
+    StripsFrame,
+    UserProfile,
+)
+from pointit.schemas.topics import TOPICS
+from tests.unit.ros2.scenes import CURSOR, NOW_NS, POSE, ROOM, furnished, jazzy, objects, out, package, sent
+from tests.unit.schemas.strategies import messages
+
+
+@pytest.fixture
+def table() -> Routes:
+    return routes()
+
+
+def turned(value: Any) -> rotation.Quaternion:
+    return (value.x, value.y, value.z, value.w)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-1.57, 1.57))
+def test_x_of_the_pointing_ray_is_its_direction(azimuth_rad: float, elevation_rad: float) -> None:
+    way = vector.direction(azimuth_rad, elevation_rad)
+    ray = PointingRay(stamp_ns=NOW_NS, origin_m=(0.0, 0.0, 1.64), direction=way)
+    (value,) = sent(out(routes(), "pointing_ray"), ray, furnished())
+    x_axis = rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0))
+    assert x_axis == pytest.approx(way, abs=1e-9)
+    assert value.pose.position.z == 1.64
+    assert value.header.frame_id == "user1/human_footprint"
+    assert (value.header.stamp.sec, value.header.stamp.nanosec) == (1_700_000_000, 5)
+
+
+def test_the_arm_is_told_with_what_the_device_measures(table: Routes) -> None:
+    q = (0.5, -0.5, 0.5, 0.5)
+    plain = ImuSample(stamp_ns=NOW_NS, orientation_xyzw=q)
+    (rotated,) = sent(out(table, "rotation"), plain, furnished())
+    assert (turned(rotated.quaternion), rotated.header.frame_id) == (q, "user1/human_footprint")
+    (value,) = sent(out(table, "imu"), plain, furnished())
+    assert (turned(value.orientation), value.header.frame_id) == (q, "user1/arm")
+    assert value.angular_velocity_covariance[0] == value.linear_acceleration_covariance[0] == -1.0
+    full = plain.model_copy(
+        update={"angular_velocity_radps": (1.0, 2.0, 3.0), "acceleration_mps2": (4.0, 5.0, 6.0)}
+    )
+    (value,) = sent(out(table, "imu"), full, furnished())
+    assert (value.angular_velocity.y, value.linear_acceleration.z) == (2.0, 6.0)
+    assert value.angular_velocity_covariance[0] == 0.0
+
+
+def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
+    (value,) = sent(out(table, "pose"), POSE, furnished())
+    assert value.header.frame_id == "world"
+    assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+    (value,) = sent(out(table, "pose_with_covariance"), POSE, furnished())
+    spread = value.pose.covariance.reshape(6, 6)
+    assert spread[0, 0] == 0.04
+    assert spread[0, 5] == spread[5, 0] == 0.001
+    assert (spread[1, 5], spread[5, 5]) == (0.002, 0.003)
+    assert spread[2, 2] == pytest.approx(0.01)
+    assert not spread[3:5].any()
+
+
+def test_tf_is_repeated_with_the_time_it_is_then(table: Routes) -> None:
+    scene = furnished()
+    (value,) = sent(out(table, "tf"), POSE, scene)
+    (frame,) = value.transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("world", "user1/human_footprint")
+    assert frame.transform.translation.z == 0.5
+    assert frame.header.stamp.sec == 1_700_000_000
+    (value,) = sent(out(table, "tf"), POSE, scene, again_ns=NOW_NS + 3 * NS_PER_S)
+    assert value.transforms[0].header.stamp.sec == 1_700_000_003
+
+
+def test_tf_is_left_to_who_publishes_it_in_ros_as_long_as_they_do(table: Routes) -> None:
+    scene = furnished()
+    scene.person("user1").tf_until_ns = NOW_NS + NS_PER_S
+    assert sent(out(table, "tf"), POSE, scene) == []
+    assert sent(out(table, "tf"), POSE, scene, "user2") != []
+    assert sent(out(table, "tf"), POSE, scene, again_ns=NOW_NS + NS_PER_S) != []
+
+
+def test_all_static_frames_come_together(table: Routes) -> None:
+    (value,) = sent(out(table, "tf_static"), ROOM, furnished(), "")
+    frames = {each.child_frame_id: each.transform for each in value.transforms}
+    assert set(frames) == {"lamp/led_0", "belt/part_a", "belt/part_b", "strip/0"}
+    assert frames["belt/part_b"].translation.y == 5.0
+    ahead = rotation.rotate(turned(frames["belt/part_a"].rotation), (1.0, 0.0, 0.0))
+    assert ahead == pytest.approx((0.0, 1.0, 0.0))
+
+
+def test_a_cursor_is_a_point_where_there_is_one(table: Routes) -> None:
+    (value,) = sent(out(table, "cursor"), CURSOR, furnished())
+    assert (value.point.x, value.point.y, value.point.z) == (0.0, 0.5, 0.0)
+    assert value.header.frame_id == "world"
+    assert sent(out(table, "cursor"), Cursor(stamp_ns=NOW_NS), furnished()) == []
+
+
+def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
+    goal = Goal(
+        stamp_ns=NOW_NS,
+        position_m=(1.0, 2.0, 0.0),
+        yaw_rad=math.pi / 2.0,
+        age_s=0.1,
+        position_sigma_m=0.2,
+        clearance_m=2.0,
+        proposed_ns=NOW_NS - NS_PER_S,
+        confirmed_by="again",
+    )
+    (value,) = sent(out(table, "goal_pose"), goal, furnished())
+    read = jazzy().decode(
+        "geometry_msgs/msg/PoseStamped", jazzy().encode("geometry_msgs/msg/PoseStamped", value)
+    )
+    assert (read.header.frame_id, read.pose.position.y) == ("world", 2.0)
+    assert read.header.stamp.sec == NOW_NS // NS_PER_S
+    assert rotation.rotate(turned(read.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+    assert out(table, "goal_pose").qos == Qos(depth=10)  # not latched: who comes late gets no old goal
+
+
+def test_a_press_goes_down_and_up(table: Routes) -> None:
+    row = out(table, "button")
+    event = ButtonEvent(stamp_ns=NOW_NS)
+    assert [value.data for value in sent(row, event, furnished())] == [True, False]
+    double = event.model_copy(update={"gesture": "double"})
+    assert [value.data for value in sent(row, double, furnished())] == [True, False, True, False]
+    assert row.apart_s > 0.0
+
+
+def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
+    scene = furnished()
+    scene.take("user1", UserProfile(stamp_ns=0, cursor_color=(255, 0, 51), cursor_width_m=0.25), NOW_NS)
+    told: list[Any] = []
+    for state in ("idle", "localizing", "pointing"):
+        interaction = Interaction(stamp_ns=NOW_NS, state=state)
+        (transition,) = sent(out(table, "state_transition"), interaction, scene)
+        (points,) = sent(out(table, "is_pointing"), interaction, scene)
+        (wish,) = sent(out(table, "subscription"), interaction, scene)
+        told.append((transition.node_name, transition.state, points.data, wish.subscribe))
+    assert told == [
+        ("supervisor", "ready", False, False),
+        ("supervisor", "waiting_relloc", False, False),
+        ("supervisor", "pointing", True, True),
+    ]
+    assert (wish.user_name, wish.pointer_color.r, wish.pointer_size) == ("user1", 1.0, 0.25)
+    assert wish.pointer_color.b == pytest.approx(0.2)
+
+
+def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Routes) -> None:
+    scene = furnished()
+    sent(out(table, "packages"), objects(package(7, belt="part_b", at_m=1.5, kind="blue")), scene, "other")
+    free = package(3).model_copy(update={"surface": "none", "surface_id": ""})
+    (value,) = sent(out(table, "packages"), objects(package(12), free), scene, "conveyor")
+    listed = {each.uid: each for each in value.packages}
+    assert set(listed) == {7, 12}
+    assert (listed[12].position.name, listed[12].position.position, listed[12].type) == ("part_a", 0.5, 1)
+    assert (listed[7].position.name, listed[7].position.position, listed[7].type) == ("part_b", 0.5, 0)
+    assert listed[12].length == pytest.approx(0.3)
+
+
+def test_a_tracker_that_is_silent_has_no_packages(table: Routes) -> None:
+    scene = furnished()
+    scene.take("gone", objects(package(1)), NOW_NS)
+    scene.take("conveyor", objects(package(2)), NOW_NS + TRACKED_NS + 1)
+    (value,) = out(table, "packages").convert(objects(), "conveyor", scene)
+    assert [each.uid for each in value.packages] == [2]
+
+
+def test_strips_that_are_belts_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
+    item = package(1).model_copy(update={"surface": "strip", "surface_id": "0", "surface_position_m": 99.0})
+    (value,) = sent(out(table, "packages"), objects(item), furnished(), "conveyor")
+    assert (value.packages[0].position.name, value.packages[0].position.position) == ("strip_0", 1.0)
+
+
+def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
+    scene = furnished()
+    selection = Selection(stamp_ns=NOW_NS, objects=(SelectedObject(id="19-12", user="user1", since_ns=0),))
+    (value,) = sent(out(table, "selected_packages"), selection, scene, "")
+    assert value.uids.tolist() == [12]
+    (value,) = sent(out(table, "packages"), objects(package(12)), scene, "conveyor")
+    assert value.packages[0].uid == 12
+
+
+def test_pointers_tell_who_points_at_what(table: Routes) -> None:
+    scene = furnished()
+    profile = UserProfile(stamp_ns=0, cursor_color=(0, 255, 0), cursor_width_m=0.25, cursor_colormap="jet")
+    scene.take("user1", profile, NOW_NS)
+    scene.take("user2", UserProfile(stamp_ns=0), NOW_NS)
+    scene.take("user1", Hover(stamp_ns=NOW_NS, object_id="19-4"), NOW_NS)
+    (value,) = sent(out(table, "pointers"), CURSOR, scene)
+    first, second = value.pointers
+    assert (first.user_name, first.position.name, first.position.position) == ("user1", "part_a", 0.25)
+    assert (first.size, first.distance, first.cmap, first.color.g) == (0.25, 0.25, "jet", 1.0)
+    assert first.overlay.uids.tolist() == [4]
+    assert (second.user_name, second.position.name) == ("user2", "")
+    (value,) = sent(out(table, "pointers"), Interaction(stamp_ns=NOW_NS, state="idle"), scene)
+    assert [each.position.name for each in value.pointers] == ["", ""]
+    scene.forget("user2")
+    (value,) = sent(out(table, "pointers"), CURSOR, scene)
+    assert [each.user_name for each in value.pointers] == ["user1"]
+
+
+@pytest.mark.parametrize(
+    ("step", "told"), [("28", [28]), ("-1", [-1]), ("end", []), ("", []), ("9" * 12, [])]
+)
+def test_steps_that_are_numbers_are_told(table: Routes, step: str, told: list[int]) -> None:
+    state = ConveyorState(stamp_ns=NOW_NS, speed_mps=0.1, step=step)
+    assert [value.data for value in sent(out(table, "step_number"), state, furnished(), "")] == told
+
+
+def test_lights_are_told_in_ros_colours(table: Routes) -> None:
+    frame = StripsFrame(stamp_ns=NOW_NS, strips=(StripFrame(id="3", rgb=bytes((1, 2, 3, 4, 5, 6))),))
+    (value,) = sent(out(table, "led_strips"), frame, furnished(), "")
+    (strip,) = value.strips
+    assert (strip.id, strip.color_order, strip.data.tolist()) == (3, 0, [1, 2, 3, 4, 5, 6])
+    row = out(table, "lamp_color")
+    (value,) = sent(row, LampColor(stamp_ns=NOW_NS, color=(255, 0, 51)), furnished(), "led_0")
+    assert (value.r, value.g, value.a) == (1.0, 0.0, 1.0)
+    assert row.ros_name(furnished(), "led_0") == "/led_0/color"
+
+
+def test_the_clock_goes_on_between_ticks(table: Routes) -> None:
+    tick = ClockTick(stamp_ns=NOW_NS, sim_ns=7 * NS_PER_S)
+    (value,) = sent(out(table, "clock"), tick, furnished(), "")
+    assert value.clock.sec == 7
+    (value,) = sent(out(table, "clock"), tick, furnished(), "", again_ns=8 * NS_PER_S)
+    assert value.clock.sec == 8
+
+
+def test_health_is_diagnostics(table: Routes) -> None:
+    health = Health(
+        stamp_ns=NOW_NS,
+        service="pui",
+        instance="pui",
+        pid=1,
+        host="site",
+        figures=(Figure(name="drift", value=0.5, unit="°/s"),),
+    )
+    (value,) = sent(out(table, "diagnostics"), health, furnished(), "pui")
+    (status,) = value.status
+    assert (status.name, status.hardware_id, status.level, status.message) == (
+        "pointit: pui",
+        "site",
+        0,
+        "ok",
+    )
+    assert ("drift °/s", "0.5") in {(pair.key, pair.value) for pair in status.values}
+    ill = health.model_copy(update={"status": "degraded", "warnings": ("no map: start pui",)})
+    (value,) = sent(out(table, "diagnostics"), ill, furnished(), "pui")
+    assert (value.status[0].level, value.status[0].message) == (1, "no map: start pui")
+
+
+def test_what_ros_texts_cannot_hold_is_left_out(table: Routes) -> None:
+    ill = Health(
+        stamp_ns=NOW_NS, service="pui", instance="p\0ui", pid=1, warnings=("w" * 5000,), status="degraded"
+    )
+    (value,) = sent(out(table, "diagnostics"), ill, furnished(), "pui")
+    assert value.status[0].name == "pointit: pui"
+    assert len(value.status[0].message) == MOST_TEXT
+
+
+def test_times_after_2038_are_the_last_that_ros_can_tell(table: Routes) -> None:
+    late = POSE.model_copy(update={"stamp_ns": 2**63 - 1})
+    (value,) = sent(out(table, "pose"), late, furnished())
+    assert (value.header.stamp.sec, value.header.stamp.nanosec) == (LAST_S, 0)
+
+
+ROWS = [(row.name, topic) for row in routes().outward for topic in row.reads]
+
+
+@pytest.mark.parametrize(("name", "topic"), ROWS, ids=[f"{name}-{topic.key}" for name, topic in ROWS])
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_whatever_the_bus_may_carry_is_converted_and_encoded(
+    name: str, topic: Any, data: st.DataObject
+) -> None:
+    scene, row = furnished(), out(routes(), name)
+    others = data.draw(st.lists(st.sampled_from(TOPICS), max_size=2))
+    for other in others:
+        scene.take("user1", data.draw(messages(other.message)), NOW_NS)
+    message = data.draw(messages(topic.message))
+    scene.take("user1", message, NOW_NS)
+    for again_ns in (None, NOW_NS):
+        for value in row.convert(message, "user1", scene, again_ns=again_ns):
+            jazzy().decode(row.type, jazzy().encode(row.type, value))
+
+
+def test_the_same_scene_is_converted_to_the_same(table: Routes) -> None:
+    def encoded(row: Outward) -> list[bytes]:
+        scene = furnished()
+        scene.take("user1", POSE, NOW_NS)
+        scene.take("conveyor", objects(package(1)), NOW_NS)
+        scene.take("user1", CURSOR, NOW_NS)
+        return [jazzy().encode(row.type, value) for value in row.convert(CURSOR, "user1", scene)]
+
+    for name in ("pointers", "packages", "cursor"):
+        assert encoded(out(table, name)) == encoded(out(table, name))
+
+
+def test_an_environment_without_lines_draws_nothing_but_the_rest(table: Routes) -> None:
+    empty = Environment(stamp_ns=NOW_NS, name="empty")
+    (value,) = sent(out(table, "map_markers"), empty, furnished(), "")
+    assert [marker.action for marker in value.markers] == [DELETE_ALL]
+    (value,) = sent(out(table, "tf_static"), empty, furnished(), "")
+    assert value.transforms == []

@@ -1,0 +1,122 @@
+"""The scene and the map, drawn."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pointit.bridges.ros2.outward.drawing import ADD, DELETE, DELETE_ALL
+from pointit.bridges.ros2.outward.map_markers import MOST_MARKERS, ribbon
+from pointit.bridges.ros2.outward.markers import MOST_OBJECTS, ellipse
+from pointit.bridges.ros2.routes import Routes, routes
+from pointit.geometry import rotation, vector
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import (
+    Box,
+    Interaction,
+    Message,
+    Plane,
+    SelectedObject,
+    Selection,
+)
+from tests.unit.ros2.scenes import CURSOR, NOW_NS, POSE, ROOM, furnished, objects, out, package, sent
+
+
+@pytest.fixture
+def table() -> Routes:
+    return routes()
+
+
+def turned(value: Any) -> rotation.Quaternion:
+    return (value.x, value.y, value.z, value.w)
+
+
+def keys(value: Any, action: int = ADD) -> set[tuple[str, int]]:
+    return {(marker.ns, marker.id) for marker in value.markers if marker.action == action}
+
+
+def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> None:
+    scene, row = furnished(), out(table, "markers")
+    scene.take("user1", POSE, NOW_NS)
+    selection = Selection(stamp_ns=NOW_NS, objects=(SelectedObject(id="19-2", user="user1", since_ns=0),))
+    scene.take("", selection, NOW_NS)
+    scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
+    (value,) = sent(row, CURSOR, scene)
+    assert keys(value) == {
+        ("user1/name", 0),
+        ("user1/place", 0),
+        ("user1/ray", 0),
+        ("user1/cursor", 0),
+        ("objects", 1),
+        ("objects", 2),
+        ("selected", 2),
+    }
+    assert not keys(value, DELETE)
+    ray = next(marker for marker in value.markers if marker.ns == "user1/ray")
+    assert [(point.x, point.y, point.z) for point in ray.points] == [(0.0, 0.5, 2.0), (0.0, 0.5, 0.0)]
+    assert ray.lifetime.sec == 2
+    red = next(marker for marker in value.markers if marker.ns == "objects" and marker.id == 1)
+    assert red.color.r == 1.0
+    scene.take("conveyor", objects(package(2)), NOW_NS)
+    (value,) = sent(row, Interaction(stamp_ns=NOW_NS, state="idle"), scene)
+    assert keys(value) == {("user1/name", 0), ("user1/place", 0), ("objects", 2), ("selected", 2)}
+    assert keys(value, DELETE) == {("user1/ray", 0), ("user1/cursor", 0), ("objects", 1)}
+    (value,) = sent(row, Interaction(stamp_ns=NOW_NS, state="idle"), scene)
+    assert not keys(value, DELETE)
+
+
+def test_markers_are_bounded_and_say_so(table: Routes) -> None:
+    many = objects(*(package(number) for number in range(MOST_OBJECTS + 3)))
+    (value,) = out(table, "markers").convert(many, "conveyor", _with(many))
+    assert len(value.markers) == MOST_OBJECTS + 1
+    assert value.markers[-1].text.startswith("3 more")
+
+
+def _with(message: Message) -> Any:
+    scene = furnished()
+    scene.take("conveyor", message, NOW_NS)
+    return scene
+
+
+def test_the_ellipse_has_the_axes_of_the_covariance() -> None:
+    found = ellipse(POSE)
+    assert found is not None
+    assert found[:2] == pytest.approx((0.4, 0.2))
+    assert abs(math.cos(found[2])) == pytest.approx(1.0)
+    assert ellipse(POSE.model_copy(update={"covariance": (0.0,) * 9})) is None
+
+
+def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
+    room = ROOM.model_copy(
+        update={
+            "boxes": (Box(id="b", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
+            "planes": (Plane(id="p", center_m=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0), size_m=(2.0, 4.0)),),
+        }
+    )
+    (value,) = sent(out(table, "map_markers"), room, furnished(), "")
+    assert value.markers[0].action == DELETE_ALL
+    assert keys(value) == {
+        *(("belts", number) for number in (0, 1)),
+        *((group, 0) for group in ("lamps", "lamps/names", "boxes", "planes")),
+        ("strips", 2),
+    }
+    plane = next(marker for marker in value.markers if marker.ns == "planes")
+    normal = rotation.rotate(turned(plane.pose.orientation), (0.0, 0.0, 1.0))
+    assert abs(vector.dot(normal, (1.0, 0.0, 0.0))) == pytest.approx(1.0)
+    assert (plane.scale.x, plane.scale.y) == (2.0, 4.0)
+
+
+def test_a_huge_map_is_cut_and_says_so(table: Routes) -> None:
+    lamps = tuple(ROOM.lamps[0].model_copy(update={"id": f"l{n}"}) for n in range(MOST_MARKERS))
+    (value,) = sent(out(table, "map_markers"), ROOM.model_copy(update={"lamps": lamps}), furnished(), "")
+    assert len(value.markers) == MOST_MARKERS + 2
+    assert str(MOST_MARKERS) in value.markers[-1].text
+
+
+def test_a_ribbon_is_as_wide_as_its_belt_and_seen_from_both_sides() -> None:
+    corners = np.array(ribbon(Polyline(((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 1.0))), 0.5))
+    assert len(corners) == 12  # what goes straight up has no width
+    assert (corners[:, 1].min(), corners[:, 1].max()) == (-0.25, 0.25)
+    up = [np.cross(b - a, c - a)[2] for a, b, c in corners.reshape(-1, 3, 3)]
+    assert sorted(np.sign(up).tolist()) == [-1.0, -1.0, 1.0, 1.0]

@@ -1,0 +1,259 @@
+"""The backend on rclpy, against a stand-in for it: what is handed over, guarded, bounded, complained of."""
+
+import asyncio
+import re
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from pointit.bridges.ros2.backend import LATCHED, RosType
+from pointit.bridges.ros2.backends import opened
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.runtime.errors import BusClosedError, ConfigError
+from tests.support.bench import until
+from tests.unit.ros2 import fake_rclpy
+from tests.unit.ros2.fake_rclpy import SetBool, Wire
+from tests.unit.ros2.rclpy_bench import BOOL, PADDED, QOS, SET, TRUE, Ours, node_of_ours, on_a_wire, profile
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
+    return on_a_wire(monkeypatch)
+
+
+def told_to(heard: list[bytes]) -> Callable[[bytes, Any], None]:
+    def take(cdr: bytes, _info: Any) -> None:
+        heard.append(cdr)
+
+    return take
+
+
+async def test_without_rclpy_it_says_what_to_source() -> None:
+    assert "rclpy" not in sys.modules
+    with pytest.raises(
+        ConfigError,
+        match=r"^backend\.kind dds: there is no rclpy for this Python 3\.\d+; run `source /opt/ros/jazzy",
+    ):
+        await opened(BackendConfig(kind="dds"), Ours())
+
+
+async def test_an_rclpy_that_does_not_load_is_named(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy.node", None)
+    with pytest.raises(ConfigError, match=r"rclpy does not load in this Python .*rclpy\.node.*source"):
+        await opened(BackendConfig(kind="dds"), Ours())
+    assert not wire.nodes
+
+
+async def test_a_graph_that_cannot_be_joined_is_one_sentence(wire: Wire) -> None:
+    with pytest.raises(ConfigError, match=r"as /refused, domain 7 \(no middleware\); check that RMW_"):
+        await opened(BackendConfig(kind="dds", node="/refused", domain_id=7), Ours())
+    assert not wire.nodes
+
+
+async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire) -> None:
+    async with node_of_ours() as ours:
+        heard: list[bytes] = []
+        threads: set[int] = set()
+
+        def take(cdr: bytes) -> None:
+            threads.add(threading.get_ident())
+            heard.append(cdr)
+
+        theirs = wire.node("robot")
+        they_heard: list[bytes] = []
+        theirs.create_subscription(fake_rclpy.Bool, "/both", told_to(they_heard), profile(), raw=True)
+        publisher = theirs.create_publisher(fake_rclpy.Bool, "/both", profile())
+        reader = ours.backend.subscribe("/both", BOOL, QOS, take)
+        writer = ours.backend.advertise("/both", BOOL, QOS)
+        for _ in range(20):
+            writer.put(TRUE)
+        publisher.publish(TRUE)
+        await until(lambda: bool(heard))
+        writer.put(TRUE)
+        publisher.publish(b"\0\1\0\0\0")
+        await until(lambda: len(heard) == 2)
+        assert heard == [PADDED, b"\0\1\0\0\0\0\0\0"]
+        assert len(they_heard) == 23
+        assert threads == {threading.get_ident()}
+        reader.close()
+        reader.close()
+        publisher.publish(TRUE)
+        writer.close()
+        writer.close()
+        assert {end.node for ends in wire.ends.values() for end in ends} == {theirs}
+        with pytest.raises(BusClosedError):
+            writer.put(TRUE)
+        assert len(heard) == 2
+
+
+async def test_before_iron_each_of_ours_is_taken_for_ours_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = on_a_wire(monkeypatch, has_info=False)
+    async with node_of_ours() as ours:
+        heard: list[bytes] = []
+        ours.backend.subscribe("/both", BOOL, QOS, heard.append)
+        writer = ours.backend.advertise("/both", BOOL, QOS)
+        writer.put(TRUE)
+        writer.put(TRUE)
+        wire.node("robot").create_publisher(fake_rclpy.Bool, "/both", profile()).publish(TRUE)
+        await until(lambda: bool(heard))
+        assert heard == [PADDED]
+
+
+async def test_bytes_that_are_no_cdr_are_never_sent(wire: Wire) -> None:
+    async with node_of_ours() as ours:
+        writer = ours.backend.advertise("/out", BOOL, QOS)
+        for bad in (b"", b"\0\1\0\0", b"\1\1\0\0\0", b"hello"):
+            with pytest.raises(ValueError, match="CDR begins"):
+                writer.put(bad)
+        writer.put(b"\0\1\0\0refuse")
+        assert ours.now["sending /out"] == "/out could not be sent to ROS: it was refused"
+        writer.put(TRUE)
+        assert len(wire.ends["publisher"]) == 1
+
+
+async def test_a_reader_is_bounded_in_count_and_size_and_survives_its_handler(wire: Wire) -> None:
+    async with node_of_ours(max_message_bytes=1000) as ours:
+        heard: list[bytes] = []
+
+        def take(cdr: bytes) -> None:
+            heard.append(cdr)
+            raise ZeroDivisionError
+
+        ours.backend.subscribe("/in", BOOL, QOS, take)
+        publisher = wire.node("robot").create_publisher(fake_rclpy.Bool, "/in", profile())
+        publisher.publish(bytes(1001))
+        for index in range(200):
+            publisher.publish(b"\0\1\0\0" + bytes([index]))
+        executor = wire.nodes[0].executor
+        assert executor is not None
+        taken = threading.Event()
+        executor.create_task(taken.set)
+        assert taken.wait(5)  # the loop stands still meanwhile
+        await until(lambda: bool(heard))
+        assert [cdr[4] for cdr in heard] == list(range(136, 200))
+        assert ours.now["losses of /in"] == (
+            "dropped messages on /in: 1 were longer than 1000 bytes and 136 came faster than they could be "
+            "handled"
+        )
+
+
+async def answers(request: bytes) -> bytes:
+    await asyncio.sleep(0)
+    return request
+
+
+@pytest.mark.usefixtures("wire")
+@pytest.mark.parametrize(
+    ("package", "remedy"),
+    [
+        ("conveyor_msgs", r"colcon build --base-paths \S+interfaces`, source install/setup\.bash and start"),
+        ("tf2_msgs", r"install ros-jazzy-tf2-msgs and start again"),
+    ],
+)
+async def test_routes_whose_types_this_ros_lacks_are_left_out_and_named(package: str, remedy: str) -> None:
+    lacking = RosType(name=f"{package}/msg/Some", hash=BOOL.hash)
+    served = RosType(name=f"{package}/srv/Some", hash=BOOL.hash)
+    async with node_of_ours() as ours:
+        writer = ours.backend.advertise("/a", lacking, QOS)
+        writer.put(TRUE)
+        writer.close()
+        ours.backend.subscribe("/b", lacking, QOS, lambda _cdr: None).close()
+        ours.backend.serve("/c", served, answers).close()
+        with pytest.raises(TimeoutError, match=f"lacks {package}"):
+            await ours.backend.call("/d", served, TRUE, timeout_s=1)
+        ours.backend.advertise("/out", BOOL, QOS)
+        await until(lambda: len(ours.graphs[-1].endpoints) == 1)
+        assert re.search(remedy, ours.now[f"package {package}"])
+        assert set(ours.now) == {f"package {package}"}
+
+
+async def test_a_type_of_another_definition_is_neither_written_nor_read(wire: Wire) -> None:
+    other = RosType(name=BOOL.name, hash="RIHS01_" + "0" * 64)
+    async with node_of_ours() as ours:
+        ours.backend.advertise("/a", other, QOS).put(TRUE)
+        ours.backend.subscribe("/b", other, QOS, lambda _cdr: None)
+        assert not wire.ends["publisher"]
+        assert not wire.ends["subscription"]
+        assert "another definition of std_msgs/msg/Bool" in ours.now[f"definition of {BOOL.name}"]
+        hashless = RosType(name=BOOL.name, hash="TypeHashNotSupported")
+        ours.backend.advertise("/c", hashless, QOS)
+        assert len(wire.ends["publisher"]) == 1
+
+
+async def test_the_graph_is_told_and_what_will_not_work(wire: Wire) -> None:
+    async with node_of_ours() as ours:
+        ours.backend.subscribe("/in", BOOL, LATCHED, lambda _cdr: None)
+        robot = wire.node("robot", "/a")
+        publisher = robot.create_publisher(fake_rclpy.Bool, "/in", profile())
+        robot.create_service(SetBool, "/stop", answers)
+        await until(lambda: ours.sees("publisher", "/in"))
+        assert ours.sees("server", "/stop")
+        assert ours.graphs[-1].nodes == {"/site1/pointit", "/a/robot"}
+        assert "node /a/robot on /in does not match" in ours.now["QoS of /in"]
+        # the same names, but another quality: seen a few looks later
+        wire.ends["publisher"].remove(publisher)
+        robot.create_publisher(fake_rclpy.Bool, "/in", profile(latched=True))
+        await until(lambda: "QoS of /in" not in ours.now, 10)
+        wire.node("pointit", "/site1")
+        await until(lambda: "another ROS node is called /site1/pointit" in ours.now.get("node", ""))
+        robot.destroy_node()
+        await until(lambda: not ours.sees("publisher", "/in"))
+
+
+async def test_a_node_that_leaves_while_it_is_looked_at_does_no_harm(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = fake_rclpy.Node.get_node_names_and_namespaces
+
+    def haunted(node: fake_rclpy.Node) -> list[tuple[str, str]]:
+        return [*names(node), ("ghost", "/")]
+
+    monkeypatch.setattr(fake_rclpy.Node, "get_node_names_and_namespaces", haunted)
+    async with node_of_ours() as ours:
+        wire.node("robot").create_publisher(fake_rclpy.Bool, "/in", profile())
+        await until(lambda: ours.sees("publisher", "/in"))
+        assert not ours.ever
+
+
+async def test_what_the_terminal_is_set_to_is_compared(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "5")
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    async with node_of_ours(domain_id=3) as ours:
+        assert "ROS_DOMAIN_ID is 5 in this terminal, but backend.domain_id is 3" in ours.now["ROS_DOMAIN_ID"]
+        assert "ROS_DISTRO" not in ours.now
+        assert wire.nodes[0].options["use_global_arguments"] is False
+
+
+async def test_what_is_closed_does_nothing_more(wire: Wire) -> None:
+    async with node_of_ours() as ours:
+        heard: list[bytes] = []
+        reader = ours.backend.subscribe("/in", BOOL, QOS, heard.append)
+        writer = ours.backend.advertise("/out", BOOL, QOS)
+        (subscription,) = wire.ends["subscription"]
+        subscription.callback(TRUE, {})
+        await ours.backend.close()
+        await ours.backend.close()
+        assert not wire.nodes
+        assert not ours.now
+        subscription.callback(TRUE, {})
+        await asyncio.sleep(0)
+        assert not heard
+        for use in (
+            lambda: writer.put(TRUE),
+            lambda: ours.backend.advertise("/x", BOOL, QOS),
+            lambda: ours.backend.subscribe("/x", BOOL, QOS, heard.append),
+            lambda: ours.backend.serve("/x", SET, answers),
+        ):
+            refuses(use)
+        reader.close()
+        writer.close()
+        with pytest.raises(BusClosedError):
+            await ours.backend.call("/stop", SET, TRUE, timeout_s=1)
+
+
+def refuses(use: Callable[[], Any]) -> None:
+    with pytest.raises(BusClosedError):
+        use()

@@ -1,0 +1,117 @@
+"""The bridge as a whole, in a graph in which there is only the test."""
+
+from collections.abc import AsyncIterator
+
+import pytest
+
+from pointit.bridges.ros2 import service
+from pointit.bridges.ros2.attendance import MOST_PEOPLE, Attendance
+from pointit.bridges.ros2.service import Ros2
+from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
+from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, USER_ALIVE
+from tests.support.bench import START_NS, Bench, memory_bench, until
+from tests.unit.ros2.graph_of_one import FakeBackend, graph
+
+PLACE = UserPose(stamp_ns=START_NS, seq=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+NOWHERE = Cursor(stamp_ns=START_NS, seq=1)
+HELD = ImuSample(stamp_ns=START_NS, seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+
+
+@pytest.fixture
+def backend(monkeypatch: pytest.MonkeyPatch) -> FakeBackend:
+    made = FakeBackend(notes=("no other ROS node is seen",))
+    monkeypatch.setattr(service, "NOTED_S", 0.01)
+
+    async def opened(*_: object, **_named: object) -> FakeBackend:
+        return made
+
+    monkeypatch.setattr(service, "opened", opened)
+    return made
+
+
+@pytest.fixture
+async def bench(backend: FakeBackend) -> AsyncIterator[Bench]:
+    async with memory_bench() as made:
+        made.start(Ros2)
+        await until(lambda: bool(backend.watchers))
+        yield made
+
+
+def of(backend: FakeBackend, user: str) -> set[str]:
+    return {name for name in backend.writers if name.startswith(f"/{user}/")}
+
+
+async def test_who_returns_has_their_place_and_who_left_is_not_brought_back(
+    bench: Bench, backend: FakeBackend
+) -> None:
+    backend.watchers[0](graph(("subscriber", "/tf")))
+    here = bench.bus.announce(USER_ALIVE, "anna")
+    bench.put(POSE, PLACE, "anna")
+    await until(lambda: len(backend.sent.get("/tf", [])) >= 2)
+    here.close()
+    await until(lambda: not of(backend, "anna"))
+    bench.put(CURSOR, NOWHERE, "anna")  # as pui does for who is gone
+    bench.put(CURSOR, NOWHERE, "ben")
+    await until(lambda: bool(of(backend, "ben")))
+    assert not of(backend, "anna")
+    count = len(backend.sent["/tf"])
+    here = bench.bus.announce(USER_ALIVE, "anna")
+    await until(lambda: len(backend.sent["/tf"]) > count + 1 and len(backend.sent["/anna/pose"]) == 2)
+    here.close()
+
+
+async def test_other_domains_are_others(bench: Bench, backend: FakeBackend) -> None:
+    there = graph(("publisher", "/packages"), ("server", "/add_pack"), domain=5)
+    backend.watchers[0](there)
+    assert "/packages" in backend.writers
+    assert "/add_pack" in backend.servers
+    backend.watchers[0](graph(("publisher", "/packages"), ("server", "/add_pack")))
+    assert "/packages" not in backend.writers
+    assert "/add_pack" not in backend.servers
+    assert bench.bus.site
+
+
+async def test_who_is_there_is_shown_and_who_is_missing_is_said(
+    bench: Bench, backend: FakeBackend, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    await until(lambda: "no other ROS node is seen" in caplog.messages)
+    reports = bench.collect(HEALTH)
+    backend.watchers[0](graph(("subscriber", "/tf"), ("publisher", "/clock")))
+    await until(lambda: any(each.name == "ROS nodes" and each.value == 1 for each in figures(reports)))
+
+
+async def test_nothing_more_is_said_while_the_graph_is_left(
+    backend: FakeBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left: list[set[str]] = []
+    async with memory_bench() as bench:
+
+        async def close() -> None:
+            bench.put(POSE, PLACE, "ben")
+            bench.bus.announce(USER_ALIVE, "carl")
+            await bench.settle(20)
+            left.append({*backend.writers, *backend.readers})
+
+        monkeypatch.setattr(backend, "close", close)
+        bench.start(Ros2)
+        await until(lambda: bool(backend.watchers))
+        here = bench.bus.announce(USER_ALIVE, "anna")
+        await until(lambda: bool(of(backend, "anna")))
+        here.close()
+    assert left == [set()]
+
+
+def figures(reports: list[Health]) -> tuple[Figure, ...]:
+    return reports[-1].figures if reports else ()
+
+
+def test_only_so_many_are_remembered() -> None:
+    attendance = Attendance()
+    for count in range(MOST_PEOPLE + 1):
+        assert attendance.admits(POSE, PLACE, f"user{count}")
+        attendance.go(f"user{count}")
+    assert attendance.admits(IMU, HELD, "user0")
+    assert not attendance.admits(IMU, HELD, "user1")
+    assert attendance.come("user0") == ()
+    assert attendance.come("user1") == ((POSE, PLACE),)

@@ -1,0 +1,49 @@
+"""This machine's addresses in its networks, and what stands in their place where there are none."""
+
+import socket
+
+import pytest
+
+from pointit.runtime.address import found_addresses, is_reachable, own_address
+
+
+def route(monkeypatch: pytest.MonkeyPatch, routes: dict[str, str]) -> None:
+    """Let the system choose from these of its addresses: by what one goes towards."""
+    chosen: dict[int, str] = {}
+
+    def connect(probe: socket.socket, address: tuple[str, int]) -> None:
+        if address[0] not in routes:
+            raise OSError(101, "Network is unreachable")
+        chosen[probe.fileno()] = routes[address[0]]
+
+    def name(probe: socket.socket) -> tuple[str, int]:
+        return chosen[probe.fileno()], 9
+
+    monkeypatch.setattr(socket.socket, "connect", connect)
+    monkeypatch.setattr(socket.socket, "getsockname", name)
+
+
+def test_the_default_routes_comes_first_and_none_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = {"192.0.2.1": "172.16.0.2", "10.255.255.254": "10.0.0.7", "172.31.255.254": "172.16.0.2"}
+    route(monkeypatch, both)
+    assert found_addresses() == ["172.16.0.2", "10.0.0.7"]
+    assert own_address("here") == "172.16.0.2"
+
+
+def test_what_nobody_else_reaches_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    route(monkeypatch, {"192.0.2.1": "127.0.0.1", "10.255.255.254": "10.0.0.7"})
+    assert found_addresses() == ["10.0.0.7"]
+    assert own_address("here") == "10.0.0.7"
+
+
+def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    route(monkeypatch, {})
+    assert found_addresses() == []
+    assert own_address("here") == "here"
+
+
+def test_what_this_machine_says_can_be_reached() -> None:
+    assert all(is_reachable(address) for address in found_addresses())
+    assert not is_reachable("127.0.0.1")
+    assert not is_reachable("0.0.0.0")  # noqa: S104 - not listened at
+    assert is_reachable("192.168.1.20")

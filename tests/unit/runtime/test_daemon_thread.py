@@ -1,0 +1,151 @@
+"""Blocking calls that nobody waits for at the end."""
+
+import asyncio
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from pointit.runtime.daemon_thread import EXIT_PATIENCE_S, in_daemon_thread
+from tests.support.bench import until
+
+PATIENCE_S = 20.0
+
+
+async def test_what_the_work_returns_or_raises_comes_back() -> None:
+    def fail() -> int:
+        raise KeyError("no")
+
+    assert await in_daemon_thread(lambda: 3, "three") == 3
+    with pytest.raises(KeyError):
+        await in_daemon_thread(fail, "fails")
+
+
+def test_the_loop_ends_while_the_work_goes_on() -> None:
+    release = threading.Event()
+    dropped: list[int] = []
+    is_dropped = threading.Event()
+
+    def work() -> int:
+        assert release.wait(PATIENCE_S)
+        return 4
+
+    def discard(result: int) -> None:
+        dropped.append(result)
+        is_dropped.set()
+
+    async def main() -> None:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(in_daemon_thread(work, "slow", discard=discard), 0.01)
+
+    began_s = time.monotonic()
+    asyncio.run(main())
+    assert time.monotonic() - began_s < PATIENCE_S / 2
+    release.set()
+    assert is_dropped.wait(PATIENCE_S)
+    assert dropped == [4]
+
+
+async def test_a_result_that_comes_too_late_is_discarded_while_the_loop_runs() -> None:
+    release = threading.Event()
+    dropped: list[bool] = []
+    task = asyncio.create_task(
+        in_daemon_thread(lambda: release.wait(PATIENCE_S), "late", discard=dropped.append)
+    )
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert not dropped
+    release.set()
+    await until(lambda: dropped == [True])
+
+
+@pytest.mark.parametrize("turns", [0, 1], ids=["before the loop knows", "before the task wakes"])
+async def test_a_result_that_comes_with_the_cancelling_is_discarded(turns: int) -> None:
+    release = threading.Event()
+    dropped: list[bool] = []
+    task = asyncio.create_task(
+        in_daemon_thread(lambda: release.wait(PATIENCE_S), "raced", discard=dropped.append)
+    )
+    await asyncio.sleep(0)
+    [thread] = [each for each in threading.enumerate() if each.name == "raced"]
+    release.set()
+    thread.join(PATIENCE_S)  # the loop is held up: it comes to know of both at once
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    assert task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await until(lambda: dropped == [True])
+
+
+async def test_an_error_that_comes_with_the_cancelling_is_nobodys() -> None:
+    def fail() -> int:
+        raise KeyError("no")
+
+    dropped: list[int] = []
+    task = asyncio.create_task(in_daemon_thread(fail, "fails", discard=dropped.append))
+    await asyncio.sleep(0)
+    for thread in threading.enumerate():
+        if thread.name == "fails":
+            thread.join(PATIENCE_S)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert not dropped
+
+
+LEAVING = """
+import asyncio, sys, threading
+from pointit.runtime.daemon_thread import in_daemon_thread, leave
+
+async def main():
+    try:
+        await asyncio.wait_for(in_daemon_thread(threading.Event().wait, "for ever"), 0.01)
+    except TimeoutError:
+        pass
+
+print("said", end="")
+{first}
+leave(3)
+sys.exit(4)
+"""
+
+
+@pytest.mark.parametrize(("first", "code"), [("asyncio.run(main())", 3), ("", 4)])
+def test_a_program_leaves_at_once_what_still_runs(first: str, code: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LEAVING.format(first=first)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=EXIT_PATIENCE_S,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (code, "said", "")
+
+
+WAITING = """
+import asyncio, time
+from pointit.runtime.daemon_thread import EXIT_PATIENCE_S, in_daemon_thread
+
+def work():
+    time.sleep(0.3)
+    print("done", flush=True)
+
+async def main():
+    try:
+        await asyncio.wait_for(in_daemon_thread(work, "soon"), 0.01)
+    except TimeoutError:
+        pass
+
+asyncio.run(main())
+"""
+
+
+def test_any_other_process_waits_for_it_at_its_exit() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WAITING], check=False, capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")

@@ -1,0 +1,47 @@
+"""A router that is given up while it opens."""
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime import router
+from pointit.runtime.router import Router
+from tests.support.bench import until
+
+PATIENCE_S = 20.0
+
+
+class Session:
+    """Of Zenoh, as far as it matters here."""
+
+    def __init__(self) -> None:
+        self.is_closed = False
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+async def test_a_session_that_opens_when_nobody_wants_it_any_more_is_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun, release = threading.Event(), threading.Event()
+    session = Session()
+
+    def opened(_config: object) -> Session:
+        begun.set()
+        assert release.wait(PATIENCE_S)
+        return session
+
+    monkeypatch.setattr(router, "_opened", opened)
+    routing = Router(lambda: "{}", Path(), [])
+    opening = asyncio.create_task(routing.open())
+    await until(begun.is_set)
+    opening.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    assert not session.is_closed
+    release.set()
+    await until(lambda: session.is_closed)
+    await routing.close()

@@ -1,0 +1,93 @@
+"""What is denied is tested again: a busy router answers late, and rules change."""
+
+import contextlib
+import datetime as dt
+from collections.abc import AsyncGenerator, Callable
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+import zenoh
+
+from pointit.runtime import self_test
+from pointit.runtime.credentials import Credentials, LinkFile
+from pointit.runtime.self_test import SelfTest
+from tests.support.bench import until
+
+
+class Router:
+    """What is put in one session comes out in the other, but for what is `denied`."""
+
+    def __init__(self) -> None:
+        self.denied: Callable[[str], bool] = lambda _key: False
+        self.tests = 0
+        self._hear: Callable[[Any], None] = lambda _sample: None
+
+    def declare_subscriber(self, _key: str, callback: Callable[[Any], None]) -> None:
+        self._hear = callback
+
+    def put(self, key: str, _payload: bytes) -> None:
+        if not self.denied(key):
+            self._hear(Sample(key))
+
+    @contextlib.asynccontextmanager
+    async def second(self) -> AsyncGenerator[zenoh.Session]:
+        self.tests += 1
+        yield cast("zenoh.Session", self)
+
+
+class Sample:
+    def __init__(self, key: str) -> None:
+        self.key_expr = key
+
+
+@pytest.fixture(autouse=True)
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(self_test, "SETTLE_S", 0.001)
+    monkeypatch.setattr(self_test, "WAITS_S", (0.005, 0.005))
+    monkeypatch.setattr(self_test, "RETRY_S", (0.02, 0.03))
+
+
+def self_test_at(router: Router) -> SelfTest:
+    day = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+    link = LinkFile(
+        site="lab",
+        name="anna",
+        role="user",
+        generation=1,
+        endpoints=("tls/127.0.0.1:7447",),
+        valid_from=day,
+        valid_until=day + dt.timedelta(days=365),
+    )
+    credentials = Credentials(folder=Path(), link=link)
+    return SelfTest(cast("zenoh.Session", router), credentials, router.second, lambda: True)
+
+
+@pytest.mark.parametrize("what", ["@may", "users/anna/imu"])
+async def test_what_came_late_is_denied_no_longer(what: str) -> None:
+    router = Router()
+    router.denied = lambda key: what in key
+    test = self_test_at(router)
+    try:
+        test.want("writes", "users/anna/imu")
+        test.want("reads", "map")
+        await until(lambda: bool(test.trouble), what="it to be denied")
+        assert ("nothing" in test.trouble) == (what == "@may")
+        router.denied = lambda _key: False
+        await until(lambda: not test.trouble, what="it to be granted")
+        done = router.tests
+        await until(lambda: test._task is None and test._retry is None, what="the end of testing")
+        assert router.tests == done
+    finally:
+        await test.close()
+
+
+async def test_it_is_tested_until_it_is_closed() -> None:
+    router = Router()
+    router.denied = lambda key: "imu" in key
+    test = self_test_at(router)
+    test.want("writes", "users/anna/imu")
+    await until(lambda: router.tests >= 4, what="more tests")
+    assert "may not write users/anna/imu" in test.trouble
+    await test.close()
+    assert test._retry is None or test._retry.cancelled()

@@ -1,0 +1,85 @@
+"""TCP gives up on ends that have vanished."""
+
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.tcp_silence import end_silence, tcp_sockets
+from pointit.runtime.zenoh_session import LEASE_MS, Link, close_session, open_session, ports_of
+from tests.support.buses import free_port
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")
+
+AFTER_MS = 2345
+
+
+def waits_ms(of: socket.socket) -> int:
+    return of.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) if sys.platform == "linux" else 0
+
+
+@pytest.fixture
+def listening() -> Iterator[socket.socket]:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server
+
+
+def test_who_listens_hands_it_on_and_who_connects_has_it(listening: socket.socket) -> None:
+    port = listening.getsockname()[1]
+    assert end_silence({port}, AFTER_MS) == 1
+    with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
+        assert waits_ms(accepted) == AFTER_MS
+        assert waits_ms(client) == 0
+        assert end_silence({port}, AFTER_MS) == 3
+        assert waits_ms(client) == AFTER_MS
+
+
+def test_others_are_left_alone(listening: socket.socket) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        assert end_silence({other.getsockname()[1], free_port()}, AFTER_MS) == 0
+    assert waits_ms(listening) == 0
+
+
+def test_no_setting_of_a_socket_is_changed_by_looking(listening: socket.socket) -> None:
+    listening.setblocking(False)
+    end_silence({listening.getsockname()[1]}, AFTER_MS)
+    assert not listening.getblocking()
+    with pytest.raises(BlockingIOError):
+        listening.accept()
+
+
+def test_locks_on_files_are_kept(tmp_path: Path) -> None:
+    take = "import sqlite3, sys; sqlite3.connect(sys.argv[1], timeout=0).execute('BEGIN EXCLUSIVE')"
+    path = tmp_path / "held.sqlite"
+    with closing(sqlite3.connect(path, isolation_level=None)) as held:
+        held.execute("BEGIN EXCLUSIVE")
+        end_silence({free_port()}, AFTER_MS)
+        other = subprocess.run(
+            [sys.executable, "-c", take, str(path)], capture_output=True, text=True, check=False
+        )
+    assert "database is locked" in other.stderr
+
+
+def test_ports_of_addresses() -> None:
+    addresses = ("tcp/127.0.0.1:7447", "tls/[::1]:7448#ca=/a b.pem", "quic/host:7449", "serial//dev/ttyUSB0")
+    assert ports_of(addresses) == {7447, 7448, 7449}
+
+
+async def test_a_session_that_listens_and_one_that_connects_have_it() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = await open_session(Link(listen=(endpoint,), router=True))
+    session = await open_session(Link(connect=(endpoint,)), patience_s=5.0)
+    try:
+        with ExitStack() as stack:
+            found = [stack.enter_context(each.dup()) for each in tcp_sockets()]
+            bounded = [each for each in found if waits_ms(each) == LEASE_MS]
+            assert len(bounded) >= 3, "one that listens, both ends of a connection"
+    finally:
+        await close_session(session)
+        await close_session(router)

@@ -1,0 +1,68 @@
+"""What others ask: bounded, and handled a slice of time a turn."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from pointit.runtime.waiting_line import MAX_WAITING, SHOWN_S, SLICE_S, TurnedAway, WaitingLine
+from tests.support.bench import until
+
+
+async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order() -> None:
+    seen: list[int] = []
+    turned_away = TurnedAway()
+
+    def work(item: int) -> tuple[()]:
+        seen.append(item)
+        return ()
+
+    line = WaitingLine("users/*/profile", work, turned_away)
+    taken: list[bool] = []
+    thread = threading.Thread(
+        target=lambda: taken.extend(line.offer(item) for item in range(MAX_WAITING + 3))
+    )
+    thread.start()
+    thread.join()  # the loop is held up meanwhile
+    assert taken == [True] * MAX_WAITING + [False] * 3
+    sentence = turned_away.trouble(time.monotonic())
+    assert sentence.startswith("3 questions were turned away, the last for users/*/profile, ")
+    assert turned_away.trouble(time.monotonic() + SHOWN_S + 1.0) == ""
+    await until(lambda: len(seen) == MAX_WAITING)
+    assert seen == list(range(MAX_WAITING))
+    assert line.offer(7), "there is room again"
+    await until(lambda: seen[-1] == 7)
+
+
+async def test_everybody_else_gets_turns_while_one_long_item_is_worked_on() -> None:
+    turns = 0
+    counts: list[int] = []
+
+    def work(steps: int) -> Iterator[None]:
+        for _ in range(steps):
+            counts.append(turns)
+            time.sleep(SLICE_S)
+            yield
+
+    line = WaitingLine("key", work, TurnedAway())
+    assert line.offer(20)
+    while len(counts) < 20:
+        await asyncio.sleep(0)
+        turns += 1
+    assert len(set(counts)) == 20, "a step longer than a slice is the only one of its turn"
+
+
+async def test_what_fails_does_not_stop_the_next(caplog: pytest.LogCaptureFixture) -> None:
+    seen: list[int] = []
+
+    def work(item: int) -> Iterator[None]:
+        yield
+        seen.append(10 // item)
+
+    line = WaitingLine("led/brightness", work, TurnedAway())
+    assert line.offer(0)
+    assert line.offer(5)
+    await until(lambda: seen == [2])
+    assert "led/brightness" in caplog.text

@@ -18,10 +18,10 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus import Closable
-from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import BusClosedError, ConfigError, ConnectError, ListenError
 from pointit.runtime.mailbox import Dispatcher
 from pointit.runtime.tcp_silence import end_silence
+from pointit.runtime.zenoh_open import opened
 from pointit.runtime.zenoh_plain_ends import (
     Packet,
     PlainReader,
@@ -137,11 +137,7 @@ async def open_plain(
     config = plain_configuration(link)
     while True:
         try:
-            session = await in_daemon_thread(
-                lambda: zenoh.open(config),
-                "zenoh-open",
-                discard=lambda session: session.close(),
-            )
+            session = await opened(config)
         except zenoh.ZError as error:
             if link.mode != "client":
                 is_taken = IN_USE.search(str(error)) is not None

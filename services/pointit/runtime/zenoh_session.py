@@ -19,6 +19,7 @@ from pointit.runtime.credentials import Credentials, refusal
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.runtime.tcp_silence import end_silence
+from pointit.runtime.zenoh_open import opened
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
@@ -199,16 +200,8 @@ async def _open_by_turns(turns: Sequence[zenoh.Config]) -> zenoh.Session:
     *others, last = turns
     for turn in others:
         with contextlib.suppress(zenoh.ZError):
-            return await _open(turn)
-    return await _open(last)
-
-
-async def _open(config: zenoh.Config) -> zenoh.Session:
-    return await in_daemon_thread(
-        lambda: zenoh.open(config),
-        "zenoh-open",
-        discard=lambda session: session.close(),
-    )
+            return await opened(turn)
+    return await opened(last)
 
 
 def refusals(link: Link) -> str:

@@ -183,10 +183,12 @@ def page_table(page_result: dict[str, Any]) -> Table:
 def ros2_table(ros2_result: dict[str, Any]) -> Table:
     """Return what the bridge to ROS 2 costs beside a bare relay, as a table."""
     trip = ros2_result["round_trip"]
+    bare = ros2_result["bare_round_trip"]
     load = ros2_result["before"]["load_average"][0]
     table = Table(
         title=f"Bridge to ROS 2, load {load}: started in {ros2_result['start_s']} s; round trip p50 "
-        f"{trip['p50_ms']:.2f} ms, p99 {trip['p99_ms']:.2f} ms, {trip['lost']} of {trip['count']} lost"
+        f"{trip['p50_ms']:.2f} ms, p99 {trip['p99_ms']:.2f} ms, {trip['lost']} of {trip['count']} lost; "
+        f"of a bare relay p50 {bare['p50_ms']:.2f} ms, p99 {bare['p99_ms']:.2f} ms"
     )
     for column in ("what", "messages/s", "CPU of a core", "µs per message", "lost"):
         table.add_column(column, justify="left" if column == "what" else "right")

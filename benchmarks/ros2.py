@@ -119,6 +119,8 @@ class Ends:
 async def measure(duration_s: float) -> dict[str, Any]:
     """Return cost, delivery, round trips and start of the bridge."""
     bare = await bare_relay.cost(USERS * HZ, duration_s)
+    rounds = int(max(duration_s, LEAST_S) * ROUND_HZ)
+    bare_trip = await bare_relay.round_trip(ROUND_HZ, rounds)
     async with bridged() as ends:
         await ends.ready()
         return {
@@ -131,7 +133,8 @@ async def measure(duration_s: float) -> dict[str, Any]:
             "out": [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)],
             "in": [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)],
             "both": [await _cost(ends, duration_s, [ends.put_ray, ends.put_rotation]) for _ in range(ROUNDS)],
-            "round_trip": await _round_trip(ends, duration_s),
+            "bare_round_trip": bare_trip,
+            "round_trip": await _round_trip(ends, rounds),
             "memory_mb": round(ends.process.memory_info().rss / 1e6, 1),
             "after": machine(),
         }
@@ -203,7 +206,7 @@ async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], N
     }
 
 
-async def _round_trip(ends: Ends, duration_s: float) -> dict[str, Any]:
+async def _round_trip(ends: Ends, count: int) -> dict[str, Any]:
     """Return the times of ROS, bridge, our bus, bridge, ROS: one message after the other."""
     times_s: list[float] = []
     came = asyncio.Event()
@@ -213,7 +216,6 @@ async def _round_trip(ends: Ends, duration_s: float) -> dict[str, Any]:
         came.set()
 
     ends.on_ray, ends.echoes = hear, True
-    count = int(max(duration_s, LEAST_S) * ROUND_HZ)
     for _ in range(count):
         came.clear()
         ends.put_rotation(ends.users[0], time.time_ns())

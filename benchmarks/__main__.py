@@ -15,7 +15,7 @@ from rich.table import Table
 
 from benchmarks import bare_chain, cores, our_chain, page, ros2, startup, users
 from benchmarks.statistics import Figures, machine
-from pointit.runtime.process import SWITCH_INTERVAL_S
+from pointit.runtime.ending import SWITCH_INTERVAL_S
 from pointit.runtime.state import VARIABLE
 
 RATE_HZ = 100.0

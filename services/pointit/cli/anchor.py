@@ -12,7 +12,7 @@ from pointit.cli.link import joined, quiet, site_options, untold_address
 from pointit.cli.newest import Newest
 from pointit.cli.output import INTERRUPTED, json_option, print_json
 from pointit.cli.prompt import changing_line
-from pointit.runtime.process import EXIT_FAILED, run_async
+from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.schemas import Anchor, UserPose
 from pointit.schemas.topics import POSE, check_name
 

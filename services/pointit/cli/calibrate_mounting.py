@@ -19,8 +19,8 @@ from pointit.diagnosis.writers import instance_of, why_silent
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.runtime import NoAnswerError, PointItError
 from pointit.runtime.bus import Bus
+from pointit.runtime.ending import run_async
 from pointit.runtime.presence import present
-from pointit.runtime.process import run_async
 from pointit.runtime.state import StateFile
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name

@@ -22,8 +22,8 @@ from pointit.diagnosis.writers import why_silent
 from pointit.runtime import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.bus import AnyTopic, Bus
 from pointit.runtime.clock import SiteClock
+from pointit.runtime.ending import run_async
 from pointit.runtime.presence import present
-from pointit.runtime.process import run_async
 from pointit.runtime.state import StateFile
 from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
 from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name

@@ -15,7 +15,7 @@ from pointit.cli.output import Row, Section, json_option, print_json, show, to_l
 from pointit.runtime import ConfigError
 from pointit.runtime.bus import REQUEST_TIMEOUT_S
 from pointit.runtime.config import Layers, Leaf, leaves
-from pointit.runtime.process import run_async
+from pointit.runtime.ending import run_async
 from pointit.schemas import Query, Reply, explain
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
 

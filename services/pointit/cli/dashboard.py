@@ -14,9 +14,10 @@ from pointit.cli.run_options import NEW_LINK
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
+from pointit.runtime.ending import run_async
 from pointit.runtime.log import setup_logging
 from pointit.runtime.presence import present
-from pointit.runtime.process import link_of, log_option, run_async
+from pointit.runtime.process import link_of, log_option
 from pointit.runtime.service import check_launches, run_service
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link

@@ -20,8 +20,9 @@ from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.narrowed import is_about, narrowed
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
 from pointit.diagnosis.writers import split
+from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.runtime.errors import ConnectError
-from pointit.runtime.process import EXIT_FAILED, given_credentials, run_async
+from pointit.runtime.process import given_credentials
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE

@@ -10,7 +10,7 @@ from pointit.cli.keys import Wanted, resolve
 from pointit.cli.link import joined, quiet, site_options
 from pointit.cli.output import json_option, to_json, to_line, write_line
 from pointit.diagnosis.writers import why_silent
-from pointit.runtime.process import run_async
+from pointit.runtime.ending import run_async
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, Delivery, Topic

@@ -23,8 +23,8 @@ from pointit.cli.view import figures
 from pointit.cli.wishes import Wishes
 from pointit.runtime import Clock, SimulatedClock, WallClock
 from pointit.runtime.clock import keep_time
+from pointit.runtime.ending import run_async
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import run_async
 from pointit.runtime.service import check_launches
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Health

@@ -13,7 +13,7 @@ from pointit.cli.link import joined, quiet, site_options
 from pointit.cli.output import Section, console, json_option, print_table, to_json, write_line
 from pointit.cli.rates import Rate, RateMeter
 from pointit.runtime.bus import AnyTopic, Subscription
-from pointit.runtime.process import EXIT_FAILED, run_async
+from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Message, encode
 from pointit.schemas.topics import ANY, IMU

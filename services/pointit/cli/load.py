@@ -23,7 +23,8 @@ from pointit.cli.scenario import read_scenario
 from pointit.runtime import ConfigError, Launch
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.credentials import Credentials
-from pointit.runtime.process import EXIT_FAILED, given_credentials, run_async
+from pointit.runtime.ending import EXIT_FAILED, run_async
+from pointit.runtime.process import given_credentials
 from pointit.runtime.state import VARIABLE
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -17,8 +17,8 @@ from pointit.cli.whereabouts import localizing, missing, outside, people
 from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
 from pointit.runtime.clock import SiteClock
+from pointit.runtime.ending import run_async
 from pointit.runtime.presence import present
-from pointit.runtime.process import run_async
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.topics import (

@@ -12,7 +12,7 @@ from pointit.diagnosis.writers import instance_of, split
 from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
 from pointit.runtime.clock import SiteClock
-from pointit.runtime.process import run_async
+from pointit.runtime.ending import run_async
 from pointit.schemas import ButtonEvent, Feedback, Interaction
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, SERVICE_ALIVE, check_name
 

@@ -14,8 +14,9 @@ from pointit.access.refused import FILTER, Refused
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError
+from pointit.runtime.ending import run_async
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import log_option, run_async
+from pointit.runtime.process import log_option
 from pointit.runtime.router import Router, routing
 from pointit.runtime.zenoh_log import listening
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT

@@ -22,9 +22,15 @@ from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import check_settings
 from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
+from pointit.runtime.ending import run_async
 from pointit.runtime.environment import check_environment
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import given_credentials, link_of, link_options, log_option, run_async
+from pointit.runtime.process import (
+    given_credentials,
+    link_of,
+    link_options,
+    log_option,
+)
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.schemas.topics import check_name
 from pointit.services.registry import PROCESSES

@@ -1,15 +1,11 @@
-"""A process around services: options, the session, signals, the exit code."""
+"""A process around services: options, configuration, the session, the exit code."""
 
 import asyncio
-import contextlib
 import datetime as dt
 import logging
 import os
-import signal
 import sys
-import threading
-import typing
-from collections.abc import Callable, Coroutine, Generator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,6 +15,7 @@ from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
 from pointit.runtime.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.daemon_thread import leave
+from pointit.runtime.ending import EXIT_FAILED, end_with_parent, run_async
 from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.log import setup_logging
@@ -31,18 +28,13 @@ from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
 log = logging.getLogger(__name__)
 
-EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_FAULT = 70
 """An error that nobody foresaw (sysexits' EX_SOFTWARE)."""
-END_PATIENCE_S = 5.0
-"""After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
 CLOCK_PATIENCE_S = 0.3
 """How long a service waits for the site's simulated time before it begins; it usually takes ms."""
 ASKED_CLOCK_PATIENCE_S = 2.0
 """The same, when the command line says that there is one: so many processes may start that they are slow."""
-SWITCH_INTERVAL_S = 0.0005
-"""Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
 
 def main(service: type[AnyService]) -> NoReturn:
@@ -263,93 +255,6 @@ def log_option() -> click.Option:
         show_default=True,
         help="what to log",
     )
-
-
-def end_with_parent() -> None:
-    """End this process when its standard input closes: no child survives a killed parent."""
-
-    def wait() -> None:
-        while os.read(sys.stdin.fileno(), 1024):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, name="parent watch", daemon=True).start()
-
-
-def run_async(work: Coroutine[Any, Any, int]) -> int:
-    """Run `work` until it ends or Ctrl-C or SIGTERM ask for it; return its exit code.
-
-    A signal cancels the work; having been asked to end is not a failure: 0.
-    """
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    return asyncio.run(_until_signal(work))
-
-
-async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
-    loop = asyncio.get_running_loop()
-    task = loop.create_task(work, name="main")
-    asked = False
-
-    def ask() -> None:
-        nonlocal asked
-        if not asked:
-            asked = True
-            cut_off.start()
-        task.cancel()
-
-    with _signals(loop, ask), _cut_off(loop) as cut_off:
-        try:
-            return await task
-        except asyncio.CancelledError:
-            if not asked:
-                raise
-            return 0
-        except BaseExceptionGroup as group:
-            raise _first_cause(group) from group
-
-
-def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """Return the error to tell the person: a sentence of ours if there is one."""
-    said = group.subgroup((PointItError, SchemaError))
-    error: BaseException = group if said is None else said
-    while isinstance(error, BaseExceptionGroup):
-        error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
-    return error
-
-
-@contextlib.contextmanager
-def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
-    """Yield a timer that, once started, ends the process if what is inside takes too long to end."""
-
-    def end() -> None:
-        names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
-        sys.stderr.write(f"Error: did not end within {END_PATIENCE_S:g} s: {names}\n")
-        sys.stderr.flush()
-        os._exit(EXIT_FAILED)
-
-    timer = threading.Timer(END_PATIENCE_S, end)
-    timer.daemon = True
-    try:
-        yield timer
-    finally:
-        timer.cancel()
-
-
-@contextlib.contextmanager
-def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
-    """Have SIGINT and SIGTERM call `ask` in the loop."""
-    wanted = (signal.SIGINT, signal.SIGTERM)
-    try:
-        for number in wanted:
-            loop.add_signal_handler(number, ask)
-    except NotImplementedError:  # Windows: asyncio.run turns Ctrl-C into a cancellation by itself
-        yield
-        return
-    try:
-        yield
-    finally:
-        for number in wanted:
-            loop.remove_signal_handler(number)
 
 
 async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> int:

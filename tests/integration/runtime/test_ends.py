@@ -176,8 +176,8 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(end: str, code: int) 
 
 STUBBORN = """
 import asyncio, threading
-from pointit.runtime import process
-process.END_PATIENCE_S = 0.5
+from pointit.runtime import ending
+ending.END_PATIENCE_S = 0.5
 
 async def work():
     print("ready", flush=True)
@@ -187,7 +187,7 @@ async def work():
         except asyncio.CancelledError:
             pass
 
-process.run_async(work())
+ending.run_async(work())
 """
 
 

@@ -23,11 +23,11 @@ from pointit.runtime import (
     process,
 )
 from pointit.runtime.config import leaves
+from pointit.runtime.ending import run_async
 from pointit.runtime.process import (
     ASKED_CLOCK_PATIENCE_S,
     CLOCK_PATIENCE_S,
     load_config,
-    run_async,
     run_command,
     service_command,
 )

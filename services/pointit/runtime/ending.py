@@ -1,0 +1,107 @@
+"""Work that runs until it ends or is asked to: signals, the exit code, what does not end is cut off."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import threading
+import typing
+from collections.abc import Callable, Coroutine, Generator
+from typing import Any
+
+from pointit.runtime.errors import PointItError
+from pointit.schemas import SchemaError
+
+EXIT_FAILED = 1
+END_PATIENCE_S = 5.0
+"""After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
+SWITCH_INTERVAL_S = 0.0005
+"""Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
+
+
+def end_with_parent() -> None:
+    """End this process when its standard input closes: no child survives a killed parent."""
+
+    def wait() -> None:
+        while os.read(sys.stdin.fileno(), 1024):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="parent watch", daemon=True).start()
+
+
+def run_async(work: Coroutine[Any, Any, int]) -> int:
+    """Run `work` until it ends or Ctrl-C or SIGTERM ask for it; return its exit code.
+
+    A signal cancels the work; having been asked to end is not a failure: 0.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    return asyncio.run(_until_signal(work))
+
+
+async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
+    loop = asyncio.get_running_loop()
+    task = loop.create_task(work, name="main")
+    asked = False
+
+    def ask() -> None:
+        nonlocal asked
+        if not asked:
+            asked = True
+            cut_off.start()
+        task.cancel()
+
+    with _signals(loop, ask), _cut_off(loop) as cut_off:
+        try:
+            return await task
+        except asyncio.CancelledError:
+            if not asked:
+                raise
+            return 0
+        except BaseExceptionGroup as group:
+            raise _first_cause(group) from group
+
+
+def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """Return the error to tell the person: a sentence of ours if there is one."""
+    said = group.subgroup((PointItError, SchemaError))
+    error: BaseException = group if said is None else said
+    while isinstance(error, BaseExceptionGroup):
+        error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
+    return error
+
+
+@contextlib.contextmanager
+def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
+    """Yield a timer that, once started, ends the process if what is inside takes too long to end."""
+
+    def end() -> None:
+        names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
+        sys.stderr.write(f"Error: did not end within {END_PATIENCE_S:g} s: {names}\n")
+        sys.stderr.flush()
+        os._exit(EXIT_FAILED)
+
+    timer = threading.Timer(END_PATIENCE_S, end)
+    timer.daemon = True
+    try:
+        yield timer
+    finally:
+        timer.cancel()
+
+
+@contextlib.contextmanager
+def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
+    """Have SIGINT and SIGTERM call `ask` in the loop."""
+    wanted = (signal.SIGINT, signal.SIGTERM)
+    try:
+        for number in wanted:
+            loop.add_signal_handler(number, ask)
+    except NotImplementedError:  # Windows: asyncio.run turns Ctrl-C into a cancellation by itself
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number in wanted:
+            loop.remove_signal_handler(number)

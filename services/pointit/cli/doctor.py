@@ -22,7 +22,7 @@ from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
 from pointit.diagnosis.writers import split
 from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.runtime.errors import ConnectError
-from pointit.runtime.process import given_credentials
+from pointit.runtime.link_options import given_credentials
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE

@@ -9,8 +9,8 @@ import click
 from click.core import ParameterSource
 
 from pointit.runtime import PointItError, zenoh_session
+from pointit.runtime.link_options import link_of, link_options
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import link_of, link_options
 from pointit.runtime.zenoh_bus import ZenohBus
 
 PATIENCE_S = 2.0

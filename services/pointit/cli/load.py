@@ -24,7 +24,7 @@ from pointit.runtime import ConfigError, Launch
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.credentials import Credentials
 from pointit.runtime.ending import EXIT_FAILED, run_async
-from pointit.runtime.process import given_credentials
+from pointit.runtime.link_options import given_credentials
 from pointit.runtime.state import VARIABLE
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus

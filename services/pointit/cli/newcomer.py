@@ -10,7 +10,7 @@ from pointit.cli.link import joined
 from pointit.cli.scenario import scenario_names
 from pointit.runtime import Bus, ConfigError, ConnectError
 from pointit.runtime.ending import run_async
-from pointit.runtime.process import given_credentials
+from pointit.runtime.link_options import given_credentials
 from pointit.schemas import Deployment, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import DEPLOYMENT, PROFILE, USER_ALIVE

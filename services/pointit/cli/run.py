@@ -24,13 +24,9 @@ from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
 from pointit.runtime.environment import check_environment
+from pointit.runtime.link_options import given_credentials, link_of, link_options
 from pointit.runtime.log import setup_logging
-from pointit.runtime.process import (
-    given_credentials,
-    link_of,
-    link_options,
-    log_option,
-)
+from pointit.runtime.process import log_option
 from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.schemas.topics import check_name
 from pointit.services.registry import PROCESSES

@@ -1,11 +1,10 @@
 """A process around services: options, configuration, the session, the exit code."""
 
 import asyncio
-import datetime as dt
 import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -13,16 +12,16 @@ import click
 
 from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config import Config, Layers, leaves, read_yaml
-from pointit.runtime.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.daemon_thread import leave
 from pointit.runtime.ending import EXIT_FAILED, end_with_parent, run_async
 from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.link_options import link_of, link_options
 from pointit.runtime.log import setup_logging
 from pointit.runtime.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.zenoh_session import Link
 from pointit.schemas import SchemaError
 from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
@@ -173,77 +172,6 @@ def load_config(
         if text is not None:
             layers.add_text(path, text, "--" + ".".join(path).replace("_", "-"))
     return layers.build(service.CONFIG)
-
-
-def link_options() -> list[click.Parameter]:
-    """Return the options that say how a command joins the network."""
-    return [
-        click.Option(
-            ["--credentials"],
-            type=click.Path(path_type=Path),
-            envvar=VARIABLE,
-            is_eager=True,
-            expose_value=False,
-            callback=_take_credentials,
-            help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
-        ),
-        _OfCredentials(["--site"], default=DEFAULT_SITE, show_default=True, help="name of the site"),
-        _OfCredentials(
-            ["--connect"],
-            multiple=True,
-            default=(DEFAULT_ENDPOINT,),
-            show_default=True,
-            help="address of a `pointit run` or `pointit router`",
-        ),
-        click.Option(["--listen"], multiple=True, help="listen here instead of connecting"),
-    ]
-
-
-class _OfCredentials(click.Option):
-    """An option that credentials answer unless it is given."""
-
-    def get_default(self, ctx: click.Context, call: bool = True) -> Any:  # noqa: FBT001, FBT002 - click's own
-        credentials = ctx.meta.get(VARIABLE)
-        if credentials is None or not call:
-            return super().get_default(ctx, call=call)
-        return credentials.link.site if self.name == "site" else credentials.link.endpoints
-
-
-def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: Path | None) -> None:
-    if folder is None or ctx.resilient_parsing:
-        return
-    now = dt.datetime.now(dt.UTC)
-    credentials = read_credentials(folder, now)
-    if ending := credentials.ending(now):
-        click.echo(f"Warning: {ending}", err=True)
-    ctx.meta[VARIABLE] = credentials
-    os.environ[VARIABLE] = str(credentials.folder)  # for the processes that this one starts
-
-
-def given_credentials() -> Credentials | None:
-    """Return what --credentials of the running command names; none without it."""
-    context = click.get_current_context(silent=True)
-    credentials: Credentials | None = None if context is None else context.meta.get(VARIABLE)
-    return credentials
-
-
-def link_of(site: str, connect: Sequence[str], listen: Sequence[str] = ()) -> Link:
-    """Return how the running command joins `site`: with its credentials, if it has any.
-
-    Raises:
-        ConfigError: they are of another site, or nobody is there to be shown them.
-    """
-    credentials = given_credentials()
-    if credentials is not None and site != credentials.link.site:
-        raise ConfigError(
-            f"--site {site}: the credentials in {credentials.folder} are of site {credentials.link.site}; "
-            "leave --site out, or use that site's credentials"
-        )
-    if credentials is not None and listen:
-        raise ConfigError(
-            f"--listen {listen[0]}: credentials are shown to a router; leave --listen out, or --credentials"
-        )
-    return Link(site=site, connect=tuple(connect), listen=tuple(listen), credentials=credentials)
 
 
 def log_option() -> click.Option:

@@ -83,17 +83,27 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Return the mapping in a YAML file.
 
     Raises:
-        ConfigError: it cannot be read, is too large, is not YAML, has a key twice, or is not a mapping; it
-            is nested too deeply, or its aliases unfold to too much.
+        ConfigError: it cannot be read, or is not what `parse_yaml` takes.
     """
     try:
         with path.open("rb") as file:
             content = file.read(MAX_YAML_BYTES + 1)
-        if len(content) > MAX_YAML_BYTES:
-            raise ConfigError(f"{path}: is too large, at most {MAX_YAML_BYTES // 1024**2} MiB are read")
-        data = _load_yaml(content.decode("utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    return parse_yaml(content, path)
+
+
+def parse_yaml(content: bytes, path: Path | str) -> dict[str, Any]:
+    """Return the mapping in `content`, which is of `path`, or of whatever sentences are to name.
+
+    Raises:
+        ConfigError: it is too large, is not YAML, has a key twice, or is not a mapping; it is nested too
+            deeply, or its aliases unfold to too much.
+    """
+    if len(content) > MAX_YAML_BYTES:
+        raise ConfigError(f"{path}: is too large, at most {MAX_YAML_BYTES // 1024**2} MiB are read")
+    try:
+        data = _load_yaml(content.decode("utf-8"))
     except RecursionError as error:
         raise ConfigError(f"{path}: is nested too deeply") from error
     except (yaml.YAMLError, ValueError) as error:  # ValueError: not UTF-8, or a date such as 2024-99-99

@@ -25,7 +25,8 @@ from pointit.runtime.bus import (
 )
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.mailbox import Mailbox
-from pointit.runtime.memory_bus import Declaration, MemoryBus, MemoryPublisher
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.memory_ends import Declaration, MemoryPublisher
 from pointit.runtime.self_test import SelfTest
 from pointit.runtime.waiting_line import TurnedAway
 from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping

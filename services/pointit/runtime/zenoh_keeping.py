@@ -17,7 +17,8 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.bus import AnyTopic, Recall
 from pointit.runtime.mailbox import Mailbox
-from pointit.runtime.memory_bus import Keeping, MemoryBus
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.memory_ends import Keeping
 from pointit.runtime.names import limit_of
 from pointit.runtime.waiting_line import TurnedAway, WaitingLine
 from pointit.runtime.zenoh_wire import decoded, encoding_of, name_in

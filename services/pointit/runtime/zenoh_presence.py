@@ -9,7 +9,8 @@ from collections.abc import Callable
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.memory_bus import MemoryBus, Watcher
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.memory_ends import Watcher
 from pointit.runtime.zenoh_wire import name_in
 from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence

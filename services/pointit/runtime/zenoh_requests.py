@@ -13,7 +13,8 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.bus import Server
 from pointit.runtime.errors import RefusedError, RequestError
-from pointit.runtime.memory_bus import Desk, MemoryBus
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.memory_desk import Desk
 from pointit.runtime.unanswered import no_answer, shutting_down
 from pointit.runtime.waiting_line import MAX_WAITING, TurnedAway, WaitingLine
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in

@@ -14,7 +14,8 @@ from zenoh.handlers import Callback, RingChannel
 
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.mailbox import Mailbox
-from pointit.runtime.memory_bus import MailboxSubscription, MemoryBus, MemoryPublisher
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.memory_ends import MailboxSubscription, MemoryPublisher
 from pointit.runtime.names import Names
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
 from pointit.schemas import DecodeError, Message, SchemaError, encode

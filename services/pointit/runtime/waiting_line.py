@@ -47,8 +47,9 @@ class TurnedAway:
         with self._lock:
             if now_s - self._last_s > SHOWN_S:
                 return ""
+            many = f"{self._count} questions were turned away, the last"
             return (
-                f"{self._count} questions were turned away, the last for {self._key}, as more than "
+                f"{many if self._count > 1 else '1 question was turned away,'} for {self._key}, as more than "
                 f"{MAX_WAITING} waited: find out who on this site asks so much, and end that"
             )
 

@@ -24,6 +24,7 @@ from pointit.runtime.bus import (
     Subscription,
 )
 from pointit.runtime.errors import NoAnswerError
+from pointit.runtime.link_watch import LinkWatch
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import Declaration, MemoryPublisher
@@ -32,7 +33,7 @@ from pointit.runtime.waiting_line import TurnedAway
 from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
 from pointit.runtime.zenoh_presence import ZenohWatcher
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
-from pointit.runtime.zenoh_session import Link, LinkWatch, close_session, open_session
+from pointit.runtime.zenoh_session import Link, close_session, open_session
 from pointit.runtime.zenoh_topics import LatestInlet, Parcel, ZenohPublisher, ZenohSubscription
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic

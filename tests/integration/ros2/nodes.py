@@ -22,7 +22,8 @@ from pointit.bridges.ros2.backend import LATCHED, Backend, Graph, Qos, RosType
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.zenoh_backend import ZenohBackend
-from pointit.runtime.zenoh_plain import PlainLink, open_plain
+from pointit.runtime.zenoh_plain import open_plain
+from pointit.runtime.zenoh_plain_link import PlainLink
 from tests.architecture.sources import ROOT
 from tests.support.bench import until
 from tests.support.buses import free_port

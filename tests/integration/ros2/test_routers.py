@@ -14,7 +14,8 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.runtime import ConfigError, ConnectError, ListenError
 from pointit.runtime.tcp_silence import tcp_sockets
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_plain import PlainLink, open_plain
+from pointit.runtime.zenoh_plain import open_plain
+from pointit.runtime.zenoh_plain_link import PlainLink
 from pointit.runtime.zenoh_session import LEASE_MS, Link
 from tests.integration.ros2.nodes import (
     ADD,

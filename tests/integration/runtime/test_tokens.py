@@ -12,7 +12,8 @@ import pytest_asyncio
 import zenoh
 
 from pointit.runtime import zenoh_plain_tokens
-from pointit.runtime.zenoh_plain import PlainLink, PlainSession, open_plain
+from pointit.runtime.zenoh_plain import PlainSession, open_plain
+from pointit.runtime.zenoh_plain_link import PlainLink
 from tests.support.bench import until
 
 NAMES = {f"@lab/{index}" for index in range(6)}

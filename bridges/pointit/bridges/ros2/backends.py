@@ -18,7 +18,8 @@ from pointit.bridges.ros2.token import BRIDGE, ENCLAVE
 from pointit.bridges.ros2.zenoh_backend import ZenohBackend
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health import Warnings
-from pointit.runtime.zenoh_plain import PlainLink, open_plain
+from pointit.runtime.zenoh_plain import open_plain
+from pointit.runtime.zenoh_plain_link import PlainLink
 from pointit.runtime.zenoh_session import ENDPOINT, MAX_PORT
 
 log = logging.getLogger(__name__)

@@ -55,7 +55,7 @@ async def test_garbage_is_dropped_counted_and_said_once_a_second(
     subscription = bus.subscribe(topic, lambda message, _name: seen.append(message))
     key = SITE + topic.at(name_for(topic))
     for count, (what, payload) in enumerate(GARBAGE.items(), start=1):
-        stranger.put(key, payload)
+        stranger.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)  # a megabyte needs time
         await until(lambda count=count: subscription.traffic.invalid >= count, what=what)  # type: ignore[misc]
     assert subscription.traffic.invalid == len(GARBAGE)
     assert not seen

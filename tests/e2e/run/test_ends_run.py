@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from tests.support.bench import until
-from tests.support.commands import Command, Commands, Ended, onlooker
+from tests.support.commands import PATIENCE_S, Command, Commands, Ended, onlooker
 
 END_S = 2.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -98,8 +98,8 @@ def catches(command: Command, number: int) -> bool:
 async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint: str) -> None:
     """Nothing has begun yet: the process may die of the signal, but not with a traceback."""
     run = commands.start(*RUN, "--listen", endpoint)
-    await until(lambda: catches(run, signal.SIGINT), what="Python to start")
-    await until(lambda: not catches(run, signal.SIGINT), what="our first line")
+    await until(lambda: catches(run, signal.SIGINT), PATIENCE_S, "Python to start")
+    await until(lambda: not catches(run, signal.SIGINT), PATIENCE_S, "our first line")
     ended = await run.stop()
     assert ended.code == -signal.SIGINT
     assert (ended.out, ended.err) == ("", "")

@@ -125,8 +125,8 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
     with terminal(columns, rows, "run", "scenario_3", "--speed", "4", "--listen", endpoint) as shown:
         await shown.shows("PointIt scenario_3", "pointing", "▌", "▲", "wrist to light p50", "selected 1")
         assert HIDE in shown.read()
+        await until(lambda: len(frames(shown.text)) > 5, PATIENCE_S, "more than five frames")
         drawn = frames(shown.text)
-        assert len(drawn) > 5
         for frame in drawn:
             assert {len(line) for line in frame} == {columns}, frame
         last = [line[2:] for line in drawn[-1]]

@@ -65,7 +65,8 @@ async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_non
         seen = a.hears("/x", POSE)
         key = f"7/x/{POSE.dds_name}/{POSE.hash}"
         stranger.put(key, cdr_of(1, 997), attachment=attachment(1))
-        stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2))
+        whole = zenoh.CongestionControl.BLOCK  # two megabytes need time
+        stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2), congestion_control=whole)
         stranger.put(key, cdr_of(3), attachment=bytes(5000))
         stranger.delete(key)
         stranger.put(key, cdr_of(4, 996), attachment=attachment(3))

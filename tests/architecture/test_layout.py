@@ -41,6 +41,7 @@ DEVICES = {
     "ros2": {
         "backends.py",
         "complaints.py",
+        "guests.py",
         "inbox.py",
         "outbox.py",
         "rclpy_backend.py",

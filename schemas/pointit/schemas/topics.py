@@ -121,7 +121,7 @@ PROFILE = Topic(
     message=person.UserProfile,
     delivery=_STATE,
     rate_hz=None,
-    writers=("supervisor", "cli"),
+    writers=("supervisor", "cli", "ros2"),
     about="body measures, handedness, colour",
 )
 RAY = Topic(
@@ -129,7 +129,7 @@ RAY = Topic(
     message=pointing.PointingRay,
     delivery=_LATEST,
     rate_hz=50,
-    writers=("pointing",),
+    writers=("pointing", "ros2"),
     about="pointing ray in {H}",
 )
 POSE = Topic(
@@ -177,7 +177,7 @@ INTERACTION = Topic(
     message=pointing.Interaction,
     delivery=_STATE,
     rate_hz=None,
-    writers=("supervisor",),
+    writers=("supervisor", "ros2"),
     about="life cycle of the interaction",
 )
 FEEDBACK = Topic(

@@ -73,13 +73,16 @@ def rights_of(role: Role, name: str) -> Rights:
 
 
 def _bridge(name: str) -> Rights:
-    """Return what the bridge `name` may do: as its row of the table says, and ask."""
+    """Return what the bridge `name` may do: as its row of the table says, and ask.
+
+    The bridge to ROS may be present for anybody: which people's nodes are all ROS's is its configuration's.
+    """
     (row,) = (row for row in PROCESSES if row.name == name)
     return Rights(
         writes=_sorted([*_anywhere([row.writes]), *_numbered(HEALTH.at(name))]),
         reads=_anywhere([SHOWN, row.reads]),
         asks=_anywhere([REQUESTS]),
-        announces=_numbered(SERVICE_ALIVE.at(name)),
+        announces=(*_numbered(SERVICE_ALIVE.at(name)), *(presence.at(ANY) for presence in row.announces)),
     )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import present_writers
+from pointit.diagnosis.writers import is_bridge, present_writers
 from pointit.runtime.bus import AnyTopic
 from pointit.schemas import Health, KeyHealth
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
@@ -24,7 +24,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
         for topic, key in _rated(health, "in"):
             if health is None or not _is_old(key, topic, seen, health.uptime_s):
                 continue
-            writers = present_writers(topic, health.user or ANY, seen.present)
+            able = present_writers(topic, health.user or ANY, seen.present)
+            writers = [each for each in able if not is_bridge(each)]  # those pass on what comes, if anything
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
                 stale.setdefault(instance, []).append((topic, key, writers))
     for instance, inputs in stale.items():

@@ -15,6 +15,12 @@ def split(instance: str) -> tuple[str, str]:
     return service, user
 
 
+def is_bridge(instance: str) -> bool:
+    """Return whether an instance brings what comes from a foreign world."""
+    row = _ROWS.get(split(instance)[0])
+    return row is not None and row.room == "bridges"
+
+
 def instance_of(service: str, user: str = "") -> str:
     """Return the name under which a service is present."""
     return f"{service}.{user}" if user else service

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pointit.schemas import topics
-from pointit.schemas.topics import Request, Topic
+from pointit.schemas.topics import Presence, Request, Topic
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +23,8 @@ class Process:
     reads: tuple[Topic[Any], ...]
     writes: tuple[Topic[Any], ...]
     serves: tuple[Request[Any, Any], ...] = ()
+    announces: tuple[Presence, ...] = ()
+    """Besides its own: for whom else it is present."""
     room: Literal["services", "bridges"] = "services"
     """Where its folder is."""
     extra: str = ""
@@ -246,7 +248,16 @@ PROCESSES: tuple[Process, ...] = (
             topics.CLOCK,
             topics.HEALTH,
         ),
-        writes=(topics.WRIST, topics.BUTTON, topics.POSE, topics.CLOCK),
+        writes=(
+            topics.WRIST,
+            topics.BUTTON,
+            topics.POSE,
+            topics.CLOCK,
+            topics.RAY,
+            topics.INTERACTION,
+            topics.PROFILE,
+        ),
+        announces=(topics.USER_ALIVE,),
     ),
 )
 

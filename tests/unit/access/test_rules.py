@@ -12,7 +12,17 @@ from pointit.access.rights import ROLES, Rights, Role, rights_of
 from pointit.access.router_configuration import Member, Routed, common_name, configuration, text
 from pointit.access.rules import MESSAGES, everything, rules_of
 from pointit.runtime.errors import ConfigError
-from pointit.schemas.topics import HEALTH, IMU, REQUESTS, SERVICE_ALIVE, TOPICS
+from pointit.schemas.topics import (
+    HEALTH,
+    IMU,
+    INTERACTION,
+    PROFILE,
+    RAY,
+    REQUESTS,
+    SERVICE_ALIVE,
+    TOPICS,
+    USER_ALIVE,
+)
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True)
 
@@ -112,6 +122,19 @@ def test_nobody_reports_or_is_present_as_another_persons_service(me: str, other:
         assert not permits(rules, "put", "ingress", f"pointit/lab/{HEALTH.at(f'{service}.{other}')}")
         alive = SERVICE_ALIVE.at(f"{service}.{other}")
         assert not permits(rules, "liveliness_token", "ingress", f"pointit/lab/{alive}")
+
+
+@given(name=NAMES)
+def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str) -> None:
+    def may(role: Role, message: str, key: str) -> bool:
+        return permits(rules_of("lab", role, rights_of(role, role)), message, "ingress", f"pointit/lab/{key}")
+
+    for topic in (RAY, INTERACTION, PROFILE):
+        assert may("ros2", "put", topic.at(name))
+        assert not may("web", "put", topic.at(name))
+    assert may("ros2", "liveliness_token", USER_ALIVE.at(name))
+    assert not may("web", "liveliness_token", USER_ALIVE.at(name))
+    assert not may("ros2", "liveliness_token", SERVICE_ALIVE.at(f"supervisor.{name}"))
 
 
 def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_space() -> None:

@@ -206,6 +206,7 @@ def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
             health("selector", key(FEEDBACK, "out", 9.0)),
             health("supervisor.anna", key(FEEDBACK, "in", 9.0)),  # comes on occasion
         ),
+        (health("ros2", key(RAY, "out", 9.0)), health("pui", key(RAY, "in", 9.0))),  # passes on what comes
     ],
 )
 def test_old_input_that_is_no_fault(writer: Health | None, reader: Health) -> None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.routes import routes
 from pointit.bridges.ros2.rows import About, Said, Warned
+from pointit.bridges.ros2.scene import Guest
 from pointit.schemas import AddPackageReply, Message, decode, encode
 from pointit.schemas.topics import Topic
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, server
@@ -70,6 +71,13 @@ VALUES = {
         "name": st.lists(st.sampled_from(["*", "part_a", "strip_0"]) | st.text(max_size=5), max_size=4),
         "velocity": st.lists(FLOATS32, max_size=4),
     },
+    "conveyor_msgs/msg/PUISubscription": {
+        "user_name": st.sampled_from(["user1", "eve"]) | st.text(max_size=5),
+        "subscribe": st.booleans(),
+        "pointer_color": of("std_msgs/msg/ColorRGBA", r=FLOATS32, g=FLOATS32, b=FLOATS32, a=FLOATS32),
+        "pointer_cmap": st.just("viridis") | st.text(max_size=40),
+        "pointer_size": FLOATS32,
+    },
     "conveyor_msgs/srv/AddPack_Request": {
         "uid": st.integers(0, 2**32 - 1),
         "kind": st.integers(0, 255),
@@ -107,6 +115,8 @@ def check(found: Any) -> None:
 def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) -> None:
     row, scene = into(name), furnished()
     scene.person("user1")
+    if data.draw(st.booleans()):
+        scene.guests["user1"] = Guest(is_here=True)
     for _ in range(2):
         value = make(row.type, **{field: data.draw(each) for field, each in VALUES[row.type].items()})
         now_ns = data.draw(st.sampled_from([0, NOW_NS, NOW_NS + 10**9]))

@@ -57,8 +57,11 @@ def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
     assert "packages" not in latched
     both = {row.ros for row in table.outward} & {row.ros for row in table.inward}
     gives_way = {row.ros for row in table.outward if row.yields}
-    # frames are published beside those of others, each its own
-    assert both - {"/tf", "/tf_static"} <= gives_way
+    theirs = {row.ros for row in table.outward if row.is_theirs}
+    for_guests = {row.ros for row in table.inward if row.of_guests}
+    # frames are published beside those of others, each its own; what is taken of guests is not said of them
+    assert both - {"/tf", "/tf_static"} <= gives_way | (theirs & for_guests)
+    assert for_guests <= theirs
     assert all(row.yields for row in table.served)
 
 

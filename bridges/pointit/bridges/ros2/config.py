@@ -8,9 +8,13 @@ from pydantic import Field, field_validator
 
 from pointit.bridges.ros2.backend import Distro
 from pointit.runtime.config import Config
+from pointit.schemas.topics import check_name
 
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 """A node's full name."""
+
+MOST_GUESTS = 100
+"""Each has their ray and a look at it four times a second."""
 
 
 class BackendConfig(Config):
@@ -70,3 +74,23 @@ class Ros2Config(Config):
         default=False,
         description="publish also what nobody in the ROS graph subscribes to, at the cost of what is read",
     )
+    people: tuple[str, ...] = Field(
+        default=(),
+        max_length=MOST_GUESTS,
+        description="people without `pointit user`, as [anna, ben], all of whose nodes are ROS nodes: their "
+        "pointing_ray, tf and PUI_subscription are taken",
+    )
+
+    @field_validator("people", mode="before")
+    @classmethod
+    def _one_is_a_word(cls, value: object) -> object:
+        return (value,) if isinstance(value, str) else value
+
+    @field_validator("people")
+    @classmethod
+    def _are_names(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for name in value:
+            check_name(name, "user")
+        if len(set(value)) < len(value):
+            raise ValueError("name each person once")
+        return value

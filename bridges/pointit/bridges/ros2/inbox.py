@@ -74,6 +74,24 @@ class Inbox:
         for key in [key for key, (name, _) in self._publishers.items() if name == user]:
             self._publishers.pop(key)[1].close()
 
+    def listen(self, route: Inward, name: str) -> Closable:
+        """Take what `route` says about `name` until the returned end is closed."""
+        ros, kind = route.ros_name(self._site.scene, name), self._site.scene.types.kind(route.type)
+        handler = functools.partial(self._hear, route, name, Pace(route.rate_hz))
+        return self._site.backend.subscribe(ros, kind, route.qos, handler)
+
+    def hush(self, route: Inward, name: str) -> None:
+        """Write no more what `route` has said about `name`: somebody else does."""
+        for at in route.into:
+            if at.at(name) in self._publishers:
+                self._publishers.pop(at.at(name))[1].close()
+        self._site.bus.clear(_about(route, self._site.scene, name))
+
+    def say(self, said: Said) -> None:
+        """Publish on our side."""
+        if not isinstance(said.at, Request) and isinstance(said.what, Message):
+            self._publisher(said.at, said.name).put(said.what)
+
     def look(self, graph: Graph) -> None:
         """Leave to others the services that they serve."""
         self._served = frozenset(
@@ -93,17 +111,12 @@ class Inbox:
             task.cancel()
 
     def _declare(self, name: str) -> None:
-        scene, backend = self._site.scene, self._site.backend
         for route in self._routes:
-            if bool(name) == ("{" in route.ros):
+            if bool(name) == ("{" in route.ros) and not (name and route.of_guests):
                 for at in route.into:
                     if not isinstance(at, Request) and at.placeholder == ("user" if name else ""):
                         self._publisher(at, name)
-                handler = functools.partial(self._hear, route, name, Pace(route.rate_hz))
-                kind = scene.types.kind(route.type)
-                self._ends[route.name, name] = backend.subscribe(
-                    route.ros_name(scene, name), kind, route.qos, handler
-                )
+                self._ends[route.name, name] = self.listen(route, name)
         self._declare_services(name)
 
     def _declare_services(self, name: str) -> None:
@@ -162,8 +175,8 @@ class Inbox:
         if warned or not wishes:
             self._warn(about, warned)
         for said in taken:
-            if isinstance(said, Said) and not isinstance(said.at, Request) and isinstance(said.what, Message):
-                self._publisher(said.at, said.name).put(said.what)
+            if isinstance(said, Said):
+                self.say(said)
         if wishes:
             self._ask_soon(wishes, about, is_well=not warned)
 

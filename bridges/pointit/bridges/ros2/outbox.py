@@ -188,15 +188,22 @@ class Outbox:
     def take(self, topic: Topic[Message], message: Message, name: str) -> None:
         """Send `message`, which the scene has taken, wherever it goes."""
         for route in self._routes.get(topic, ()):
+            if route.is_theirs and name in self._site.scene.guests:
+                continue
             line = self._line(route, name if "{" in route.ros else "")
             if line is not None:
                 line.take(message, name)
 
     def join(self, user: str) -> None:
-        """Appear in the graph with what is about `user`."""
+        """Appear in the graph with what is about `user`; leave to a guest what they say themselves."""
+        is_guest = user in self._site.scene.guests
         for route in {route.name: route for routes in self._routes.values() for route in routes}.values():
-            if "{user}" in route.ros:
+            if "{user}" not in route.ros:
+                continue
+            if not (is_guest and route.is_theirs):
                 self._line(route, user)
+            elif line := self._lines.pop((route.name, user), None):
+                line.close()
 
     def leave(self, user: str) -> None:
         """Take from the graph what is about `user`."""

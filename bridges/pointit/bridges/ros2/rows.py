@@ -90,6 +90,8 @@ class Outward(_Route):
     """For no longer than this."""
     on_change: bool = False
     """Of a name, not sent again while it stays byte by byte the same."""
+    is_theirs: bool = False
+    """Said in ROS by a guest's own nodes, and then not by us."""
     apart_s: float = 0.0
     """Between the values of one message: a button is down for so long."""
 
@@ -116,6 +118,8 @@ class Inward(_Route):
     """What was said, once for all, before somebody came whom it is about."""
     forgets: Callable[[str], None] | None = None
     """Told who leaves."""
+    of_guests: bool = False
+    """Taken of guests only, be they present or not: by this they are."""
 
     def convert(self, value: Any, name: str, scene: Scene, *, now_ns: int, wall_ns: int) -> Taken:
         """Return what to publish or ask, and what could not be taken; never raises."""

@@ -75,6 +75,20 @@ class Person:
                 self.is_pointing = message.state == "pointing"
 
 
+@dataclass(slots=True)
+class Guest:
+    """A person whose nodes are all ROS's, as far as they have made themselves heard."""
+
+    is_heard: bool = False
+    """Something of them has come since this was last looked at."""
+    is_subscribed: bool = False
+    """They want a cursor."""
+    is_here: bool = False
+    """The site has been told of them."""
+    steps: int = 0
+    """How often it was said where they are in the interaction."""
+
+
 class Scene:
     """The newest of everything; all of it is taken before it is converted."""
 
@@ -98,6 +112,8 @@ class Scene:
         self.now_ns = 0
         """The site's time."""
         self.people: dict[str, Person] = {}
+        self.guests: dict[str, Guest] = {}
+        """Whose nodes are all ROS's, whether they are here or not; nobody who has services of ours."""
         self.selection: Selection | None = None
         self.room: Environment | None = None
         self.lines: dict[tuple[SurfaceKind, str], Polyline] = {}

@@ -12,6 +12,7 @@ from pointit.bridges.ros2.attendance import Attendance
 from pointit.bridges.ros2.backend import Backend, Graph
 from pointit.bridges.ros2.backends import check_endpoint, opened
 from pointit.bridges.ros2.config import Ros2Config
+from pointit.bridges.ros2.guests import Guests
 from pointit.bridges.ros2.inbox import Inbox
 from pointit.bridges.ros2.outbox import Outbox, Site
 from pointit.bridges.ros2.routes import Routes, routes
@@ -20,7 +21,7 @@ from pointit.bridges.ros2.types import Types
 from pointit.runtime import Context, Service
 from pointit.runtime.service import Scope
 from pointit.schemas import Message
-from pointit.schemas.topics import USER_ALIVE, Topic
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, Topic
 
 log = logging.getLogger(__name__)
 
@@ -86,21 +87,26 @@ class Ros2(Service[Ros2Config]):
             stack.callback(outbox.close)
             inbox = Inbox(self._table.inward, self._table.served, site)
             stack.callback(inbox.close)
-            backend.watch(functools.partial(self._look, outbox, inbox))
+            guests = Guests(self.config.people, self._table.inward, site, inbox, outbox)
+            stack.callback(guests.close)
+            backend.watch(functools.partial(self._look, outbox, inbox, guests))
             for topic in dict.fromkeys((*outbox.topics, *HEARD)):
                 hearing = self.bus.subscribe(topic, functools.partial(self._hear, outbox, topic))
                 stack.callback(hearing.close)  # before the graph is left, which takes a while
             meeting = self.bus.watch(USER_ALIVE, functools.partial(self._meet, outbox, inbox))
             stack.callback(meeting.close)
+            minding = self.bus.watch(SERVICE_ALIVE, guests.meet)
+            stack.callback(minding.close)
             self.bus.call_later(NOTED_S, functools.partial(_note, backend))
             await asyncio.Event().wait()
 
-    def _look(self, outbox: Outbox, inbox: Inbox, graph: Graph) -> None:
+    def _look(self, outbox: Outbox, inbox: Inbox, guests: Guests, graph: Graph) -> None:
         here = graph.within(self.config.backend.domain_id)
         others = {each.node for each in here.endpoints if not each.is_ours}
         self.bus.figure("ROS nodes", len(others))
         outbox.look(here)
         inbox.look(here)
+        guests.look(here)
 
     def _hear(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
         if self._attendance.admits(topic, message, name):

@@ -107,12 +107,22 @@ class Poses:
                 if len(self._static) >= MOST_TRANSFORMS:
                     del self._static[next(iter(self._static))]
                 self._static[each.child_frame_id] = each
-        return tuple(_stands(each, user, about) for each, user in _of_people(value, about))
+        return tuple(
+            said for each, user in _of_people(value, about) for said in self._stands(each, user, about)
+        )
 
     def meet(self, about: About) -> Taken:
         """Return where somebody stands who comes now, if that was told before: nobody tells it again."""
         each = self._static.get(about.scene.frames.person(about.name))
-        return () if each is None else (_stands(each, about.name, about),)
+        return () if each is None else self._stands(each, about.name, about)
+
+    def _stands(self, each: Any, user: str, about: About) -> Taken:
+        """Return where a transform of /tf_static puts somebody; a guest has no localizer to be asked."""
+        if user not in about.scene.guests:
+            return (_stands(each, user, about),)
+        about.scene.person(user).tf_until_ns = FOR_EVER_NS
+        moved, now = each.transform, about.scene.types.make("builtin_interfaces/msg/Time")
+        return self._pose(moved.translation, moved.rotation, now, about._replace(name=user))
 
     def _moving(self, value: Any, about: About) -> Iterator[Said | Warned]:
         for each, user in _of_people(value, about):

@@ -1,7 +1,9 @@
 """What is taken from ROS, and the services that are served in it."""
 
 from pointit.bridges.ros2.backend import SENSOR, SERVICE, Qos
+from pointit.bridges.ros2.frames import PERSON
 from pointit.bridges.ros2.inward import conveyor
+from pointit.bridges.ros2.inward.guest import Rays, Subscriptions
 from pointit.bridges.ros2.inward.person import Button, Poses, Wrist
 from pointit.bridges.ros2.inward.time import Time
 from pointit.bridges.ros2.rows import Inward, Served
@@ -51,7 +53,7 @@ def inward() -> tuple[Inward, ...]:
             name="tf_static_in",
             ros="/tf_static",
             type="tf2_msgs/msg/TFMessage",
-            into=(topics.SET_POSE,),
+            into=(topics.SET_POSE, topics.POSE),
             by=poses.tf_static,
             meets=poses.meet,
             qos=Qos(depth=100, latched=True),
@@ -87,6 +89,28 @@ def inward() -> tuple[Inward, ...]:
             forgets=button.forget,
             qos=_STREAM,
             about="a person's button: pressed when it becomes true",
+        ),
+        Inward(
+            name="pointing_ray_in",
+            ros="/{user}/pointing_ray",
+            type="geometry_msgs/msg/PoseStamped",
+            into=(topics.RAY,),
+            by=Rays(),
+            qos=SENSOR,
+            rate_hz=200.0,
+            frame=PERSON,
+            of_guests=True,
+            about="the ray of who has ROS nodes only: from the eyes along x",
+        ),
+        Inward(
+            name="subscription_in",
+            ros="/PUI_subscription",
+            type="conveyor_msgs/msg/PUISubscription",
+            into=(topics.INTERACTION, topics.PROFILE),
+            by=Subscriptions(),
+            qos=_STREAM,
+            of_guests=True,
+            about="who of them wants a cursor, and of what colour",
         ),
         Inward(
             name="belt_cmd",

@@ -166,6 +166,7 @@ def _toolkit() -> tuple[Outward, ...]:
             qos=_MANY,
             rate_hz=POINTING_HZ,
             frame=PERSON,
+            is_theirs=True,
             about="a person's ray: from the eyes along x",
         ),
         Outward(
@@ -178,6 +179,7 @@ def _toolkit() -> tuple[Outward, ...]:
             rate_hz=POINTING_HZ,
             yields=True,
             frame=PERSON,
+            is_theirs=True,
             about="how a person's arm is turned",
         ),
         Outward(
@@ -189,6 +191,7 @@ def _toolkit() -> tuple[Outward, ...]:
             qos=LATCHED,
             yields=True,
             apart_s=person.BUTTON_DOWN_S,
+            is_theirs=True,
             about="a person's button: true, then false",
         ),
         Outward(
@@ -199,6 +202,7 @@ def _toolkit() -> tuple[Outward, ...]:
             by=person.state,
             qos=LATCHED,
             on_change=True,
+            is_theirs=True,
             about="where a person is in the interaction",
         ),
         Outward(
@@ -210,6 +214,7 @@ def _toolkit() -> tuple[Outward, ...]:
             is_each=True,
             qos=_STREAM,
             on_change=True,
+            is_theirs=True,
             about="who points wants a cursor, for a pui_node of the ROS toolkit",
         ),
         Outward(

@@ -1,0 +1,265 @@
+"""People who have ROS nodes only: when they are present, what is said of them, when services of ours lead."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+
+from pointit.bridges.ros2 import guests, service
+from pointit.bridges.ros2.config import Ros2Config
+from pointit.bridges.ros2.service import Ros2
+from pointit.runtime import Config, ConfigError
+from pointit.runtime.config import Layers
+from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserProfile
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    HEALTH,
+    INTERACTION,
+    POSE,
+    PROFILE,
+    RAY,
+    SERVICE_ALIVE,
+    USER_ALIVE,
+)
+from tests.support.bench import START_NS, Bench, memory_bench, until
+from tests.unit.ros2.graph_of_one import FakeBackend, graph
+from tests.unit.ros2.scenes import jazzy
+from tests.unit.ros2.test_inward import frame_of, place, tf
+from tests.unit.ros2.test_inward_guest import wish
+
+RAYS = "/anna/pointing_ray"
+FRAME = "anna/human_footprint"
+SUBSCRIPTION = "/PUI_subscription"
+THEIRS = {RAYS, "/anna/metawear_ros/rotation", "/anna/metawear_ros/button", "/anna/state_transition"}
+WARNED = "anna is named in `people`"
+
+
+class Site:
+    """The bridge, the nodes of anna, and what our side sees of her."""
+
+    def __init__(self, bench: Bench, backend: FakeBackend) -> None:
+        self.bench = bench
+        self.backend = backend
+        self.people: set[str] = set()
+        self.rays = bench.collect(RAY)
+        self.interactions: list[Interaction] = bench.collect(INTERACTION, "anna")
+        self.profiles: list[UserProfile] = bench.collect(PROFILE, "anna")
+        self.reports: list[Health] = bench.collect(HEALTH)
+        bench.bus.watch(USER_ALIVE, self._on_person)
+
+    def _on_person(self, name: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self.people.add if here else self.people.discard)(name)
+
+    def says(self, ros: str, kind: str, value: Any) -> None:
+        self.backend.readers[ros](jazzy().encode(kind, value))
+
+    def ray(self, frame: str = FRAME) -> bool:
+        """Say one, whatever comes of it; true, for conditions."""
+        value = place(frame=frame)
+        value.header.stamp.sec = 0
+        value.header.stamp.nanosec = 0
+        self.says(RAYS, "geometry_msgs/msg/PoseStamped", value)
+        return True
+
+    def wishes(self, **how: Any) -> None:
+        self.says(SUBSCRIPTION, "conveyor_msgs/msg/PUISubscription", wish("anna", **how))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.reports[-1].warnings if self.reports else ()
+
+    @property
+    def states(self) -> list[str]:
+        return [each.state for each in self.interactions]
+
+    async def here(self) -> None:
+        """Rays come until some are taken."""
+        await until(lambda: self.ray() and "anna" in self.people and bool(self.rays), what="her rays")
+
+
+@pytest.fixture
+def backend(monkeypatch: pytest.MonkeyPatch) -> FakeBackend:
+    made = FakeBackend()
+
+    async def opened(*_: object, **_named: object) -> FakeBackend:
+        return made
+
+    monkeypatch.setattr(service, "opened", opened)
+    monkeypatch.setattr(guests, "LOOK_S", 0.01)
+    monkeypatch.setattr(guests, "SILENT_S", 0.3)
+    return made
+
+
+@pytest.fixture
+async def site(backend: FakeBackend) -> AsyncIterator[Site]:
+    async with memory_bench() as made:
+        made.start(Ros2, Ros2Config(people=("anna",)))
+        await until(lambda: bool(backend.watchers))
+        yield Site(made, backend)
+
+
+async def test_rays_make_her_present_and_a_wish_gives_her_a_cursor_until_she_takes_it_back(
+    site: Site,
+) -> None:
+    assert RAYS in site.backend.readers
+    await site.here()
+    await until(lambda: bool(site.interactions))
+    assert (site.states, site.profiles) == (["idle"], [])
+    assert isinstance(site.rays[0], PointingRay)
+    site.wishes(size_m=0.5)
+    await until(lambda: site.states == ["idle", "pointing"] and bool(site.profiles))
+    assert site.profiles[0].cursor_width_m == 0.5
+    site.wishes(subscribe=False)
+    await until(lambda: site.states == ["idle", "pointing", "idle"])
+    await site.here()
+
+
+async def test_it_is_known_that_she_wants_no_cursor_before_a_ray_of_hers_comes(site: Site) -> None:
+    order: list[str] = []
+    site.bench.bus.subscribe(INTERACTION, lambda message, _name: order.append(message.state))
+    site.bench.bus.subscribe(RAY, lambda _message, _name: order.append("ray"))
+    await site.here()
+    await until(lambda: "ray" in order)
+    assert order[0] == "idle"
+
+
+async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
+    await site.here()
+    await until(lambda: "anna" not in site.people)
+    assert RAYS in site.backend.readers
+    assert not {name for name in site.backend.writers if name.startswith("/anna/")}
+    site.rays.clear()
+    await site.here()
+    await until(lambda: site.states == ["idle", "idle"])
+
+
+async def test_who_wants_a_cursor_stays_while_their_ray_is_in_the_graph(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guests, "SILENT_S", 0.02)  # so that it has passed many times below
+    site.backend.watchers[0](graph(("publisher", RAYS)))
+    site.wishes()
+    await until(lambda: "anna" in site.people and site.states == ["pointing"])
+    seen = site.bench.collect(HEALTH)
+    await until(lambda: len(seen) >= 1)
+    assert site.people == {"anna"}
+    site.backend.watchers[0](graph(("publisher", "/ben/pointing_ray")))
+    await until(lambda: "anna" not in site.people and site.states == ["pointing", "idle"])
+    assert "nothing of theirs comes any more" in site.interactions[-1].reason
+
+
+async def test_what_her_nodes_say_is_not_said_again_and_all_else_is(site: Site) -> None:
+    site.backend.watchers[0](graph(("subscriber", RAYS), ("subscriber", SUBSCRIPTION)))
+    await site.here()
+    site.wishes()
+    await until(lambda: "/anna/cursor" in site.backend.writers)
+    site.bench.put(INTERACTION, Interaction(stamp_ns=START_NS, state="pointing"), "ben")
+    await until(lambda: len(site.backend.sent.get(SUBSCRIPTION, [])) == 1)
+    assert not THEIRS & site.backend.writers.keys()
+    (cdr,) = site.backend.sent[SUBSCRIPTION]
+    assert jazzy().decode("conveyor_msgs/msg/PUISubscription", cdr).user_name == "ben"
+    assert {"/anna/pose", "/anna/is_pointing"} <= site.backend.writers.keys()
+
+
+async def test_her_place_and_her_button_are_those_that_ros_tells(site: Site) -> None:
+    poses, presses = site.bench.collect(POSE, "anna"), site.bench.collect(BUTTON, "anna")
+    moving, still = tf(frame_of(FRAME, x=1.0)), tf(frame_of(FRAME, x=3.0))
+    site.says("/tf_static", "tf2_msgs/msg/TFMessage", still)
+    assert not poses
+    await site.here()
+    await until(lambda: [pose.position_m[0] for pose in poses] == [3.0])
+    site.says("/tf", "tf2_msgs/msg/TFMessage", moving)
+    await until(lambda: [pose.position_m[0] for pose in poses] == [3.0, 1.0])
+    button = jazzy().make("std_msgs/msg/Bool", data=True)
+    site.says("/anna/metawear_ros/button", "std_msgs/msg/Bool", button)
+    await until(lambda: len(presses) == 1)
+
+
+async def test_a_ray_in_another_frame_is_told_and_makes_nobody_present(site: Site) -> None:
+    told = f"the ray of anna is in the frame 'world': send it in {FRAME!r}"
+    await until(lambda: site.ray("world") and told in site.warnings)
+    assert not site.people
+    await site.here()
+    await until(lambda: not site.warnings)
+
+
+@pytest.mark.parametrize("leader", ["supervisor.anna", "pointing.anna", "user-sim.anna"])
+async def test_services_of_ours_win_over_her_nodes_and_she_is_a_guest_again_when_they_end(
+    site: Site, leader: str
+) -> None:
+    await site.here()
+    site.wishes()
+    await until(lambda: site.states[-1:] == ["pointing"])
+    ours = [site.bench.bus.announce(SERVICE_ALIVE, leader), site.bench.bus.announce(USER_ALIVE, "anna")]
+    if leader == "user-sim.anna":  # it moves an arm, and says neither a ray nor where she is
+        await site.bench.settle(20)
+        site.rays.clear()
+        await site.here()
+        assert not site.warnings
+        return
+    await until(lambda: any(each.startswith(WARNED) and leader in each for each in site.warnings))
+    assert RAYS not in site.backend.readers
+    await until(lambda: site.backend.writers.keys() >= THEIRS)
+    assert site.states[-1] == "pointing", "what comes next is our supervisor's to say"
+    site.wishes(subscribe=False)
+    for end in ours:
+        end.close()
+    await until(lambda: not site.people and RAYS in site.backend.readers)
+    site.rays.clear()
+    await site.here()
+    await until(lambda: site.states[-1] == "idle" and not site.warnings)
+    assert not THEIRS & site.backend.writers.keys()
+
+
+async def test_a_guest_again_while_other_services_of_ours_stay(site: Site) -> None:
+    site.bench.bus.announce(USER_ALIVE, "anna")
+    leader = site.bench.bus.announce(SERVICE_ALIVE, "pointing.anna")
+    await until(lambda: site.backend.writers.keys() >= THEIRS)
+    leader.close()
+    await until(lambda: RAYS in site.backend.readers and not THEIRS & site.backend.writers.keys())
+    assert "/anna/cursor" in site.backend.writers
+
+
+async def test_who_is_not_named_is_not_let_in_and_that_is_told(site: Site) -> None:
+    site.says(SUBSCRIPTION, "conveyor_msgs/msg/PUISubscription", wish("eve"))
+    await until(lambda: any("'eve' wants a cursor, but is nobody here" in each for each in site.warnings))
+    assert "/eve/pointing_ray" not in site.backend.readers
+    assert not site.people
+
+
+async def test_the_bridge_takes_its_guests_along(site: Site) -> None:
+    await site.here()
+    site.wishes()
+    await until(lambda: site.states[-1] == "pointing")
+    await site.bench.stop()
+    await until(lambda: site.states[-1] == "idle" and not site.people)
+    assert not site.backend.readers
+
+
+async def test_cursors_that_end_bring_nobody_back(site: Site) -> None:
+    await site.here()
+    await until(lambda: "anna" not in site.people)
+    site.bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+    site.bench.put(CURSOR, Cursor(stamp_ns=START_NS), "ben")
+    await until(lambda: "/ben/cursor" in site.backend.writers)
+    assert "/anna/cursor" not in site.backend.writers
+
+
+def built(text: str) -> Config:
+    layers = Layers()
+    layers.add_text(["people"], text, "--set")
+    return layers.build(Ros2Config)
+
+
+@pytest.mark.parametrize(("text", "people"), [("anna", ("anna",)), ("[anna, b.c-2]", ("anna", "b.c-2"))])
+def test_people_are_named_as_a_list_or_as_one(text: str, people: tuple[str, ...]) -> None:
+    assert built(text).people == people  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"), [("[a/b]", "letters, digits"), ("[anna, anna]", "name each person once")]
+)
+def test_names_that_cannot_be_are_refused(text: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        built(text)

@@ -1,0 +1,237 @@
+"""What ROS says of people who have ROS nodes only: their rays, and who wants a cursor."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.bridges.ros2.inward.checks import LATE_NS
+from pointit.bridges.ros2.outward.person import pointing_ray, subscription
+from pointit.bridges.ros2.rows import About, Inward, Said, Warned
+from pointit.bridges.ros2.scene import Guest, Scene
+from pointit.geometry import rotation, vector
+from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserPose, UserProfile
+from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY
+from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
+from tests.unit.ros2.test_inward import frame_of, place, said, taken, tf, warned
+
+HERS = "user1/human_footprint"
+EYES = (0.1, -0.2, 1.64)
+LEVEL = (0.0, 0.0, math.sin(0.5), math.cos(0.5))
+"""Turned by 1 rad about z."""
+make = jazzy().make
+ANGLES = st.floats(-1.5, 1.5)
+
+
+def with_guests(*names: str, is_here: bool = True) -> Scene:
+    scene = furnished()
+    for name in names:
+        scene.guests[name] = Guest(is_here=is_here)
+    return scene
+
+
+def wish(
+    name: str = "user1",
+    *,
+    subscribe: bool = True,
+    rgb: tuple[float, float, float] = (1.0, 0.5, 0.0),
+    cmap: str = "viridis",
+    size_m: float = 0.25,
+) -> Any:
+    red, green, blue = rgb
+    return make(
+        "conveyor_msgs/msg/PUISubscription",
+        user_name=name,
+        subscribe=subscribe,
+        pointer_color=make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        pointer_cmap=cmap,
+        pointer_size=size_m,
+    )
+
+
+def foreign(row: Inward, value: Any, scene: Scene) -> list[Said | Warned]:
+    """What comes of a value that our own codec would not send."""
+    return list(row.convert(value, "user1", scene, now_ns=NOW_NS, wall_ns=NOW_NS))
+
+
+def whats(found: list[Said | Warned]) -> list[Any]:
+    return [each.what if isinstance(each, Said) else each.sentence for each in found]
+
+
+def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
+    row, scene = into("pointing_ray_in"), with_guests("user1")
+    value = place(at=EYES, frame=HERS)
+    (one,) = taken(row, value, scene)
+    assert isinstance(one, Said)
+    assert (one.at, one.name) == (RAY, "user1")
+    ray = one.what
+    assert isinstance(ray, PointingRay)
+    assert (ray.stamp_ns, ray.origin_m) == (NOW_NS, EYES)
+    assert ray.direction == pytest.approx((math.cos(1.0), math.sin(1.0), 0.0))
+    assert ray.raw_direction is None
+    assert [said(taken(row, value, scene)).seq for _ in range(2)] == [2, 3]
+    assert scene.guests["user1"].is_heard
+
+
+@given(azimuth_rad=ANGLES, elevation_rad=ANGLES, roll_rad=ANGLES, factor=st.sampled_from([1.0, -1.0, 1.0004]))
+def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
+    azimuth_rad: float, elevation_rad: float, roll_rad: float, factor: float
+) -> None:
+    row, scene = into("pointing_ray_in"), with_guests("user1")
+    way = vector.direction(azimuth_rad, elevation_rad)
+    ours = PointingRay(stamp_ns=NOW_NS, seq=1, origin_m=EYES, direction=way)
+    (value,) = pointing_ray(ours, About(scene, "user1", NOW_NS, HERS))
+    rolled = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad)
+    for each in (value.pose.orientation, quaternion(rolled, factor)):
+        value.pose.orientation = each
+        found = said(taken(row, value, scene))
+        assert math.hypot(*found.direction) == pytest.approx(1.0, abs=1e-9)
+        assert found.direction == pytest.approx(way, abs=1e-6)
+
+
+def quaternion(q: tuple[float, float, float, float], factor: float) -> Any:
+    x, y, z, w = (factor * each for each in q)
+    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (place(frame="world"), "is in the frame 'world': send it in 'user1/human_footprint'"),
+        (place(frame="user2/human_footprint"), "is in the frame 'user2/human_footprint': send it in"),
+        (place(q=(0.0, 0.0, 0.0, 0.0), frame=HERS), "the norm of its quaternion is 0"),
+        (place(q=(math.nan, 0.0, 0.0, 1.0), frame=HERS), "the norm of its quaternion is nan"),
+        (place(at=(math.inf, 0.0, 0.0), frame=HERS), "is no place"),
+        (place(at=(0.0, math.nan, 0.0), frame=HERS), "is no place"),
+    ],
+)
+def test_what_is_no_ray_is_told_and_makes_nobody_present(value: Any, told: str) -> None:
+    scene = with_guests("user1")
+    sentence = warned(foreign(into("pointing_ray_in"), value, scene))
+    assert told in sentence
+    assert "the ray of user1" in sentence
+    assert not scene.guests["user1"].is_heard
+
+
+def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
+    late = make("builtin_interfaces/msg/Time", sec=(NOW_NS - 2 * LATE_NS) // NS_PER_S, nanosec=0)
+    value = place(at=EYES, frame=HERS)
+    value.header.stamp = late
+    first, second = taken(into("pointing_ray_in"), value, with_guests("user1"))
+    assert isinstance(first, Said)
+    assert first.what.stamp_ns == NOW_NS  # type: ignore[union-attr]  # a ray
+    assert isinstance(second, Warned)
+    assert "behind the site's clock" in second.sentence
+
+
+def test_the_first_rays_only_tell_that_somebody_is_here() -> None:
+    row, scene = into("pointing_ray_in"), with_guests("user1", is_here=False)
+    assert taken(row, place(frame=HERS), scene) == []
+    assert scene.guests["user1"].is_heard
+    scene.guests["user1"].is_here = True
+    assert isinstance(said(taken(row, place(frame=HERS), scene)), PointingRay)
+
+
+def test_rays_of_who_is_no_guest_are_not_taken() -> None:
+    assert taken(into("pointing_ray_in"), place(frame=HERS), with_guests("user2")) == []
+    assert taken(into("pointing_ray_in"), place(frame="nonsense")) == []
+
+
+def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubscribe() -> None:
+    row, scene = into("subscription_in"), with_guests("user1", "user2")
+    look, points = taken(row, wish(), scene)
+    assert isinstance(look, Said)
+    assert isinstance(points, Said)
+    assert (look.at, look.name, points.at, points.name) == (PROFILE, "user1", INTERACTION, "user1")
+    assert isinstance(look.what, UserProfile)
+    assert look.what.cursor_color == (255, 128, 0)
+    assert (look.what.cursor_colormap, look.what.cursor_width_m) == ("viridis", 0.25)
+    assert isinstance(points.what, Interaction)
+    assert (points.what.state, points.what.seq) == ("pointing", 1)
+    assert scene.guests["user1"] == Guest(is_here=True, is_heard=True, is_subscribed=True, steps=1)
+    assert scene.guests["user2"] == Guest(is_here=True)
+    ended = said(taken(row, wish(subscribe=False), scene))
+    assert (ended.state, ended.seq) == ("idle", 2)
+    assert not scene.guests["user1"].is_subscribed
+
+
+def test_what_is_repeated_is_not_said_again_and_a_new_look_is() -> None:
+    row, scene = into("subscription_in"), with_guests("user1")
+    assert taken(row, wish(subscribe=False), scene) == []
+    assert len(taken(row, wish(), scene)) == 2
+    assert taken(row, wish(), scene) == []
+    assert said(taken(row, wish(size_m=0.5), scene)).cursor_width_m == 0.5
+    assert said(taken(row, wish(subscribe=False), scene)).state == "idle"
+    assert taken(row, wish(subscribe=False), scene) == []
+    assert [type(each) for each in whats(taken(row, wish(size_m=0.5), scene))] == [UserProfile, Interaction]
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (wish(rgb=(math.nan, 0.0, 0.0)), "send r, g and b from 0 to 1"),
+        (wish(size_m=0.0), "is to be 0 m wide: send up to 1"),
+        (wish(size_m=1.5), "is to be 1.5 m wide"),
+        (wish(size_m=math.inf), "is to be inf m wide"),
+        (wish(cmap="x" * 40), "there is no colormap 'xxx"),
+    ],
+)
+def test_a_look_that_cannot_be_is_told_and_the_cursor_comes_all_the_same(value: Any, told: str) -> None:
+    sentence, points = whats(foreign(into("subscription_in"), value, with_guests("user1")))
+    assert told in sentence
+    assert points.state == "pointing"
+
+
+def test_colours_beyond_their_range_are_the_nearest() -> None:
+    look, _ = whats(taken(into("subscription_in"), wish(rgb=(-1.0, 7.0, 1.0)), with_guests("user1")))
+    assert look.cursor_color == (0, 255, 255)
+
+
+def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_is_not_heard() -> None:
+    row, scene = into("subscription_in"), with_guests("user1")
+    sentence = warned(taken(row, wish("eve"), scene))
+    assert sentence.startswith("'eve' wants a cursor, but is nobody here: name ")
+    assert "`people`" in sentence
+    assert taken(row, wish("eve", subscribe=False), scene) == []
+    scene.person("ben")
+    assert taken(row, wish("ben"), scene) == []
+    assert warned(taken(row, wish("x" * 500), scene))[:3] == "'xx"
+
+
+def test_a_guest_is_known_by_their_name_in_ros() -> None:
+    row, scene = into("subscription_in"), with_guests("anna-2")
+    (_, points) = taken(row, wish("anna_2"), scene)
+    assert isinstance(points, Said)
+    assert points.name == "anna-2"
+
+
+def test_what_we_say_of_others_would_be_taken_of_guests() -> None:
+    row, scene = into("subscription_in"), with_guests("user1")
+    profile = UserProfile(stamp_ns=NOW_NS, cursor_color=(7, 80, 255), cursor_width_m=0.5)
+    scene.take("user1", profile, NOW_NS)
+    pointing = Interaction(stamp_ns=NOW_NS, state="pointing")
+    (value,) = subscription(pointing, About(scene, "user1", NOW_NS))
+    look, points = whats(taken(row, value, scene))
+    assert (look.cursor_color, look.cursor_width_m, points.state) == ((7, 80, 255), 0.5, "pointing")
+
+
+def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> None:
+    row, scene = into("tf_static_in"), with_guests("user1")
+    assert static(row, scene) == []
+    assert row.meets is not None
+    scene.person("user1")
+    (early,) = row.meets(About(scene, "user1", NOW_NS, "world"))
+    assert isinstance(early, Said)
+    for pose in (early, *static(row, scene)):
+        assert isinstance(pose, Said)
+        assert (pose.at, pose.name) == (POSE, "user1")
+        assert isinstance(pose.what, UserPose)
+        assert (pose.what.position_m, pose.what.method) == ((1.0, 2.0, 0.0), "external")
+        assert pose.what.yaw_rad == pytest.approx(1.0)
+    assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
+
+
+def static(row: Inward, scene: Scene) -> list[Said | Warned]:
+    return taken(row, tf(frame_of(HERS)), scene)

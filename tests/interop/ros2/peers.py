@@ -1,73 +1,24 @@
-"""Peers of others: the environment they are in, and how tests tell one what to do."""
+"""A node of others, and how tests tell it what to do."""
 
 import asyncio
-import contextlib
-import fcntl
 import json
 import os
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from pointit.bridges.ros2.definitions import STANDARD_SERVICES
 from pointit.bridges.ros2.routes import routes
 from pointit.bridges.ros2.types import Types
-from tests.architecture.sources import ROOT
 from tests.interop.ros2.ament import AT_LEAST, install, shape
 from tests.support.bench import until
+from tests.support.told import Told
 
 HERE = Path(__file__).parent
-VENV = ROOT / ".venv-peers"
-REQUIREMENTS = HERE.parent / "requirements.txt"
-INSTALL_S = 500.0
 DOMAIN = 7
 ALIVE_S = 30.0
 TYPES = Types("jazzy")
 EMPTY = {AT_LEAST.split()[1]: 0}
-
-
-def python_of_peers(say: Callable[[str], None]) -> Path:
-    """Return the Python that has the peers; the first time, and when their list has changed, this takes long.
-
-    `say` is told what goes on. Skips the test where pip cannot fetch them.
-    """
-    python, stamp = VENV / "bin" / "python", VENV / ".installed"
-    wanted = f"{sys.version}\n{REQUIREMENTS.read_text(encoding='utf-8')}"
-    with _alone(ROOT / ".venv-peers.lock"):
-        if stamp.exists() and stamp.read_text(encoding="utf-8") == wanted:
-            return python
-        shutil.rmtree(VENV, ignore_errors=True)
-        for sentence, command in (
-            ("making .venv-peers", (sys.executable, "-m", "venv", f"{VENV}")),
-            (
-                "fetching independent ROS 2 peers into .venv-peers (100 MB, once)",
-                (f"{python}", "-m", "pip", "install", "--disable-pip-version-check", "-r", f"{REQUIREMENTS}"),
-            ),
-        ):
-            say(sentence)
-            try:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
-                said, failed = done.stdout + done.stderr, done.returncode != 0
-            except (OSError, subprocess.TimeoutExpired) as error:
-                said, failed = f"{error}", True
-            if failed:
-                shutil.rmtree(VENV, ignore_errors=True)
-                pytest.skip(f"{sentence} failed: {' '.join(said.split()[-40:])}")
-        stamp.write_text(wanted, encoding="utf-8")
-        say("the peers are there")
-    return python
-
-
-@contextlib.contextmanager
-def _alone(lock: Path) -> Generator[None]:
-    with lock.open("w") as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        yield
 
 
 class Dora:
@@ -97,34 +48,24 @@ class Dora:
             "ROS_DISTRO": "jazzy",
             "ROS_DOMAIN_ID": f"{DOMAIN}",
         }
-        self._process: subprocess.Popen[str] | None = None
+        self._told: Told | None = None
         self._types: dict[str, str] = {}
         """Of what it publishes."""
 
     def start(self) -> None:
         """Start; its node is there afterwards."""
-        with self._trace.open("w") as trace:
-            self._process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=trace,
-                text=True,
-                env=self._environment,
-            )
-        assert self._process.stdout is not None
-        assert self._process.stdout.readline() == "{}\n", self._trace.read_text()[-2000:]
+        self._told = Told(self.name, self._command, self._trace, self._environment)
+        self._told.wait()
 
     def kill(self) -> None:
         """End at once."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.communicate()
+        told, self._told = self._told, None
+        if told is not None:
+            told.kill()
 
     @property
     def is_alive(self) -> bool:
-        return self._process is not None and self._process.poll() is None
+        return self._told is not None and self._told.is_alive
 
     def tokens(self) -> set[str]:
         """Return those that it sees in the graph now."""
@@ -138,19 +79,8 @@ class Dora:
 
     async def do(self, what: str, **order: Any) -> Any:
         """Tell it to do something; return what it answers."""
-        return await asyncio.to_thread(self._do, {"do": what, **order})
-
-    def _do(self, order: dict[str, Any]) -> Any:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps(order) + "\n")
-        self._process.stdin.flush()
-        line = self._process.stdout.readline()
-        assert line, f"{self.name} has ended: {self._trace.read_text()[-2000:]}"
-        answer = json.loads(line)
-        assert "error" not in answer, f"{self.name}: {order}: {answer['error'][:300]}"
-        return answer["value"]
+        assert self._told is not None
+        return await self._told.do(what, **order)
 
     async def says(self, topic: str, value: Any) -> None:
         """Publish on a topic that it has advertised before."""

@@ -4,7 +4,6 @@
 
 import base64
 import itertools
-import json
 import os
 import shutil
 import subprocess
@@ -23,6 +22,7 @@ from pointit.bridges.ros2.routes import routes
 from pointit.bridges.ros2.rows import Inward, Served
 from tests.interop.ros2.ament import definition
 from tests.interop.ros2.peers import EMPTY, HERE, TYPES
+from tests.support.told import Told
 from tests.unit.ros2.values import any_value
 
 pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
@@ -38,36 +38,21 @@ EXAMPLES = settings(
 FETCH_S = 300.0
 
 
-class Decoder:
-    """A process that reads messages."""
-
-    def __init__(self, *command: str) -> None:
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-    def read(self, name: str, cdr: bytes) -> Any:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        order = {"type": name, "definition": definition(TYPES, name), "cdr": base64.b64encode(cdr).decode()}
-        self._process.stdin.write(json.dumps(order) + "\n")
-        self._process.stdin.flush()
-        answer = json.loads(self._process.stdout.readline())
-        assert "error" not in answer, (name, answer)
-        return answer["value"]
-
-    def end(self) -> None:
-        self._process.communicate()
-        assert self._process.returncode == 0
+def asked(decoder: Told, name: str, cdr: bytes) -> Any:
+    """Return what `decoder` reads."""
+    return decoder.ask(type=name, definition=definition(TYPES, name), cdr=base64.b64encode(cdr).decode())
 
 
 @pytest.fixture(scope="module")
-def mcap(peers_python: Path) -> Iterator[Decoder]:
-    decoder = Decoder(f"{peers_python}", f"{HERE / 'mcap_decoder.py'}")
+def mcap(peers_python: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
+    said = tmp_path_factory.mktemp("mcap") / "stderr"
+    decoder = Told("mcap", (f"{peers_python}", f"{HERE / 'mcap_decoder.py'}"), said)
     yield decoder
     decoder.end()
 
 
 @pytest.fixture(scope="module")
-def foxglove(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Decoder]:
+def foxglove(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
     folder = tmp_path_factory.mktemp("decoder")
     for file in (HERE / "decoder").iterdir():
         if file.is_file():
@@ -81,7 +66,7 @@ def foxglove(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Decoder]:
     )
     if done.returncode:
         pytest.skip(f"npm cannot fetch @foxglove/rosmsg2-serialization: {done.stderr[-300:]}")
-    decoder = Decoder(f"{node}", f"{folder / 'decode.mjs'}")
+    decoder = Told("foxglove", (f"{node}", f"{folder / 'decode.mjs'}"), folder / "stderr")
     yield decoder
     decoder.end()
 
@@ -124,10 +109,10 @@ def read(value: Any, expected: Any) -> Any:
 @given(data=st.data())
 @EXAMPLES
 def test_decoders_of_others_read_what_we_meant(
-    name: str, mcap: Decoder, foxglove: Decoder, data: st.DataObject
+    name: str, mcap: Told, foxglove: Told, data: st.DataObject
 ) -> None:
     value = data.draw(any_value(TYPES, FIELDS, name))
     cdr = TYPES.encode(name, value)
     expected = meant(TYPES.decode(name, cdr))  # 32-bit floats are rounded there
     for decoder in (mcap, foxglove):
-        assert read(decoder.read(name, cdr), expected) == expected
+        assert read(asked(decoder, name, cdr), expected) == expected

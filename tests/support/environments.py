@@ -1,0 +1,61 @@
+"""Environments beside .venv, with programs of others that tests talk to."""
+
+import contextlib
+import fcntl
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import pytest
+
+from tests.architecture.sources import ROOT
+
+INSTALL_S = 500.0
+
+
+def python_of(name: str, requirements: Path, what: str, say: Callable[[str], None]) -> Path:
+    """Return the Python of an environment, made first where its list is new: a minute or two.
+
+    Skips the test, with what pip said, where it cannot be made.
+
+    Args:
+        name: of the environment's folder, beside .venv.
+        requirements: the list of what has to be in it, for pip.
+        what: what that is, for people.
+        say: told what goes on.
+    """
+    folder = ROOT / name
+    python, stamp = folder / "bin" / "python", folder / ".installed"
+    wanted = f"{sys.version}\n{requirements.read_text(encoding='utf-8')}"
+    with _alone(ROOT / f"{name}.lock"):
+        if stamp.exists() and stamp.read_text(encoding="utf-8") == wanted:
+            return python
+        shutil.rmtree(folder, ignore_errors=True)
+        for sentence, command in (
+            (f"making {name}", (sys.executable, "-m", "venv", f"{folder}")),
+            (
+                f"fetching {what} into {name} (100 MB, once)",
+                (f"{python}", "-m", "pip", "install", "--disable-pip-version-check", "-r", f"{requirements}"),
+            ),
+        ):
+            say(sentence)
+            try:
+                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
+                said, failed = done.stdout + done.stderr, done.returncode != 0
+            except (OSError, subprocess.TimeoutExpired) as error:
+                said, failed = f"{error}", True
+            if failed:
+                shutil.rmtree(folder, ignore_errors=True)
+                pytest.skip(f"{sentence} failed: {' '.join(said.split()[-40:])}")
+        stamp.write_text(wanted, encoding="utf-8")
+        say(f"{name} is made")
+    return python
+
+
+@contextlib.contextmanager
+def _alone(lock: Path) -> Generator[None]:
+    with lock.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,90 @@
+"""A process that is told by lines of JSON what to do."""
+
+import asyncio
+import json
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+PATIENCE_S = 20.0
+POLL_S = 0.02
+
+
+class Told:
+    """Answers each line on its standard input by one: `{"value": …}`, or `{"error": "…"}`."""
+
+    def __init__(
+        self, name: str, command: Sequence[str], said: Path, environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Start it.
+
+        Args:
+            name: for people.
+            command: with its arguments.
+            said: the file that takes its standard error.
+            environment: its variables; ours where there are none.
+        """
+        self.name = name
+        self._said = said
+        with said.open("w") as stderr:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+                env=environment,
+            )
+
+    def wait(self) -> None:
+        """Return when it is ready, which it says by `{}`."""
+        line = self._line()
+        assert line == "{}\n", f"{self.name}: {line} {self.complaints()[-2000:]}"
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._process.communicate()
+
+    def end(self) -> None:
+        """Let it end by itself, which it does when nothing more is to be told."""
+        self._process.communicate()
+        assert self._process.returncode == 0, f"{self.name}: {self.complaints()[-2000:]}"
+
+    @property
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
+
+    def complaints(self) -> str:
+        """Return what it has written to standard error."""
+        return self._said.read_text()
+
+    def ask(self, **order: Any) -> Any:
+        """Tell it `order`; return what it answers."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(order) + "\n")
+        self._process.stdin.flush()
+        line = self._line()
+        assert line, f"{self.name} has ended: {self.complaints()[-2000:]}"
+        answer = json.loads(line)
+        assert "error" not in answer, f"{self.name}: {str(order)[:500]}: {answer['error'][:300]}"
+        return answer["value"]
+
+    async def do(self, what: str, **order: Any) -> Any:
+        """Tell it to do something, while the loop goes on; return what it answers."""
+        return await asyncio.to_thread(self.ask, do=what, **order)
+
+    async def until(self, what: str, fits: Callable[[Any], object], **order: Any) -> Any:
+        """Tell it again and again until the answer fits; return that."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + PATIENCE_S
+        while not fits(answer := await self.do(what, **order)):
+            late = loop.time() > deadline_s
+            assert not late, f"{self.name} {what} {order}: still {str(answer)[:500]} after {PATIENCE_S} s"
+            await asyncio.sleep(POLL_S)
+        return answer
+
+    def _line(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline()

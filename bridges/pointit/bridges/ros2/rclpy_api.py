@@ -1,14 +1,7 @@
-"""What the bridge uses of rclpy, which has no stubs; it is imported when it is asked for, and not before."""
+"""What the bridge uses of rclpy, which has no stubs."""
 
-import importlib
-import os
-import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol, TypedDict
-
-from pointit.bridges.ros2.backend import Qos
-from pointit.runtime.errors import ConfigError
 
 NamesAndTypes = Sequence[tuple[str, Sequence[str]]]
 
@@ -203,82 +196,3 @@ class RosContext(Protocol):
     def try_shutdown(self) -> None:
         """End."""
         ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rclpy:
-    """The library, loaded."""
-
-    new_context: Callable[[], RosContext]
-    new_node: Callable[..., Node]
-    new_executor: Callable[..., Executor]
-    new_profile: Callable[..., Profile]
-    reliability: Any
-    """Enumeration of policies."""
-    durability: Any
-    serialize: Callable[[object], bytes]
-    deserialize: Callable[[bytes, type[object]], object]
-    has_info: bool
-    """Whether callbacks are told a `MessageInfo`: from Iron on."""
-
-    def profile(self, qos: Qos) -> Profile:
-        """Return `qos` as rclpy takes it."""
-        return self.new_profile(
-            depth=qos.depth,
-            reliability=self.reliability.RELIABLE if qos.reliable else self.reliability.BEST_EFFORT,
-            durability=self.durability.TRANSIENT_LOCAL if qos.latched else self.durability.VOLATILE,
-        )
-
-    def qos(self, profile: Profile) -> Qos:
-        """Return what `profile` says; DDS does not tell the depth of others."""
-        return Qos(
-            depth=profile.depth,
-            reliable=profile.reliability == self.reliability.RELIABLE,
-            latched=profile.durability == self.durability.TRANSIENT_LOCAL,
-        )
-
-
-def loaded() -> Rclpy:
-    """Return rclpy.
-
-    Raises:
-        ConfigError: it is not there, or not for this Python.
-    """
-    try:
-        qos = importlib.import_module("rclpy.qos")
-        serialization = importlib.import_module("rclpy.serialization")
-        return Rclpy(
-            new_context=importlib.import_module("rclpy.context").Context,
-            new_node=importlib.import_module("rclpy.node").Node,
-            new_executor=importlib.import_module("rclpy.executors").SingleThreadedExecutor,
-            new_profile=qos.QoSProfile,
-            reliability=qos.ReliabilityPolicy,
-            durability=qos.DurabilityPolicy,
-            serialize=serialization.serialize_message,
-            deserialize=serialization.deserialize_message,
-            has_info=hasattr(importlib.import_module("rclpy.subscription").Subscription, "CallbackType"),
-        )
-    except (ImportError, AttributeError, OSError) as error:
-        python = f"{sys.version_info.major}.{sys.version_info.minor}"
-        if isinstance(error, ModuleNotFoundError) and error.name == "rclpy":
-            what = f"there is no rclpy for this Python {python}"
-        else:
-            what = f"rclpy does not load in this Python {python} ({str(error).partition(chr(10))[0][:200]})"
-        distro = os.environ.get("ROS_DISTRO") or "jazzy"
-        raise ConfigError(
-            f"backend.kind dds: {what}; run `source /opt/ros/{distro}/setup.bash` and start PointIt with the "
-            "Python that this ROS is built for; or use kind rmw_zenoh"
-        ) from error
-
-
-def class_of(name: str) -> Any:
-    """Return the installed Python class of `std_msgs/msg/Bool` or `std_srvs/srv/Empty`.
-
-    Raises:
-        LookupError: it is not built here.
-    """
-    package, kind, short = name.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.{kind}"), short)
-    except (ImportError, AttributeError) as error:
-        raise LookupError(name) from error

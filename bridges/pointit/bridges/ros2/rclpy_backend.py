@@ -11,19 +11,18 @@ import logging
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Server, Writer
+from pointit.bridges.ros2.calls import Calls
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.findings import Finding, findings
-from pointit.bridges.ros2.rclpy_api import Executor, Node, Rclpy, RosContext, loaded
+from pointit.bridges.ros2.outlook import Outlook
 from pointit.bridges.ros2.rclpy_graph import GraphReader
+from pointit.bridges.ros2.rclpy_join import Joined, join
 from pointit.bridges.ros2.rclpy_seat import Absent, DdsSeat
 from pointit.bridges.ros2.rclpy_services import DdsClient, DdsDesk
 from pointit.bridges.ros2.rclpy_topics import DdsReader, DdsWriter
 from pointit.runtime.daemon_thread import in_daemon_thread
-from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health import Warnings
 
 log = logging.getLogger(__name__)
@@ -42,58 +41,14 @@ NEEDS = (
 """What other nodes need to be seen."""
 
 
-@dataclass(frozen=True)
-class Joined:
-    """What rclpy needs to be in the graph."""
-
-    rclpy: Rclpy
-    context: RosContext
-    node: Node
-    executor: Executor
-
-    def leave(self) -> None:
-        """Take everything back; nobody may spin any more."""
-        self.node.destroy_node()
-        self.context.try_shutdown()
-
-
 async def opened_rclpy(config: BackendConfig, warnings: Warnings) -> "RclpyBackend":
     """Return our node in the ROS graph; may be cancelled at any time.
 
     Raises:
         ConfigError: rclpy is not there, or cannot join.
     """
-    joined = await in_daemon_thread(
-        lambda: _joined(config), "rclpy-open", discard=lambda joined: joined.leave()
-    )
+    joined = await in_daemon_thread(lambda: join(config), "rclpy-open", discard=lambda joined: joined.leave())
     return RclpyBackend(joined, config, warnings)
-
-
-def _joined(config: BackendConfig) -> Joined:
-    rclpy = loaded()
-    namespace, _, name = config.node.rpartition("/")
-    try:
-        context = rclpy.new_context()
-        # no arguments: those of the command are not ROS's; no log files beside those of PointIt
-        context.init([], initialize_logging=False, domain_id=config.domain_id)
-        node = rclpy.new_node(
-            name,
-            namespace=namespace or "/",
-            context=context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        executor = rclpy.new_executor(context=context)
-        executor.add_node(node)
-    except Exception as error:  # whatever it is of rcl, of a middleware or of their shared libraries
-        why = str(error).partition("\n")[0][:300] or type(error).__name__
-        raise ConfigError(
-            f"backend.kind dds: rclpy cannot join the ROS graph as {config.node}, domain {config.domain_id} "
-            f"({why}); check that RMW_IMPLEMENTATION={os.environ.get('RMW_IMPLEMENTATION', '')} names an "
-            "installed middleware and that `ros2 node list` works in this terminal"
-        ) from error
-    return Joined(rclpy, context, node, executor)
 
 
 class RclpyBackend:
@@ -114,11 +69,10 @@ class RclpyBackend:
             max_bytes=config.max_message_bytes,
         )
         self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
-        self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
-        self._findings: tuple[Finding, ...] = ()
-        self._watchers: list[_Watch] = []
+        # The distribution matters to nobody here: DDS tells types apart by their names.
+        self._outlook = Outlook(self._complaints, domain=config.domain_id, distro="", needs=NEEDS)
         self._clients: dict[tuple[str, RosType], DdsClient] = {}
-        self._calls: set[asyncio.Task[bytes]] = set()
+        self._calls = Calls()
         self._is_left = threading.Event()
         self._spinning = threading.Thread(target=self._spin, name="rclpy-spin", daemon=True)
         self._spinning.start()
@@ -141,7 +95,7 @@ class RclpyBackend:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
-        return tuple(each.sentence for each in self._findings if each.is_note)
+        return self._outlook.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""
@@ -192,22 +146,11 @@ class RclpyBackend:
             if types is None:
                 raise TimeoutError(f"ROS service {service}: this ROS lacks {kind.name}")
             client = self._clients[service, kind] = DdsClient(self._seat, service, types)
-        call = self._loop.create_task(client.call(request, timeout_s=timeout_s), name=f"call {service}")
-        self._calls.add(call)
-        try:
-            await asyncio.wait([call])
-        finally:
-            self._calls.discard(call)
-            call.cancel()
-        if call.cancelled():
-            raise BusClosedError("the backend was closed while it waited for an answer")
-        return call.result()
+        return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
 
     def watch(self, handler: Callable[[Graph], None]) -> Closable:
         """Call `handler` with the graph now, and whenever it has changed."""
-        watch = _Watch(handler, self._watchers)
-        handler(self._graph)
-        return watch
+        return self._outlook.watch(handler)
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
@@ -217,9 +160,8 @@ class RclpyBackend:
         self._seat.dispatcher.close()
         if self._look_timer is not None:
             self._look_timer.cancel()
-        self._watchers.clear()
-        for call in self._calls:
-            call.cancel()
+        self._outlook.close()
+        self._calls.close()
         for end in tuple(self._seat.ends):
             end.close()
         self._complaints.close()
@@ -278,24 +220,13 @@ class RclpyBackend:
         self._look_in(LOOK_S)
         if graph is None:
             return
-        # The distribution matters to nobody here: DDS tells types apart by their names.
-        domain = self._config.domain_id
-        self._findings = findings(graph, domain=domain, distro="", needs=NEEDS)
-        wrong = {each.about: each.sentence for each in self._findings if not each.is_note}
+        wrong: dict[str, str] = {}
         if self._reader.namesakes:
             wrong["node"] = (
                 f"another ROS node is called {self.node}: neither sees what the other has; "
                 "set node to another name in one of them, and if it is another PointIt bridge domain_id, too"
             )
-        self._complaints.stand(wrong)
-        if graph == self._graph:
-            return
-        self._graph = graph
-        for watch in tuple(self._watchers):
-            try:
-                watch.handler(graph)
-            except Exception:
-                log.exception("a handler of the ROS graph failed")
+        self._outlook.show(graph, wrong)
 
     def _say_environment(self) -> None:
         """Say what the terminal is set to, where we are set to something else."""
@@ -310,17 +241,3 @@ class RclpyBackend:
                     f"{variable} is {value[:20]} in this terminal, but backend.{field} is {setting}: set "
                     f"backend.{field} to {value[:20]} to meet the nodes that are started there",
                 )
-
-
-class _Watch:
-    """One who wants to know the graph."""
-
-    def __init__(self, handler: Callable[[Graph], None], among: "list[_Watch]") -> None:
-        self.handler = handler
-        self._among = among
-        among.append(self)
-
-    def close(self) -> None:
-        """Hear no more."""
-        if self in self._among:
-            self._among.remove(self)

@@ -1,22 +1,20 @@
 """A node in a ROS 2 graph on Zenoh, whichever way ROS is written there."""
 
 import asyncio
-import logging
 from collections.abc import Callable
 
 from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.calls import Calls
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.dialect import Dialect
-from pointit.bridges.ros2.findings import Finding, findings
 from pointit.bridges.ros2.graph import Roster
+from pointit.bridges.ros2.outlook import Outlook
 from pointit.bridges.ros2.seat import Seat
 from pointit.bridges.ros2.zenoh_services import ServiceClient, ServiceDesk
 from pointit.bridges.ros2.zenoh_topics import TopicReader, TopicWriter
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.health import Warnings
 from pointit.runtime.zenoh_plain import PlainSession
-
-log = logging.getLogger(__name__)
 
 SETTLE_S = 0.05
 """How long changes of the graph are gathered: a node that starts has twenty endpoints."""
@@ -53,9 +51,6 @@ class ZenohBackend:
         """
         self._session = session
         self._node = node
-        self._domain = domain
-        self._distro = distro
-        self._needs = needs
         self._loop = asyncio.get_running_loop()
         self._complaints = Complaints(warnings)
         self._refreshing: asyncio.TimerHandle | None = None
@@ -63,11 +58,9 @@ class ZenohBackend:
         self._seat = Seat(
             session, dialect, self._complaints, self._roster, now_ns=now_ns, max_bytes=max_bytes
         )
-        self._graph = self._roster.graph()
-        self._findings: tuple[Finding, ...] = ()
-        self._watchers: list[_Watch] = []
+        self._outlook = Outlook(self._complaints, domain=domain, distro=distro, needs=needs)
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
-        self._calls: set[asyncio.Task[bytes]] = set()
+        self._calls = Calls()
         session.on_change = self._refresh_soon
         token = dialect.node_token()
         self._announcement = self._seat.announce(token) if token else None
@@ -87,7 +80,7 @@ class ZenohBackend:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
-        return tuple(each.sentence for each in self._findings if each.is_note)
+        return self._outlook.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> TopicWriter:
         """Declare a publisher of the resolved name `topic`."""
@@ -113,22 +106,11 @@ class ZenohBackend:
         client = self._clients.get((service, kind))
         if client is None:
             client = self._clients[service, kind] = ServiceClient(self._seat, service, kind)
-        call = self._loop.create_task(client.call(request, timeout_s=timeout_s), name=f"call {service}")
-        self._calls.add(call)
-        try:
-            await asyncio.wait([call])
-        finally:
-            self._calls.discard(call)
-            call.cancel()
-        if call.cancelled():
-            raise BusClosedError("the backend was closed while it waited for an answer")
-        return call.result()
+        return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
 
     def watch(self, handler: Callable[[Graph], None]) -> Closable:
         """Call `handler` with the graph now, and whenever it has changed."""
-        watch = _Watch(handler, self._watchers)
-        handler(self._graph)
-        return watch
+        return self._outlook.watch(handler)
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
@@ -136,9 +118,8 @@ class ZenohBackend:
             return
         if self._refreshing is not None:
             self._refreshing.cancel()
-        self._watchers.clear()
-        for call in self._calls:
-            call.cancel()
+        self._outlook.close()
+        self._calls.close()
         self._session.stop()  # so that ends do not undeclare themselves one by one
         for end in tuple(self._seat.ends):
             end.close()
@@ -153,31 +134,4 @@ class ZenohBackend:
         self._refreshing = None
         if self._session.is_closed:
             return
-        graph = self._roster.graph()
-        self._findings = findings(graph, domain=self._domain, distro=self._distro, needs=self._needs)
-        wrong = {each.about: each.sentence for each in self._findings if not each.is_note}
-        if self.trouble:
-            wrong["router"] = self.trouble
-        self._complaints.stand(wrong)
-        if graph == self._graph:
-            return
-        self._graph = graph
-        for watch in tuple(self._watchers):
-            try:
-                watch.handler(graph)
-            except Exception:
-                log.exception("a handler of the ROS graph failed")
-
-
-class _Watch:
-    """One who wants to know the graph."""
-
-    def __init__(self, handler: Callable[[Graph], None], among: "list[_Watch]") -> None:
-        self.handler = handler
-        self._among = among
-        among.append(self)
-
-    def close(self) -> None:
-        """Hear no more."""
-        if self in self._among:
-            self._among.remove(self)
+        self._outlook.show(self._roster.graph(), {"router": self.trouble} if self.trouble else {})

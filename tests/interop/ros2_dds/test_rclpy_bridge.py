@@ -15,11 +15,7 @@ from tests.interop.ros2_dds.driven import DOMAIN, Driven, environment
 from tests.support.bench import until
 from tests.support.buses import free_port
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.long,
-    pytest.mark.timeout(600),
-]  # the first may fetch for a minute
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # the first may fetch for a minute
 
 
 async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(

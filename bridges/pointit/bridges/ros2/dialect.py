@@ -4,6 +4,7 @@ from typing import Protocol
 
 from pointit.bridges.ros2.attachment import Attachment
 from pointit.bridges.ros2.backend import EndpointKind, Qos, RosType
+from pointit.bridges.ros2.findings import Matching
 from pointit.bridges.ros2.graph import Seen
 
 
@@ -13,6 +14,11 @@ class Dialect(Protocol):
     @property
     def tokens(self) -> str:
         """Return the pattern of everybody's tokens, of every domain."""
+        ...
+
+    @property
+    def matching(self) -> Matching:
+        """Return what two ends must have in common."""
         ...
 
     def key(self, name: str, kind: RosType) -> str:

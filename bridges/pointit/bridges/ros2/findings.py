@@ -3,14 +3,11 @@
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph, Qos
 from pointit.bridges.ros2.types import NO_HASH
-
-MAX_SHOWN = 3
-"""Names that a sentence lists."""
-MAX_NAME = 80
-"""Characters of a foreign name that a sentence shows."""
+from pointit.bridges.ros2.wording import listed, nodes, short, short_hash
 
 COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
     "publisher": "subscriber",
@@ -19,6 +16,10 @@ COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
     "client": "server",
 }
 
+
+Matching = Literal["definition", "type", "topic"]
+"""What two ends must have in common for messages to go from one to the other, besides the topic's name: the
+type and its definition, the type's name only, or nothing."""
 
 End = tuple[str, EndpointKind]
 """By name and kind: going through everybody else for each of ours would hold up the loop."""
@@ -37,7 +38,9 @@ class Finding:
     """Nothing is wrong: it only explains why nothing happens."""
 
 
-def findings(graph: Graph, *, domain: int, distro: str, needs: str = "") -> tuple[Finding, ...]:
+def findings(
+    graph: Graph, *, domain: int, distro: str, needs: str = "", matching: Matching = "definition"
+) -> tuple[Finding, ...]:
     """Return what in `graph` will not work between us and the others, each with the remedy.
 
     Args:
@@ -45,6 +48,7 @@ def findings(graph: Graph, *, domain: int, distro: str, needs: str = "") -> tupl
         domain: ours.
         distro: the ROS distribution that we are set to.
         needs: what other nodes need to be seen, for people.
+        matching: what two ends must have in common for messages to go from one to the other.
     """
     ours = sorted((each for each in graph.endpoints if each.is_ours), key=_order)
     others = [each for each in graph.endpoints if not each.is_ours and each.domain == domain]
@@ -61,22 +65,23 @@ def findings(graph: Graph, *, domain: int, distro: str, needs: str = "") -> tupl
             offered[_end(each)].append(each)
     counterparts = {mine: sorted(offered.get(_wanted(mine), ()), key=_order) for mine in ours}
     for mine, theirs in counterparts.items():
-        found += _types(mine, theirs)
-        found += _qualities(mine, [each for each in theirs if _fits(mine, each)])
+        found += _types(mine, theirs, matching)
+        found += _qualities(mine, [each for each in theirs if _meets(mine, each, matching)])
     found += _domains(counterparts, elsewhere, domain, is_lonely=not others)
-    found += _lonely(counterparts, f"in domain {domain}{needs and f': {needs}'}", is_lonely=not others)
+    where = f"in domain {domain}{needs and f': {needs}'}"
+    found += [_nobody(where)] if not others else _lonely(counterparts, matching)
     return tuple({each.about: each for each in reversed(found)}.values())[::-1]
 
 
 def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
     """Return that another PointIt is among `others`."""
-    names = sorted({_short(each.node) for each in others if each.is_bridge})
+    names = sorted({short(each.node) for each in others if each.is_bridge})
     if not names:
         return []
     return [
         Finding(
             about="bridge",
-            sentence=f"another PointIt bridge is node {_listed(names)} in this domain ({domain}): we do not "
+            sentence=f"another PointIt bridge is node {listed(names)} in this domain ({domain}): we do not "
             "listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
             "two another backend.domain_id and backend.node",
         )
@@ -91,46 +96,47 @@ def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
         return []
     if is_humble:
         sentence = (
-            f"ROS {_nodes(other, 'is', 'are')} not of Humble, whose messages and those of later "
+            f"ROS {nodes(other, 'is', 'are')} not of Humble, whose messages and those of later "
             "distributions never reach each other; set distro to theirs (jazzy, kilted, …)"
         )
     else:
         sentence = (
-            f"ROS {_nodes(other, 'is', 'are')} of Humble, whose messages have no type hash and never reach "
+            f"ROS {nodes(other, 'is', 'are')} of Humble, whose messages have no type hash and never reach "
             f"those of {distro}; set distro to humble, or let them run {distro}"
         )
     return [Finding(about="distro", sentence=sentence)]
 
 
-def _types(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
+def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
     """Return that others use another definition, or another type, under a name of ours."""
     found: list[Finding] = []
     strangers = [each for each in counterparts if each.type.name != mine.type.name]
     if strangers:
+        what = "what arrives is read as something else" if matching == "topic" else "nothing arrives"
         found.append(
             Finding(
                 about=f"type of {mine.name}",
-                sentence=f"ROS {_nodes(strangers, 'uses', 'use')} {mine.name} as "
-                f"{_short(strangers[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one "
-                "of the two",
+                sentence=f"ROS {nodes(strangers, 'uses', 'use')} {mine.name} as "
+                f"{short(strangers[0].type.name)}, we as {mine.type.name}: {what}; rename one of the two",
             )
         )
     rebuilt = [
         each
         for each in counterparts
         if each.type.name == mine.type.name
-        and not _fits(mine, each)
+        and not _is_same(mine, each)
         and NO_HASH not in (each.type.hash, mine.type.hash)
     ]
     if rebuilt:
         package = mine.type.name.partition("/")[0]
+        what = "nothing arrives" if matching == "definition" else "what arrives is dropped or misread"
         found.append(
             Finding(
                 about=f"definition of {mine.name}",
-                sentence=f"ROS {_nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
-                f"on {mine.name} expected {_hash(mine.type.hash)}, saw {_hash(rebuilt[0].type.hash)}, "
-                f"and nothing arrives; rebuild {package} there from PointIt's folder interfaces, or from a "
-                "distribution whose definition is the same",
+                sentence=f"ROS {nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
+                f"on {mine.name} expected {short_hash(mine.type.hash)}, saw "
+                f"{short_hash(rebuilt[0].type.hash)}, and {what}; rebuild {package} there from PointIt's "
+                "folder interfaces, or from a distribution whose definition is the same",
             )
         )
     return found
@@ -152,7 +158,7 @@ def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding
             return [
                 Finding(
                     about=f"QoS of {mine.name}",
-                    sentence=f"QoS of ROS {_nodes(clashing)} on {mine.name} does not match ours: {side} "
+                    sentence=f"QoS of ROS {nodes(clashing)} on {mine.name} does not match ours: {side} "
                     f"{why}; by the rules of DDS nothing would arrive, change one of the two",
                 )
             ]
@@ -181,32 +187,28 @@ def _domains(
     return [
         Finding(
             about="domain",
-            sentence=f"ROS {_nodes(found, 'is', 'are')} in domain {_listed(map(str, theirs))}, we are in "
+            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {listed(map(str, theirs))}, we are in "
             f"{domain}: nothing arrives; set domain_id to {theirs[0]}, or start them with "
             f"ROS_DOMAIN_ID={domain}",
         )
     ]
 
 
-def _lonely(counterparts: Counterparts, where: str, *, is_lonely: bool) -> list[Finding]:
-    """Return that nobody is there, or nobody for some of our topics."""
-    if is_lonely:
-        return [
-            Finding(
-                about="nobody",
-                is_note=True,
-                sentence=f"no other ROS node is seen {where}",
-            )
-        ]
+def _nobody(where: str) -> Finding:
+    return Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}")
+
+
+def _lonely(counterparts: Counterparts, matching: Matching) -> list[Finding]:
+    """Return that nobody is there for some of our topics."""
     found: list[Finding] = []
     for kind, what in (("publisher", "subscribes to"), ("subscriber", "publishes")):
         names = [
             mine.name
             for mine, theirs in counterparts.items()
-            if mine.kind == kind and not any(_fits(mine, each) for each in theirs)
+            if mine.kind == kind and not any(_meets(mine, each, matching) for each in theirs)
         ]
         if names:
-            sentence = f"nobody in ROS {what} {_listed(dict.fromkeys(names))}"
+            sentence = f"nobody in ROS {what} {listed(dict.fromkeys(names))}"
             found.append(Finding(about=f"nobody {what}", is_note=True, sentence=sentence))
     return found
 
@@ -220,32 +222,18 @@ def _wanted(mine: Endpoint) -> End:
     return mine.name, COUNTERPART[mine.kind]
 
 
-def _fits(mine: Endpoint, other: Endpoint) -> bool:
+def _meets(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
+    """Return whether messages go from one to the other."""
+    if matching == "topic":
+        return True
+    return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
+
+
+def _is_same(mine: Endpoint, other: Endpoint) -> bool:
+    """Return whether both have the same definition, as far as is told."""
     hashes = {mine.type.hash, other.type.hash} - {""}
     return mine.type.name == other.type.name and len(hashes) <= 1
 
 
 def _order(endpoint: Endpoint) -> tuple[str, str, str]:
     return (endpoint.name, endpoint.kind, endpoint.node)
-
-
-def _nodes(endpoints: Iterable[Endpoint], of_one: str = "", of_many: str = "") -> str:
-    """Return who has `endpoints`, and the verb that fits."""
-    names = sorted({each.node for each in endpoints})
-    is_one = len(names) == 1
-    listed = _listed(_short(name) for name in names)
-    return f"node{'' if is_one else 's'} {listed} {of_one if is_one else of_many}".rstrip()
-
-
-def _listed(names: Iterable[str]) -> str:
-    shown = list(names)
-    more = len(shown) - MAX_SHOWN
-    return ", ".join(shown[:MAX_SHOWN]) + (f" and {more} more" if more > 0 else "")
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= MAX_NAME else f"{name[:MAX_NAME]}…"
-
-
-def _hash(text: str) -> str:
-    return text if len(text) <= 20 else f"{text[:20]}…"

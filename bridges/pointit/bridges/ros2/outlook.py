@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from pointit.bridges.ros2.backend import Closable, Graph
 from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.findings import Finding, findings
+from pointit.bridges.ros2.findings import Finding, Matching, findings
 
 log = logging.getLogger(__name__)
 
@@ -16,10 +16,14 @@ Handler = Callable[[Graph], None]
 class Outlook:
     """Begins with an empty graph. In the loop."""
 
-    def __init__(self, complaints: Complaints, *, domain: int, distro: str, needs: str) -> None:
+    def __init__(
+        self, complaints: Complaints, *, domain: int, distro: str, needs: str, matching: Matching
+    ) -> None:
         """Tell `complaints` what will not work; the others are what `findings` takes."""
         self._complaints = complaints
-        self._judged = functools.partial(findings, domain=domain, distro=distro, needs=needs)
+        self._judged = functools.partial(
+            findings, domain=domain, distro=distro, needs=needs, matching=matching
+        )
         self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
         self._findings: tuple[Finding, ...] = ()
         self._watches: list[_Watch] = []

@@ -70,7 +70,9 @@ class RclpyBackend:
         )
         self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
         # The distribution matters to nobody here: DDS tells types apart by their names.
-        self._outlook = Outlook(self._complaints, domain=config.domain_id, distro="", needs=NEEDS)
+        self._outlook = Outlook(
+            self._complaints, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
+        )
         self._clients: dict[tuple[str, RosType], DdsClient] = {}
         self._calls = Calls()
         self._is_left = threading.Event()

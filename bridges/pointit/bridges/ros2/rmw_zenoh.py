@@ -4,6 +4,7 @@ import itertools
 
 from pointit.bridges.ros2.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
+from pointit.bridges.ros2.findings import Matching
 from pointit.bridges.ros2.graph import Seen
 from pointit.bridges.ros2.keys import EVERY_TOKEN, data_key, resolved, shown
 from pointit.bridges.ros2.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
@@ -16,6 +17,7 @@ class RmwZenoh:
     """What one session of ours, with one node, writes and reads; numbers its entities."""
 
     tokens = EVERY_TOKEN
+    matching: Matching = "definition"
 
     def __init__(self, *, session: str, node: str, domain: int, enclave: str = ENCLAVE) -> None:
         """Begin with the node.

@@ -9,6 +9,7 @@ import re
 
 from pointit.bridges.ros2.attachment import Attachment
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
+from pointit.bridges.ros2.findings import Matching
 from pointit.bridges.ros2.graph import Seen
 from pointit.bridges.ros2.keys import resolved
 
@@ -29,6 +30,7 @@ class Ros2Dds:
     """What one session of ours writes and reads: no domain, no hash in keys, no attachments, no nodes."""
 
     tokens = PATTERN
+    matching: Matching = "topic"
 
     def __init__(self, *, session: str, node: str, domain: int) -> None:
         """Begin.

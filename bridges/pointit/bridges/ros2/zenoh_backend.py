@@ -58,7 +58,9 @@ class ZenohBackend:
         self._seat = Seat(
             session, dialect, self._complaints, self._roster, now_ns=now_ns, max_bytes=max_bytes
         )
-        self._outlook = Outlook(self._complaints, domain=domain, distro=distro, needs=needs)
+        self._outlook = Outlook(
+            self._complaints, domain=domain, distro=distro, needs=needs, matching=dialect.matching
+        )
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
         self._calls = Calls()
         session.on_change = self._refresh_soon

@@ -36,6 +36,14 @@ async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order()
     await until(lambda: seen[-1] == 7)
 
 
+def test_one_that_is_turned_away_is_told_of_as_one() -> None:
+    turned_away = TurnedAway()
+    turned_away.add("users/anna/profile", 10.0)
+    assert turned_away.trouble(10.0).startswith(
+        f"1 question was turned away, for users/anna/profile, as more than {MAX_WAITING} waited: "
+    )
+
+
 async def test_everybody_else_gets_turns_while_one_long_item_is_worked_on() -> None:
     turns = 0
     counts: list[int] = []

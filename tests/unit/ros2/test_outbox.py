@@ -163,6 +163,27 @@ async def test_what_stays_the_same_is_said_once() -> None:
         assert len(bridge.backend.sent["/anna/state_transition"]) == 2
 
 
+async def test_of_each_what_stays_the_same_is_said_once_and_anew_when_they_return() -> None:
+    async with bench(jazzy()) as bridge:
+
+        def told() -> list[tuple[str, bool]]:
+            wishes = bridge.heard("/PUI_subscription", "conveyor_msgs/msg/PUISubscription")
+            return [(each.user_name, each.subscribe) for each in wishes]
+
+        def say(user: str, state: str) -> None:
+            take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state), user)  # type: ignore[arg-type]  # one of them
+
+        for _ in range(3):
+            say("anna", "pointing")
+            say("ben", "idle")
+        assert told() == [("anna", True), ("ben", False)]
+        say("ben", "pointing")
+        assert told()[2:] == [("ben", True)]
+        bridge.outbox.leave("anna")
+        say("anna", "pointing")
+        assert told()[3:] == [("anna", True)]
+
+
 async def test_a_press_goes_down_and_up() -> None:
     async with bench(jazzy()) as bridge:
         take(bridge, BUTTON, ButtonEvent(stamp_ns=START_NS, seq=1))

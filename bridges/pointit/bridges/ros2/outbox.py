@@ -50,7 +50,8 @@ class _Line:
         self._later: list[asyncio.TimerHandle] = []
         self._last: dict[str, tuple[Message, float]] = {}
         """What is to be repeated, by what stands for the placeholder of our key, and when it came."""
-        self._sent: tuple[bytes, ...] = ()
+        self._sent: dict[str, tuple[bytes, ...]] = {}
+        """What was sent last where only changes are, as `_waiting`."""
         self._is_refused = False
         self._open()
 
@@ -77,7 +78,7 @@ class _Line:
         self._back = None
         kind = self._site.scene.types.kind(self.route.type)
         self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
-        self._sent = ()
+        self._sent = {}
 
     def _hide(self) -> None:
         if self._writer is not None:
@@ -91,7 +92,7 @@ class _Line:
             self._pace.sent(self._loop.time())
             self._send(message, name)
             return
-        self._waiting[name if self.route.is_each else ""] = message, name
+        self._waiting[self._whose(name)] = message, name
         if self._timer is None:
             self._timer = self._site.bus.call_later(wait_s, self._due)
 
@@ -100,6 +101,7 @@ class _Line:
         self._last.pop(name, None)
         if self.route.is_each:
             self._waiting.pop(name, None)
+            self._sent.pop(name, None)
 
     def _due(self) -> None:
         self._timer = None
@@ -128,9 +130,11 @@ class _Line:
         if self._is_refused:
             self._is_refused = False
             self._site.bus.clear(self.ros)
-        if self.route.on_change and cdrs == self._sent:
-            return
-        self._sent = cdrs
+        if self.route.on_change:
+            whose = self._whose(name)
+            if cdrs == self._sent.get(whose):
+                return
+            self._sent[whose] = cdrs
         self._later = [timer for timer in self._later if timer.when() > self._loop.time()]
         for count, cdr in enumerate(cdrs):
             if count and self.route.apart_s:
@@ -138,6 +142,10 @@ class _Line:
                 self._later.append(self._site.bus.call_later(count * self.route.apart_s, put))
             else:
                 self._put(cdr)
+
+    def _whose(self, name: str) -> str:
+        """Return whose messages those of `name` displace."""
+        return name if self.route.is_each else ""
 
     @property
     def _keeps(self) -> bool:

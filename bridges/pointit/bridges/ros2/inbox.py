@@ -7,8 +7,10 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 from pointit.bridges.ros2.backend import Closable, Graph
+from pointit.bridges.ros2.complaints import Complaints
+from pointit.bridges.ros2.ear import Ear
 from pointit.bridges.ros2.outbox import Site
-from pointit.bridges.ros2.pace import Pace, back_s
+from pointit.bridges.ros2.pace import back_s
 from pointit.bridges.ros2.rows import About, Inward, Said, Served, Taken, Warned
 from pointit.bridges.ros2.scene import Scene
 from pointit.runtime.bus import Publisher
@@ -31,6 +33,7 @@ class Inbox:
         self._site = site
         self._wall = WallClock()
         self._loop = asyncio.get_running_loop()
+        self._complaints = Complaints(site.bus)
         self._routes = tuple(routes)
         self._services = tuple(services)
         self._served: frozenset[str] = frozenset()
@@ -76,9 +79,8 @@ class Inbox:
 
     def listen(self, route: Inward, name: str) -> Closable:
         """Take what `route` says about `name` until the returned end is closed."""
-        ros, kind = route.ros_name(self._site.scene, name), self._site.scene.types.kind(route.type)
-        handler = functools.partial(self._hear, route, name, Pace(route.rate_hz))
-        return self._site.backend.subscribe(ros, kind, route.qos, handler)
+        take = functools.partial(self._hear, route, name)
+        return Ear(route, name, self._site, self._complaints, take)
 
     def hush(self, route: Inward, name: str) -> None:
         """Write no more what `route` has said about `name`: somebody else does."""
@@ -109,6 +111,7 @@ class Inbox:
             self._take_up(key)
         for task in self._asked:
             task.cancel()
+        self._complaints.close()
 
     def _declare(self, name: str) -> None:
         for route in self._routes:
@@ -153,11 +156,7 @@ class Inbox:
         if timer is not None:
             timer.cancel()
 
-    def _hear(self, route: Inward, name: str, pace: Pace, cdr: bytes) -> None:
-        now_s = self._loop.time()
-        if pace.wait_s(now_s) > 0.0:
-            return
-        pace.sent(now_s)
+    def _hear(self, route: Inward, name: str, cdr: bytes) -> None:
         scene, clock = self._site.scene, self._site.clock
         about = _about(route, scene, name)
         try:

@@ -1,4 +1,4 @@
-"""How often a route sends: at most at its rate, always the newest, never later than it must."""
+"""How often a route sends or takes: at most at its rate, the newest, never later than it must."""
 
 import random
 
@@ -19,18 +19,19 @@ def back_s() -> float:
 
 
 class Pace:
-    """Tells when the next message may be sent."""
+    """Tells when the next message may be sent, or the next bytes be read."""
 
-    def __init__(self, rate_hz: float | None) -> None:
-        """Allow everything where `rate_hz` is none."""
+    def __init__(self, rate_hz: float | None, *, early_s: float | None = None) -> None:
+        """Allow everything where `rate_hz` is none, and to be so much too soon; `EARLY` unless it is said."""
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._early_s = EARLY * self._period_s if early_s is None else early_s
         self._next_s = 0.0
 
     def wait_s(self, now_s: float) -> float:
         """Return for how long what comes at `now_s` has to wait, s; 0: it is sent."""
         wait_s = self._next_s - now_s
-        return 0.0 if wait_s <= EARLY * self._period_s else wait_s
+        return 0.0 if wait_s <= self._early_s else wait_s
 
-    def sent(self, now_s: float) -> None:
-        """Count a message that was sent at `now_s`."""
-        self._next_s = max(self._next_s, now_s - EARLY * self._period_s) + self._period_s
+    def sent(self, now_s: float, count: int = 1) -> None:
+        """Count what was sent at `now_s`."""
+        self._next_s = max(self._next_s, now_s - self._early_s) + count * self._period_s

@@ -4,7 +4,7 @@ from pointit.bridges.ros2.backend import SENSOR, SERVICE, Qos
 from pointit.bridges.ros2.frames import PERSON
 from pointit.bridges.ros2.inward import conveyor
 from pointit.bridges.ros2.inward.guest import Rays, Subscriptions
-from pointit.bridges.ros2.inward.person import Button, Poses, Wrist
+from pointit.bridges.ros2.inward.person import Button, Poses, Wrist, people_in
 from pointit.bridges.ros2.inward.time import Time
 from pointit.bridges.ros2.rows import Inward, Served
 from pointit.schemas import topics
@@ -13,6 +13,8 @@ _STREAM = Qos(depth=10)
 _MANY = Qos(depth=100)
 _TF_BYTES = 64 * 1024
 """Some 600 transforms; to read that many takes the loop 6 ms."""
+_TF_BYTES_HZ = 1e6
+"""A tenth of the loop's time; ten people at 100 Hz are a sixth of that."""
 
 
 def inward() -> tuple[Inward, ...]:
@@ -47,6 +49,8 @@ def inward() -> tuple[Inward, ...]:
             by=poses.tf,
             qos=_MANY,
             max_bytes=_TF_BYTES,
+            bytes_hz=_TF_BYTES_HZ,
+            people=people_in,
             about="the same from who publishes the person's frame, straight in the world's",
         ),
         Inward(

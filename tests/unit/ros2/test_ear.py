@@ -1,0 +1,119 @@
+"""What comes from ROS faster than it is taken: the newest wins, and reading it holds nothing up."""
+
+from typing import Any
+
+import pytest
+
+from pointit.bridges.ros2.types import Types
+from pointit.schemas.topics import POSE, WRIST
+from tests.support.bench import until
+from tests.unit.ros2.graph_of_one import Bench, bench
+from tests.unit.ros2.scenes import jazzy
+
+ROTATION = "/anna/metawear_ros/rotation"
+QUATERNION = "geometry_msgs/msg/QuaternionStamped"
+TF = "tf2_msgs/msg/TFMessage"
+MOST = 64 * 1024
+
+
+def frames(bridge: Bench, *people: str, x: float, size: int = 0) -> bytes:
+    """Return a message of /tf that puts `people` at x, and other frames until it is `size` bytes long."""
+    make = bridge.types.make
+
+    def frame(child: str) -> Any:
+        return make(
+            "geometry_msgs/msg/TransformStamped",
+            header=make("std_msgs/msg/Header", frame_id="world"),
+            child_frame_id=child,
+            transform=make(
+                "geometry_msgs/msg/Transform",
+                translation=make("geometry_msgs/msg/Vector3", x=x),
+                rotation=make("geometry_msgs/msg/Quaternion", w=1.0),
+            ),
+        )
+
+    ours = [frame(f"{user}/human_footprint") for user in people]
+    count = max(size - len(bridge.types.encode(TF, make(TF, transforms=ours))), 0) // 104
+    others = [frame(f"{index:016}") for index in range(count)]
+    return bridge.types.encode(TF, make(TF, transforms=ours + others))
+
+
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that gets the length of all that is decoded from now on."""
+    lengths: list[int] = []
+    decode = Types.decode
+
+    def counted(types: Types, name: str, cdr: bytes, **settings: Any) -> Any:
+        lengths.append(len(cdr))
+        return decode(types, name, cdr, **settings)
+
+    monkeypatch.setattr(Types, "decode", counted)
+    return lengths
+
+
+async def test_of_what_a_stall_has_piled_up_the_newest_is_taken() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.inbox.join("anna")
+        seen: list[float] = []
+        bridge.other.subscribe(WRIST, lambda message, _name: seen.append(message.orientation_xyzw[2]))
+        for count in range(21):
+            z = count / 20
+            turned = bridge.types.make(
+                "geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=(1.0 - z * z) ** 0.5
+            )
+            bridge.say(ROTATION, QUATERNION, quaternion=turned)
+        await until(lambda: bool(seen) and seen[-1] == 1.0)
+        assert len(seen) == 2
+
+
+async def test_who_leaves_is_not_moved_by_what_waits() -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.inbox.join("anna")
+        seen: list[str] = []
+        bridge.other.subscribe(WRIST, lambda _message, name: seen.append(name))
+        turned = bridge.types.make("geometry_msgs/msg/Quaternion", w=1.0)
+        for _ in range(3):
+            bridge.say(ROTATION, QUATERNION, quaternion=turned)
+        bridge.inbox.leave("anna")
+        bridge.inbox.join("ben")
+        for _ in range(3):
+            bridge.say("/ben/metawear_ros/rotation", QUATERNION, quaternion=turned)
+        await until(lambda: seen.count("ben") == 2)
+        assert seen.count("anna") == 1
+
+
+async def test_a_flood_of_tf_is_not_read_but_everybodys_newest_place_is(read: list[int]) -> None:
+    async with bench(jazzy()) as bridge:
+        for user in ("anna", "ben"):
+            bridge.scene.person(user)
+            bridge.inbox.join(user)
+        seen: dict[str, list[float]] = {"anna": [], "ben": []}
+        bridge.other.subscribe(POSE, lambda message, name: seen[name].append(message.position_m[0]))
+        flood = [frames(bridge, "anna", x=float(count), size=MOST - 200) for count in range(20)]
+        assert all(MOST - 1000 < len(cdr) <= MOST for cdr in flood)
+        for count in range(1000):
+            bridge.backend.readers["/tf"](flood[count % 20])
+            if count == 500:
+                bridge.backend.readers["/tf"](frames(bridge, "ben", x=7.0))
+        assert sum(read) <= 3 * MOST, "20 ms of the loop; all would be 6 s"
+        (warning,) = bridge.warnings()
+        assert "/tf brings more of people than the 1 MB a second that are read" in warning
+        bridge.clock.advance(1.0)  # so that places are taken again
+        await until(lambda: seen["anna"][-1:] == [19.0] and seen["ben"] == [7.0])
+        assert sum(read) <= 5 * MOST
+
+
+async def test_tf_that_tells_of_nobody_is_not_read_and_takes_nobodys_share(read: list[int]) -> None:
+    async with bench(jazzy()) as bridge:
+        bridge.scene.person("anna")
+        bridge.inbox.join("anna")
+        seen: list[float] = []
+        bridge.other.subscribe(POSE, lambda message, _name: seen.append(message.position_m[0]))
+        robot = frames(bridge, x=1.0, size=MOST - 200)
+        for _ in range(1000):
+            bridge.backend.readers["/tf"](robot)
+        assert not read
+        bridge.backend.readers["/tf"](frames(bridge, "anna", x=3.0))
+        await until(lambda: seen == [3.0])
+        assert not bridge.warnings()

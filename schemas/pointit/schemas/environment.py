@@ -202,7 +202,7 @@ class BayCount(Part):
 class ConveyorState(Message):
     """What the conveyor does."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     speed_mps: Annotated[Real, Field(description="0: it stands still; negative: backwards")]
     fed: Annotated[int, Field(ge=0, description="objects put on the conveyor so far")] = 0
@@ -211,6 +211,7 @@ class ConveyorState(Message):
     bays: Many[BayCount] = ()
     refused: Annotated[Count, Field(description="selections that came past the point of no return")] = 0
     step: Annotated[str, Field(description="of a feeding schedule; empty: there is none")] = ""
+    feeding: Annotated[bool, Field(description="false: the feeders rest until they are let again")] = True
 
 
 class LampColor(Message):

@@ -19,6 +19,13 @@ SET_SPEED = Request(
     server="conveyor-sim",
     about="set the speed, m/s",
 )
+SET_FEEDING = Request(
+    key="conveyor/set_feeding",
+    query=requests.SetFeeding,
+    reply=requests.Done,
+    server="conveyor-sim",
+    about="let the feeders give packages, or rest",
+)
 RESET_CONVEYOR = Request(
     key="conveyor/reset",
     query=requests.ResetConveyor,
@@ -142,6 +149,7 @@ SET_MOUNTING = Request(
 REQUESTS: tuple[Request[Any, Any], ...] = (
     ADD_PACKAGE,
     SET_SPEED,
+    SET_FEEDING,
     RESET_CONVEYOR,
     START_LOCALIZATION,
     CANCEL_LOCALIZATION,

@@ -32,6 +32,14 @@ class SetSpeed(Query):
     belts: Annotated[Many[str], Field(description="ids of belts; empty: all of them")] = ()
 
 
+class SetFeeding(Query):
+    """Let the feeders give packages, or rest; belts run on, and packages can be added, either way."""
+
+    feeding: Annotated[
+        bool, Field(description="false: they rest until it is true again, whatever a schedule's step says")
+    ]
+
+
 class ResetConveyor(Query):
     """Take every object off and start the feeders again."""
 

@@ -178,7 +178,7 @@ PROCESSES: tuple[Process, ...] = (
         about="objects that move on belts, or on strips taken as belts",
         reads=(topics.MAP, topics.SELECTION),
         writes=(topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS),
-        serves=(topics.ADD_PACKAGE, topics.SET_SPEED, topics.RESET_CONVEYOR),
+        serves=(topics.ADD_PACKAGE, topics.SET_SPEED, topics.SET_FEEDING, topics.RESET_CONVEYOR),
     ),
     Process(
         name="robot-replay",

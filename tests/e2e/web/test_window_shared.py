@@ -71,7 +71,8 @@ async def test_a_viewer_is_offered_nothing_and_refused_everything(
     await expect(page.get_by_text("Looking on")).to_be_visible()
     await expect(page.get_by_text("This page only looks on.")).to_be_visible()
     await expect(page.locator("#guide")).to_be_hidden()
-    for name in ("Press the button", "Undo", "Clear", "Localize", "Add a package", "Stop the belts"):
+    belts = ("Add a package", "Stop the belts", "Stop feeding")
+    for name in ("Press the button", "Undo", "Clear", "Localize", *belts):
         await expect(page.get_by_role("button", name=name)).to_be_hidden()
     await expect(page.get_by_role("combobox", name="Scenario")).to_be_hidden()
     await expect(page.get_by_role("radio", name="Mouse")).to_be_hidden()

@@ -7,8 +7,8 @@ from rich.console import Console
 
 from pointit.cli.call import build, requests
 from pointit.cli.output import print_table
-from pointit.schemas import SetPose, SetSpeed
-from pointit.schemas.topics import SET_POSE, SET_SPEED
+from pointit.schemas import SetFeeding, SetPose, SetSpeed
+from pointit.schemas.topics import SET_FEEDING, SET_POSE, SET_SPEED
 
 
 @pytest.mark.parametrize(
@@ -25,6 +25,11 @@ def test_one_name_is_a_list_of_one() -> None:
 
 def test_numbers_too() -> None:
     assert build(SET_POSE, ["position_m=1,2,0"]) == SetPose(position_m=(1.0, 2.0, 0.0))
+
+
+@pytest.mark.parametrize(("typed", "feeding"), [("false", False), ("off", False), ("on", True)])
+def test_a_switch_is_typed_as_people_say_it(typed: str, *, feeding: bool) -> None:
+    assert build(SET_FEEDING, [f"feeding={typed}"]) == SetFeeding(feeding=feeding)
 
 
 def test_no_key_or_field_is_broken_at_eighty_columns() -> None:

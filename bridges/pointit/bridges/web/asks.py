@@ -32,6 +32,7 @@ from pointit.schemas.topics import (
     RESET_CONVEYOR,
     RUN_SCENARIO,
     SET_BRIGHTNESS,
+    SET_FEEDING,
     SET_HEADING,
     SET_METHOD,
     SET_SPEED,
@@ -46,6 +47,7 @@ from pointit.schemas.topics import (
 OPERATORS: tuple[Request[Any, Any], ...] = (
     ADD_PACKAGE,
     SET_SPEED,
+    SET_FEEDING,
     RESET_CONVEYOR,
     START_LOCALIZATION,
     CANCEL_LOCALIZATION,

@@ -7,12 +7,11 @@ from pointit.schemas import NS_PER_S, ConveyorState, Environment, SelectionEvent
 from pointit.schemas.environment import BeltSpeed
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.dispatch import Dispatch
-from pointit.services.conveyor_sim.feeding import Feeder, configured
+from pointit.services.conveyor_sim.feeders import Feeders
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
 from pointit.services.conveyor_sim.intake import Intake
 from pointit.services.conveyor_sim.package import Package
 from pointit.services.conveyor_sim.routes import Routes
-from pointit.services.conveyor_sim.schedule import scheduled
 from pointit.services.conveyor_sim.sight import tracked_objects
 from pointit.services.conveyor_sim.traffic import Traffic
 
@@ -30,7 +29,13 @@ class Plant:
     """
 
     def __init__(
-        self, environment: Environment, config: ConveyorSimConfig, *, seed: int, start_ns: int
+        self,
+        environment: Environment,
+        config: ConveyorSimConfig,
+        *,
+        seed: int,
+        start_ns: int,
+        is_feeding: bool = True,
     ) -> None:
         """Take the belts (or strips) of `environment` that `config` names, its links and bays.
 
@@ -44,9 +49,10 @@ class Plant:
         self._traffic = Traffic(self.network, routes, longest_m=config.longest_fed_m)
         self._dispatch = Dispatch(routes, bay_selected=config.bay_selected, bay_rest=config.bay_rest)
         self._entries = list(config.lanes) or self.network.entries
-        self._feeders = configured(config, self._entries, seed)
-        self._schedule = scheduled(config, self.network.lines, seed)
-        for feeder in self._feeders:
+        self._feeders = Feeders(
+            config, entries=self._entries, belts=self.network.lines, seed=seed, is_on=is_feeding
+        )
+        for feeder in self._feeders.all:
             for belt in feeder.belts:
                 if belt not in self.network.lines:
                     raise UnusableMapError(
@@ -61,13 +67,19 @@ class Plant:
         self._own_speeds: dict[str, float] = {}
         self._now_ns = start_ns
         self._pending: list[SelectionEvent] = []
-        self._run_at(self._schedule.step.speed_mps if self._schedule else config.speed_mps)
+        schedule = self._feeders.schedule
+        self._run_at(schedule.step.speed_mps if schedule else config.speed_mps)
         self._fill()
 
     @property
     def fed(self) -> int:
         """Return how many packages were put on the conveyor so far."""
         return self._intake.fed
+
+    @property
+    def is_feeding(self) -> bool:
+        """Return whether the feeders give packages; otherwise they rest."""
+        return self._feeders.is_on
 
     @property
     def size(self) -> int:
@@ -91,14 +103,14 @@ class Plant:
         events, self._pending = self._pending, []
         was_foreseen = False
         while True:
-            is_fed = self._intake.feed(self._all_feeders())
+            is_fed = self._intake.feed(self._feeders.at_work)
             self.changes += is_fed
             if rest_s <= 0.0:
                 break
             most_s = min(rest_s, self._traffic.step_s)
-            next_s = self._intake.next_s(self._all_feeders())
-            if self._schedule is not None:
-                next_s = min(next_s, self._schedule.left_s)
+            next_s = self._intake.next_s(self._feeders.at_work)
+            if self._feeders.schedule is not None:
+                next_s = min(next_s, self._feeders.schedule.left_s)
             if next_s <= 0.0 or (was_foreseen and not is_fed):  # somebody is held who was not foreseen to be
                 next_s = max(next_s, SHORTEST_S)
             was_foreseen = next_s <= most_s
@@ -118,7 +130,7 @@ class Plant:
 
     def state(self, now_ns: int) -> ConveyorState:
         """Return speeds and counts, stamped `now_ns`."""
-        dispatch = self._dispatch
+        dispatch, schedule = self._dispatch, self._feeders.schedule
         return ConveyorState(
             stamp_ns=now_ns,
             speed_mps=self._speed_mps,
@@ -130,7 +142,8 @@ class Plant:
             ),
             bays=dispatch.bays(),
             refused=dispatch.refused,
-            step=self._schedule.name if self._schedule else "",
+            step=schedule.name if schedule else "",
+            feeding=self.is_feeding,
         )
 
     def select(self, owners: Mapping[str, str], now_ns: int) -> None:
@@ -155,6 +168,11 @@ class Plant:
         self._traffic.move(0.0)  # so that packages have their new speeds at once
         self.changes += 1
 
+    def set_feeding(self, *, is_on: bool) -> None:
+        """Let the feeders give packages from the last step on, or rest."""
+        self._feeders.is_on = is_on
+        self.changes += 1
+
     def add(self, kind: str, belt: str, length_m: float) -> str:
         """Put one package where `belt` begins (empty: the first entry), and return its id.
 
@@ -166,22 +184,20 @@ class Plant:
         return self._intake.add(kind, belt or self._entries[0], length_m)
 
     def reset(self) -> None:
-        """Take everything off, set the counts to 0 and start the feeders again."""
+        """Take everything off, set the counts to 0 and start the feeders again; those that rest, rest on."""
         self._traffic.clear()
         self._dispatch.reset()
         self._intake.fed = 0
         self._pending.clear()
-        for feeder in self._feeders:
-            feeder.restart()
-        if self._schedule is not None:
-            self._schedule.restart()
-            self._run_at(self._schedule.step.speed_mps)
+        self._feeders.restart()
+        if self._feeders.schedule is not None:
+            self._run_at(self._feeders.schedule.step.speed_mps)
         self._fill()
         self.changes += 1
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that is not in the map and the configuration, as what JSON can hold."""
-        traffic, dispatch, schedule, intake = self._traffic, self._dispatch, self._schedule, self._intake
+        traffic, dispatch, intake = self._traffic, self._dispatch, self._intake
         return {
             "prefix": intake.prefix,
             "ids": intake.ids,
@@ -192,14 +208,13 @@ class Plant:
             "speed_mps": self._speed_mps,
             "own_speeds": dict(self._own_speeds),
             "is_reverse": dict(intake.is_reverse),
-            "feeders": [[feeder.taken, feeder.due_s] for feeder in self._all_feeders()],
-            "step": None if schedule is None or schedule.is_over else [schedule.index, schedule.left_s],
+            **self._feeders.kept(),
             "packages": [package.kept() for held in traffic.held for package in held],
         }
 
     def restore(self, kept: Mapping[str, Any]) -> None:
         """Be as the plant that made the snapshot `kept` of the same map and configuration."""
-        traffic, dispatch, schedule, intake = self._traffic, self._dispatch, self._schedule, self._intake
+        traffic, dispatch, intake = self._traffic, self._dispatch, self._intake
         traffic.clear()
         intake.prefix, intake.ids, intake.fed = kept["prefix"], kept["ids"], kept["fed"]
         dispatch.left, dispatch.refused = kept["left"], kept["refused"]
@@ -208,16 +223,9 @@ class Plant:
         for belt, speed_mps in kept["own_speeds"].items():
             self.set_speed(speed_mps, (belt,))
         intake.is_reverse = dict(kept["is_reverse"])
-        if schedule is not None:
-            index, left_s = kept["step"] or (schedule.count, 0.0)
-            schedule.resume(index, left_s)
-        for feeder, (taken, due_s) in zip(self._all_feeders(), kept["feeders"], strict=True):
-            feeder.taken, feeder.due_s = taken, due_s
+        self._feeders.resume(kept)
         traffic.restore([Package.again(values) for values in kept["packages"]])
         dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
-
-    def _all_feeders(self) -> Sequence[Feeder]:
-        return self._feeders if self._schedule is None else self._schedule.feeders
 
     def _run_at(self, speed_mps: float) -> None:
         self._speed_mps = speed_mps
@@ -232,21 +240,23 @@ class Plant:
 
     def _fill(self) -> None:
         initial = self.config.feeder.initial
-        if initial and self._schedule is None and not self.config.feeders:
-            self._intake.fill(self._feeders[0], initial)
+        if initial and self._feeders.schedule is None and not self.config.feeders:
+            for feeder in self._feeders.at_work:  # there is one, if it does not rest
+                self._intake.fill(feeder, initial)
 
     def _pass(self, elapsed_s: float) -> list[SelectionEvent]:
         events = [
             self._dispatch.leave(package, self._bay_at(package), self._now_ns)
             for package in self._traffic.move(elapsed_s)
         ]
-        for feeder in self._all_feeders():
+        for feeder in self._feeders.at_work:
             feeder.pass_time(elapsed_s)
-        if self._schedule is not None:
-            was = self._schedule.name
-            if self._schedule.pass_time(elapsed_s):
-                self._run_at(self._schedule.step.speed_mps)
-            self.changes += self._schedule.name != was
+        schedule = self._feeders.schedule
+        if schedule is not None:
+            was = schedule.name
+            if schedule.pass_time(elapsed_s):
+                self._run_at(schedule.step.speed_mps)
+            self.changes += schedule.name != was
         return events
 
     def _bay_at(self, package: Package) -> str:

@@ -39,7 +39,7 @@ class FeederEntry(_Entry):
 
 
 class StepEntry(_Entry):
-    """One step; `feed: False` lets the belts run empty."""
+    """One step; `feed: False` lets the belts run empty, whether feeders were told to rest or not."""
 
     speed: Annotated[float, Field(ge=-10, le=10)]
     duration: Annotated[float, Field(gt=0, le=86400)]

@@ -15,6 +15,7 @@ from pointit.schemas import (
     Environment,
     ResetConveyor,
     Selection,
+    SetFeeding,
     SetSpeed,
 )
 from pointit.schemas.topics import (
@@ -25,6 +26,7 @@ from pointit.schemas.topics import (
     RESET_CONVEYOR,
     SELECTION,
     SELECTION_EVENTS,
+    SET_FEEDING,
     SET_SPEED,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
@@ -76,6 +78,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._states.put(self._state)
         self.bus.serve(ADD_PACKAGE, self._on_add)
         self.bus.serve(SET_SPEED, self._on_speed)
+        self.bus.serve(SET_FEEDING, self._on_feeding)
         self.bus.serve(RESET_CONVEYOR, self._on_reset)
         self.bus.subscribe(SELECTION, self._on_selection)
         self.bus.subscribe(MAP, self._on_map)
@@ -113,7 +116,13 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             return
         now_ns = self.clock.now_ns()
         try:
-            plant = Plant(environment, self.config, seed=self.config.seed, start_ns=now_ns)
+            plant = Plant(
+                environment,
+                self.config,
+                seed=self.config.seed,
+                start_ns=now_ns,
+                is_feeding=before is None or before.is_feeding,
+            )
         except (UnusableMapError, ConfigError) as error:
             self.bus.warn("map", str(error))
             return
@@ -129,7 +138,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def _check_initial(self, plant: Plant) -> None:
         initial = 0 if self.config.feeders or self.config.schedule else self.config.feeder.initial
-        if plant.fed < initial:
+        if plant.fed < initial and plant.is_feeding:
             self.bus.warn(
                 "initial",
                 f"feeder.initial: {initial} were asked for, {plant.fed} put on the lanes: "
@@ -169,12 +178,19 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         what = f"{', '.join(query.belts)} {run}" if query.belts else "the conveyor runs"
         return Done(message=f"{what} at {query.speed_mps:g} m/s")
 
+    async def _on_feeding(self, query: SetFeeding, _name: str) -> Done:
+        plant = self._up_to_date()
+        plant.set_feeding(is_on=query.feeding)
+        self._report(plant, self._stepped_ns)
+        return Done(message="the feeders give packages" if query.feeding else "the feeders rest")
+
     async def _on_reset(self, _query: ResetConveyor, _name: str) -> Done:
         plant = self._up_to_date()
         size = plant.size
         plant.reset()
         self._report(plant, self._stepped_ns)
-        return Done(message=f"{size} objects taken off, the feeder starts again")
+        what = "the feeder starts again" if plant.is_feeding else "the feeder still rests"
+        return Done(message=f"{size} objects taken off, {what}")
 
     def _ready(self) -> Plant:
         if self._plant is None or not self._is_resumed:

@@ -49,6 +49,7 @@ export interface Everything {
   Selection: Selection;
   SelectionEvent: SelectionEvent;
   SetBrightness: SetBrightness;
+  SetFeeding: SetFeeding;
   SetHeading: SetHeading;
   SetMethod: SetMethod;
   SetMethodReply: SetMethodReply;
@@ -246,6 +247,10 @@ export interface ConveyorState {
    * objects put on the conveyor so far
    */
   fed: number;
+  /**
+   * false: the feeders rest until they are let again
+   */
+  feeding: boolean;
   /**
    * objects that reached the end of their lane
    */
@@ -1064,6 +1069,15 @@ export interface SelectionEvent {
  */
 export interface SetBrightness {
   brightness: number;
+}
+/**
+ * Let the feeders give packages, or rest; belts run on, and packages can be added, either way.
+ */
+export interface SetFeeding {
+  /**
+   * false: they rest until it is true again, whatever a schedule's step says
+   */
+  feeding: boolean;
 }
 /**
  * The person points in a known direction right now: set the yaw of their pose by it.

@@ -35,6 +35,7 @@ export interface Topics {
 export const SERVERS = {
   "conveyor/add_package": "conveyor-sim",
   "conveyor/reset": "conveyor-sim",
+  "conveyor/set_feeding": "conveyor-sim",
   "conveyor/set_speed": "conveyor-sim",
   "imu/{user}/set_mounting": "imu-bridge",
   "imu/{user}/set_yaw_origin": "imu-bridge",

@@ -35,15 +35,22 @@ export function beltsPart(desk: Desk): Belts {
     return reply ? speed : null;
   }
 
+  function feedOrRest(): void {
+    if (site.conveyor) void desk.ask({ key: "conveyor/set_feeding", query: { feeding: !site.conveyor.feeding } }, { isQuiet: true });
+  }
+
   const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, text: (value) => `${value.toFixed(2)} m/s`, send: setSpeed });
   const haltName = el("span", { text: "Stop the belts" });
   const haltIcon = icon("stop");
   const halt = el("button", { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() }, haltIcon, haltName, key("S"));
+  const feedName = el("span", {});
+  const feedIcon = icon("pause");
+  const feed = el("button", { type: "button", onclick: feedOrRest }, feedIcon, feedName);
   const kinds = choice("Kind to add", (value) => void (kind = value));
   const addName = el("span", {});
   const add = el("button", { type: "button", "aria-keyshortcuts": "P", onclick: () => self.add() }, icon("plus"), addName, key("P"));
   const bays = el("table", { className: "bays" });
-  const element = section("Belts", speed.element, halt, kinds.element, add, bays);
+  const element = section("Belts", speed.element, halt, feed, kinds.element, add, bays);
   const title = element.querySelector("h2")!;
 
   const self: Belts = {
@@ -68,6 +75,7 @@ export function beltsPart(desk: Desk): Belts {
       if (!state) return;
       show(speed.element, mayRun);
       show(halt, mayRun);
+      show(feed, desk.may("conveyor/set_feeding"));
       show(add, mayAdd);
       show(kinds.element, mayAdd);
       speed.set(state.speed_mps);
@@ -77,6 +85,8 @@ export function beltsPart(desk: Desk): Belts {
       write(addName, hasBelts ? "Add a package" : "Add a segment");
       write(haltName, `${isStill ? "Start" : "Stop"} the ${hasBelts ? "belts" : "segments"}`);
       mark(haltIcon.firstElementChild!, "href", isStill ? "#icon-play" : "#icon-stop");
+      write(feedName, `${state.feeding ? "Stop" : "Start"} feeding`);
+      mark(feedIcon.firstElementChild!, "href", state.feeding ? "#icon-pause" : "#icon-play");
       const offered = kindsHere();
       if (!offered.includes(kind)) kind = offered[0]!;
       kinds.offer(offered.map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })));

@@ -93,9 +93,9 @@ def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
 @contextlib.contextmanager
 def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
     """Have SIGINT and SIGTERM call `ask` in the loop."""
-    wanted = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        for number in wanted:
+        for number in before:
             loop.add_signal_handler(number, ask)
     except NotImplementedError:  # Windows: asyncio.run turns Ctrl-C into a cancellation by itself
         yield
@@ -103,5 +103,7 @@ def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Genera
     try:
         yield
     finally:
-        for number in wanted:
+        for number, handler in before.items():
             loop.remove_signal_handler(number)
+            if handler is not None:  # which is none of Python's
+                signal.signal(number, handler)  # a shell starts what runs beside it with SIGINT ignored

@@ -58,7 +58,7 @@ async def test_the_wrong_mounting_is_noticed(tmp_path: Path) -> None:
 async def test_the_table_is_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     recording = data_file("recordings/motion_relloc/triangle-s1.csv")
     code = await replay(
-        recording, speed=SPEED, duration_s=8.0, mounting="minus_x", summary=None, as_json=False
+        recording, speed=SPEED / 2, duration_s=8.0, mounting="minus_x", summary=None, as_json=False
     )
     lines = capsys.readouterr().out.splitlines()
     assert code == 0

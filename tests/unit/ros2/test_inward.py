@@ -15,12 +15,13 @@ from pointit.schemas import (
     AddPackage,
     ButtonEvent,
     ClockTick,
+    SetFeeding,
     SetPose,
     SetSpeed,
     UserPose,
     WristSample,
 )
-from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, POSE, SET_POSE, SET_SPEED, WRIST
+from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, POSE, SET_FEEDING, SET_POSE, SET_SPEED, WRIST
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
 
 make = jazzy().make
@@ -294,6 +295,13 @@ def test_a_package_is_added_by_the_number_of_its_kind() -> None:
     assert "kind 77 means nothing here: there are 0 blue, 1 red" in warned(
         taken(row, make(row.type, data=77))
     )
+
+
+def test_feeders_are_let_rest_and_give_as_often_as_it_is_said() -> None:
+    row, scene = into("feed"), furnished()
+    for is_on in (False, False, True, True):
+        found = taken(row, make(row.type, data=is_on), scene)
+        assert found == [Said(SET_FEEDING, "", SetFeeding(feeding=is_on))]
 
 
 def clock(sim_s: float) -> Any:

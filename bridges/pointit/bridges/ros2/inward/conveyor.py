@@ -13,10 +13,18 @@ from pointit.schemas import (
     Reply,
     ResetConveyor,
     SetBrightness,
+    SetFeeding,
     SetSpeed,
     SetYawOrigin,
 )
-from pointit.schemas.topics import ADD_PACKAGE, RESET_CONVEYOR, SET_BRIGHTNESS, SET_SPEED, SET_YAW_ORIGIN
+from pointit.schemas.topics import (
+    ADD_PACKAGE,
+    RESET_CONVEYOR,
+    SET_BRIGHTNESS,
+    SET_FEEDING,
+    SET_SPEED,
+    SET_YAW_ORIGIN,
+)
 
 ALL = "*"
 """Stands for every belt in a command."""
@@ -55,6 +63,11 @@ def belt_command(value: Any, about: About) -> Taken:
             belts.setdefault(speed_mps, []).append(lane)
     taken += [_at_speed(speed_mps, tuple(lanes)) for speed_mps, lanes in belts.items()]
     return tuple(taken)
+
+
+def feed(value: Any, _about: About) -> Taken:
+    """Take a std_msgs/Bool: the feeders give packages, or rest."""
+    return (Said(SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
 
 
 def add_package(value: Any, about: About) -> Taken:

@@ -126,6 +126,15 @@ def inward() -> tuple[Inward, ...]:
             about='speeds of belts, "*": of all',
         ),
         Inward(
+            name="feed",
+            ros="/feed",
+            type="std_msgs/msg/Bool",
+            into=(topics.SET_FEEDING,),
+            by=conveyor.feed,
+            qos=_STREAM,
+            about="whether the feeders give packages; belts run on",
+        ),
+        Inward(
             name="add_package",
             ros="/add_package",
             type="std_msgs/msg/UInt8",

@@ -44,6 +44,7 @@ DEVICES = {
         "guests.py",
         "inbox.py",
         "outbox.py",
+        "parameters.py",
         "rclpy_backend.py",
         "rclpy_seat.py",
         "rclpy_services.py",

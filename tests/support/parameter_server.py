@@ -1,0 +1,100 @@
+"""A ROS node with parameters: what it answers, and a graph in which there is nobody else."""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pointit.bridges.ros2.backend import Closable, Endpoint, Graph, RosType
+from pointit.bridges.ros2.parameter_values import message_of
+from pointit.bridges.ros2.parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX
+from pointit.bridges.ros2.types import Types
+
+NODE = "/pui"
+
+
+class ParameterServer:
+    """Parameters as nodes of rclcpp and rclpy tell them."""
+
+    def __init__(self, types: Types, parameters: Mapping[str, Any]) -> None:
+        self.types = types
+        self.parameters = dict(parameters)
+        self.asked: list[list[str]] = []
+        """Names, by request."""
+
+    def serve(self, backend: Any, node: str) -> list[Closable]:
+        """Serve them as `node`."""
+        return [
+            backend.serve(f"{node}{LIST_SUFFIX}", self.types.kind(LIST), self.list),
+            backend.serve(f"{node}{GET_SUFFIX}", self.types.kind(GET), self.get),
+        ]
+
+    async def list(self, request: bytes) -> bytes:
+        asked = self.types.decode(self.types.request_of(LIST), request)
+        assert (list(asked.prefixes), asked.depth) == ([], 0), "everything, however deep"
+        result = self.types.make("rcl_interfaces/msg/ListParametersResult", names=[*self.parameters])
+        return self._encoded(LIST, result=result)
+
+    async def get(self, request: bytes) -> bytes:
+        names: list[str] = self.types.decode(self.types.request_of(GET), request).names
+        self.asked.append(names)
+        values = [message_of(self.types, self.parameters.get(name)) for name in names]
+        return self._encoded(GET, values=values)
+
+    def _encoded(self, service: str, **fields: Any) -> bytes:
+        response = self.types.response_of(service)
+        return self.types.encode(response, self.types.make(response, **fields))
+
+
+@dataclass
+class OneNode:
+    """A backend in a graph with one other node, `NODE` unless it is said."""
+
+    server: ParameterServer
+    node: str = "/pointit_map"
+    trouble: str = ""
+    name: str = NODE
+    domain: int = 0
+    hash: str = "RIHS01_3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d"
+    """Of `ListParameters`."""
+    serves: bool = True
+    nodes: frozenset[str] = frozenset({"/pointit_map", NODE})
+    answers: dict[str, Callable[[bytes], Awaitable[bytes]]] = field(
+        default_factory=dict[str, Callable[[bytes], Awaitable[bytes]]]
+    )
+    """Others than the server's, by service type."""
+    watching: int = 0
+    is_closed: bool = False
+
+    def graph(self) -> Graph:
+        service = f"{self.name}{LIST_SUFFIX}" if self.serves else f"{self.name}/other"
+        kind = RosType(name=LIST, hash=self.hash)
+        end = Endpoint(kind="server", node=self.name, name=service, type=kind, qos=None, domain=self.domain)
+        return Graph(nodes=self.nodes, endpoints=frozenset({end}))
+
+    def watch(self, handler: Callable[[Graph], None]) -> "Watch":
+        handler(self.graph())
+        return Watch(self)
+
+    async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
+        assert timeout_s > 0
+        served = {
+            f"{NODE}{LIST_SUFFIX}": (LIST, self.server.list),
+            f"{NODE}{GET_SUFFIX}": (GET, self.server.get),
+        }
+        of, answer = served[service]
+        assert kind == self.server.types.kind(of)
+        return await self.answers.get(of, answer)(request)
+
+    async def close(self) -> None:
+        self.is_closed = True
+
+
+class Watch:
+    """Counts in its node who has not been closed."""
+
+    def __init__(self, of: OneNode) -> None:
+        self._of = of
+        of.watching += 1
+
+    def close(self) -> None:
+        self._of.watching -= 1

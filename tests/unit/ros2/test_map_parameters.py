@@ -1,0 +1,211 @@
+"""Maps as parameters of a ROS node, there and back; what is no map's."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pointit.bridges.ros2.map_parameters import LINES, SECTIONS, of_maps, parameters_of, prefixes, tree_of
+from pointit.bridges.ros2.parameter_values import message_of, value_of
+from pointit.bridges.ros2.types import Types
+from pointit.geometry.vector import Vec3
+from pointit.runtime.config import parse_yaml
+from pointit.services.pui.map_file import map_path, parse_map_file, shipped_maps
+from pointit.services.pui.map_model import ENTRIES, MapFile
+from tests.support.data import data_file
+
+TYPES = Types("jazzy")
+TOOLKIT = ("belt", "lab", "tutorial_scenario_1_2_3", "tutorial_scenario_4")
+ROOM = """\
+leds: {door: {position: [-1.5, 3.2, 1.8]}, up.left: {position: [2, -1, 1]}}
+strips: {1: {line: [[0, 0.6, 1], [3, 0.6, 1]], pixels: 90, direction: -1, length: 3.0}}
+belts:
+  main: {centerline: [[0, 0, 1], [3, 0, 1]], width: 1.0}
+  side: {centerline: [[1, 0, 1], [1, 2, 1]], width: 1}
+links: [{from: main, from_position: 1.0, to: side}, {from: side, to: 9}]
+bays: {7: main, a.b: side}
+boxes: {desk: {center: [-2, -1, 0.4], size: [1.6, 0.8, 0.8], yaw_deg: 30}}
+planes: {ground: {center: [0, 0, 0], normal: [0, 0, 1]}}
+cylinders: {column: {center: [-0.5, 2, 0], radius: 0.3, height: 3}}
+spheres: {globe: {center: [0.8, -1.6, 1.2], radius: 0.4}}
+clouds: {shelf: {file: shelf.xyz}}
+"""
+
+
+def tree_in(text: str) -> dict[str, Any]:
+    """Return what a file says, whose names may be numbers, with names that are text."""
+    tree: dict[str, Any] = parse_yaml(text.encode(), "it")
+    for section, entries in tree.items():
+        if section != "links":
+            tree[section] = {str(name): entries[name] for name in entries}
+    return tree
+
+
+def travelled(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return what another node gets of them, by the bytes of ROS."""
+    kind = "rcl_interfaces/srv/GetParameters_Response"
+    values = [message_of(TYPES, value) for value in parameters.values()]
+    answer = TYPES.decode(kind, TYPES.encode(kind, TYPES.make(kind, values=values)))
+    return {name: value_of(each) for name, each in zip(parameters, answer.values, strict=True)}
+
+
+def check_round_trip(text: str, prefix: str = "") -> None:
+    tree = tree_in(text)
+    parameters = parameters_of(tree, prefix)
+    assert of_maps(["use_sim_time", *parameters], prefix) == list(parameters)
+    again = tree_of(travelled(parameters), prefix)
+    assert again == tree
+    written = yaml.dump(again, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper)).encode()
+    assert parse_map_file(written, Path("a.yaml")) == parse_map_file(text.encode(), Path("a.yaml"))
+
+
+@pytest.mark.parametrize("name", shipped_maps())
+def test_every_shipped_map_is_parameters_and_itself_again(name: str) -> None:
+    with map_path(name) as path:
+        check_round_trip(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", TOOLKIT)
+def test_every_map_of_the_toolkit_is_parameters_and_itself_again(name: str) -> None:
+    check_round_trip(data_file(f"pointit-ros2/{name}.yaml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("prefix", ["", "site", "site.leds.map"])
+def test_every_section_below_a_prefix_is_itself_again(prefix: str) -> None:
+    assert set(tree_in(ROOM)) == set(MapFile.model_fields)
+    check_round_trip(ROOM, prefix)
+
+
+def test_what_the_parameters_are_called() -> None:
+    parameters = parameters_of(tree_in(ROOM), "site")
+    assert parameters["site.leds.door.position"] == [-1.5, 3.2, 1.8]
+    assert parameters["site.leds.up.left.position"] == [2, -1, 1]
+    assert parameters["site.strips.1.line"] == [0.0, 0.6, 1.0, 3.0, 0.6, 1.0]
+    assert parameters["site.strips.1.pixels"] == 90
+    assert parameters["site.links.0.from"] == "main"
+    assert parameters["site.bays.7"] == "main"
+
+
+NAME = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,20}", fullmatch=True)
+NUMBER = st.floats(-1e6, 1e6)
+POINT = st.lists(NUMBER, min_size=3, max_size=3)
+LINE = st.lists(POINT, min_size=1, max_size=5)
+KEY = st.from_regex(r"[a-z_]{1,12}", fullmatch=True).filter(lambda key: key not in LINES)
+SCALAR = st.one_of(
+    NUMBER, st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=9).filter(str.isprintable)
+)
+ENTRY = st.one_of(
+    st.dictionaries(st.sampled_from(sorted(LINES)), LINE, min_size=1),
+    st.dictionaries(KEY, st.one_of(SCALAR, POINT), min_size=1, max_size=4),
+)
+NAMED = [section for section in sorted(MapFile.model_fields) if section not in ("links", "bays")]
+TREE = st.fixed_dictionaries(
+    {},
+    optional={
+        **{section: st.dictionaries(NAME, ENTRY, min_size=1, max_size=3) for section in NAMED},
+        "links": st.lists(st.dictionaries(KEY, SCALAR, min_size=1, max_size=3), min_size=1, max_size=12),
+        "bays": st.dictionaries(NAME, SCALAR, min_size=1, max_size=3),
+    },
+)
+
+
+# Others load the machine, too.
+PATIENT = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+@given(TREE, st.sampled_from(["", "map", "a.b"]))
+@PATIENT
+def test_any_tree_is_parameters_and_itself_again(tree: dict[str, Any], prefix: str) -> None:
+    parameters = parameters_of(tree, prefix)
+    assert of_maps(parameters, prefix) == list(parameters)
+    assert tree_of(travelled(parameters), prefix) == tree
+
+
+PARAMETERS = st.dictionaries(
+    st.one_of(
+        st.text(max_size=30),
+        st.lists(st.sampled_from(["leds", "strips", "links", "bays", "1", "line", "a", ""]), max_size=5).map(
+            ".".join
+        ),
+    ),
+    st.one_of(SCALAR, st.lists(NUMBER, max_size=7), st.lists(st.text(max_size=3), max_size=3)),
+    max_size=6,
+)
+
+
+@given(PARAMETERS, st.sampled_from(["", "leds", "a"]))
+@PATIENT
+def test_any_parameters_are_a_tree_or_refused(parameters: dict[str, Any], prefix: str) -> None:
+    wanted = of_maps(parameters, prefix)
+    try:
+        tree = tree_of({name: parameters[name] for name in wanted}, prefix)
+    except ValueError as refused:
+        told, tree = str(refused), None
+    else:
+        told = ""
+    if tree is None:
+        assert any(name in told for name in wanted)
+    else:
+        assert len(parameters_of(tree)) == len(wanted)
+
+
+def test_sections_and_lines_are_those_of_the_map() -> None:
+    assert set(MapFile.model_fields) == SECTIONS
+    fields = [field for entry in ENTRIES.values() for field in entry.model_fields.items()]
+    assert {key for key, field in fields if field.annotation == tuple[Vec3, ...]} == LINES
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        (
+            "leds.door",
+            [1.0, 2.0, 3.0],
+            "leds.door is no parameter of a map; they are called SECTION.NAME.KEY, as in leds.door.position",
+        ),
+        (
+            "strips.1.line",
+            [0.0, 1.0, 2.0, 3.0],
+            "strips.1.line has 4 numbers; write x, y, z of one point after the other, three for each",
+        ),
+        ("links.first.from", "a", "links.first.from: links have numbers, as in links.0.from"),
+        ("links.-1.from", "a", "links.-1.from: links have numbers, as in links.0.from"),
+        (
+            "leds..position",
+            [1.0],
+            (
+                "leds..position is no parameter of a map; they are called SECTION.NAME.KEY, as in "
+                "leds.door.position"
+            ),
+        ),
+    ],
+)
+def test_what_is_none_of_a_map_is_one_sentence(name: str, value: Any, sentence: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
+        tree_of({name: value})
+
+
+def test_links_are_in_the_order_of_their_numbers() -> None:
+    numbers = (2, 10, 1, 300)
+    tree = tree_of({f"links.{number}.to": f"b{number}" for number in numbers})
+    assert tree == {"links": [{"to": "b1"}, {"to": "b2"}, {"to": "b10"}, {"to": "b300"}]}
+
+
+def test_what_else_a_node_has_is_left_alone_unless_it_is_below_the_prefix() -> None:
+    names = [
+        "use_sim_time",
+        "leds",
+        "ledsx.a.b",
+        "leds.a.position",
+        "site.leds.a.position",
+        "site.colour",
+        "sites.x",
+    ]
+    assert of_maps(names) == ["leds.a.position"]
+    assert of_maps(names, "site") == ["site.leds.a.position", "site.colour"]
+    assert prefixes(names) == ["site"]
+    assert prefixes(["a.b.strips.1.line", "a.b.leds.x.y", "leds.x.y", "c.d"]) == ["a.b"]

@@ -1,0 +1,144 @@
+"""Reading the parameters of another node: pages, bounds, and what is said when it cannot be done."""
+
+from typing import Any, cast
+
+import pytest
+
+from pointit.bridges.ros2 import parameters
+from pointit.bridges.ros2.backend import Backend
+from pointit.bridges.ros2.parameters import GET, LIST, MAX_NAME, PAGE, NodeParameters
+from pointit.bridges.ros2.types import Types
+from pointit.runtime.errors import ConfigError, NoAnswerError
+from tests.support.parameter_server import NODE, OneNode, ParameterServer
+
+TYPES = Types("jazzy")
+
+
+def read(other: OneNode, **settings: Any) -> NodeParameters:
+    values: dict[str, Any] = {"domain": 0, "timeout_s": 0.1, "max_bytes": 1_000_000} | settings
+    return NodeParameters(cast("Backend", other), TYPES, NODE, **values)
+
+
+def other(parameters: dict[str, Any] | None = None, **settings: Any) -> OneNode:
+    return OneNode(ParameterServer(TYPES, parameters or {}), **settings)
+
+
+async def test_parameters_come_by_pages_in_the_nodes_order() -> None:
+    there = {f"leds.{number}.position": [number * 1.0, 0.0, 1.0] for number in range(2 * PAGE + 3)}
+    seen = other({"map": "text", "empty": None, **there})
+    node = read(seen)
+    assert await node.names() == ["map", "empty", *there]
+    assert seen.watching == 0
+    assert await node.values([*there, "empty"]) == there
+    assert list(await node.values(["map", "leds.0.position"])) == ["map", "leds.0.position"]
+    assert [len(names) for names in seen.server.asked] == [PAGE, PAGE, 4, 2]
+    assert await node.values([]) == {}
+
+
+async def test_names_that_no_map_has_are_left_out() -> None:
+    names = {"a\x1b[2J": 1, "b" * (MAX_NAME + 1): 1, "b" * MAX_NAME: 1, "leds.a.position": 1}
+    assert await read(other(names)).names() == ["b" * MAX_NAME, "leds.a.position"]
+
+
+async def test_too_many_and_too_much_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parameters, "MAX_PARAMETERS", 3)
+    with pytest.raises(
+        ConfigError, match=r"^node /pui has 4 parameters and at most 3 are read; give its map as"
+    ):
+        await read(other(dict.fromkeys("abcd", 1))).names()
+    monkeypatch.setattr(parameters, "MAX_BYTES", 3000)
+    node = read(other({"a": "x" * 1000, "b": "y" * 1000}))
+    assert len(await node.values(["a"])) == 1
+    with pytest.raises(ConfigError, match="have more than 3000 bytes, which no map has; give it as a file"):
+        await node.values(["a", "b"])
+    with pytest.raises(NoAnswerError, match=r"cannot be read: .* at most 500 are read"):
+        await read(other({"a": "x" * 1000}), max_bytes=500).values(["a"])
+
+
+async def refused(sentence: str, asked: OneNode, **settings: Any) -> None:
+    with pytest.raises(NoAnswerError) as caught:
+        await read(asked, **settings).names()
+    assert str(caught.value) == sentence
+    assert asked.watching == 0
+
+
+async def test_who_is_not_there_is_told_with_those_who_are() -> None:
+    nodes = frozenset({"/pointit_map", "/belt", "/arm"})
+    await refused(
+        "there is no node /pui in domain 0; there are /arm, /belt",
+        other(name="/belt", serves=False, nodes=nodes),
+    )
+    many = frozenset(f"/n{number:02}" for number in range(25))
+    sentence = ", ".join(sorted(many)[:20])
+    await refused(
+        f"there is no node /pui in domain 0; there are {sentence} and 5 more",
+        other(name="/n00", serves=False, nodes=many),
+    )
+    behind = other(name="/belt", nodes=frozenset({"behind bridge 1f"}))
+    await refused("there is no node /pui in domain 0; there are /belt", behind)
+
+
+async def test_what_else_keeps_a_node_from_being_asked() -> None:
+    await refused(
+        "node /pui serves no parameters; start it with its parameter services, or give its map as a file",
+        other(serves=False),
+    )
+    us = frozenset({"/pointit_map"})
+    await refused("node /pui is in domain 7, not in 0; set domain_id to 7", other(domain=7, nodes=us))
+    far: dict[str, Any] = {"name": "/far", "domain": 7, "nodes": us}
+    await refused("no ROS node is seen in domain 0, but some in 7; set domain_id to theirs", other(**far))
+    lonely: dict[str, Any] = {"name": "/pointit_map", "nodes": us}
+    await refused("no ROS node is seen in domain 0: they need this", other(**lonely), needs="they need this")
+    await refused(
+        "no ROS node is seen in domain 0: no router", other(trouble="no router", **lonely), needs="-"
+    )
+    await refused(
+        "node /pui is of Humble, whose services nobody of jazzy can ask; set distro to humble",
+        other(hash="TypeHashNotSupported"),
+    )
+    await refused(
+        f"node /pui has another definition of {LIST} than jazzy; set distro to theirs",
+        other(hash="RIHS01_" + "0" * 64),
+    )
+    assert await read(other({"a": 1}, hash="")).names() == ["a"], "rclpy does not tell it"
+
+
+@pytest.mark.parametrize(
+    "answer", [b"", b"garbage", b"\0\1\0\0", b"\0\1\0\0\xff\xff\xff\xff", b"\0\7" + bytes(90)]
+)
+async def test_an_answer_that_is_none_is_one_sentence(answer: bytes) -> None:
+    async def bad(_request: bytes) -> bytes:
+        return answer
+
+    asked = other({"a": 1}, answers={LIST: bad, GET: bad})
+    with pytest.raises(NoAnswerError, match=r"^what node /pui answered cannot be read: "):
+        await read(asked).names()
+    with pytest.raises(NoAnswerError, match=r"^what node /pui answered cannot be read: "):
+        await read(asked).values(["a"])
+
+
+async def test_answers_to_something_else_and_none_in_time() -> None:
+    async def few(_request: bytes) -> bytes:
+        return await asked.server.get(
+            TYPES.encode(f"{GET}_Request", TYPES.make(f"{GET}_Request", names=["a"]))
+        )
+
+    async def strange(_request: bytes) -> bytes:
+        value = TYPES.make("rcl_interfaces/msg/ParameterValue", type=77)
+        return TYPES.encode(f"{GET}_Response", TYPES.make(f"{GET}_Response", values=[value]))
+
+    async def late(_request: bytes) -> bytes:
+        raise TimeoutError("ROS service /pui/get_parameters: its server did not answer within 0.1 s")
+
+    asked = other({"a": 1, "b": 2})
+    asked.answers[GET] = few
+    with pytest.raises(NoAnswerError, match="was asked for 2 parameters and told 1; try again"):
+        await read(asked).values(["a", "b"])
+    asked.answers[GET] = strange
+    with pytest.raises(NoAnswerError, match=r"^a of node /pui: a parameter is of kind 77"):
+        await read(asked).values(["a"])
+    asked.answers[GET] = late
+    with pytest.raises(
+        NoAnswerError, match=r"^ROS service /pui/get_parameters: its server did not answer within"
+    ):
+        await read(asked).values(["a"])

@@ -22,7 +22,7 @@ COMMANDS = (
     ("topics", "show the topic table: what travels, how often, who writes it", "pointit.cli.topics:command"),
     ("echo", "print messages as they come", "pointit.cli.echo:command"),
     ("press", "press a person's button from here", "pointit.cli.press:command"),
-    ("map", "check a map, draw it from above, list the shipped ones", "pointit.cli.map:command"),
+    ("map", "check a map, draw it, fetch it from ROS 2, list the shipped ones", "pointit.cli.map:command"),
     ("calibrate", "measure how a sensor is worn, and how a person points", "pointit.cli.calibrate:command"),
     ("anchor", "point at one lamp, to set a person's pose right", "pointit.cli.anchor:command"),
     ("pose", "show where a person stands and how sure that is, or say it", "pointit.cli.pose:command"),

@@ -7,6 +7,7 @@ from pointit.cli.lazy import Entry, LazyGroup, from_module
 ACTIONS = (
     ("check", "say what is wrong with a map, and what to do", "pointit.cli.map_check:command"),
     ("plot", "draw a map from above: svg, png or pdf", "pointit.cli.map_plot:command"),
+    ("fetch", "take the map of a ROS 2 node out of its parameters", "pointit.cli.map_fetch:command"),
     ("list", "list the maps that come with PointIt", "pointit.cli.map_list:command"),
 )
 """Name, one line, and where the command is."""

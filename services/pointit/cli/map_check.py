@@ -1,5 +1,8 @@
 """`pointit map check`: what is wrong with a map."""
 
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
 import click
 
 from pointit.cli.map_person import Point, person_option
@@ -8,6 +11,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.services.pui.finding import Finding, error
 from pointit.services.pui.map_check import check_map, contents
 from pointit.services.pui.map_file import map_path, read_clouds, read_map_file, travelling
+from pointit.services.pui.map_model import MapFile
 
 COLORS = {"error": "red", "warning": "yellow"}
 
@@ -28,33 +32,49 @@ def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json:
     Example: pointit map check ./site.yaml
     """
     with map_path(name_or_path) as path:
-        has = ""
-        try:
-            file = read_map_file(path)
-            clouds = read_clouds(path, file)
-        except ConfigError as unreadable:
-            findings = [error(str(path), str(unreadable).removeprefix(f"{path}: "))]
-        else:
-            has = contents(file, clouds)
-            findings = check_map(file, clouds, person_m=person_m)
-            if not any(each.severity == "error" for each in findings):
-                try:
-                    travelling(path, file, clouds, 0)
-                except ConfigError as too_large:
-                    findings.append(error(str(path), str(too_large).removeprefix(f"{path}: ")))
+        has, findings = examined(str(path), path, lambda: read_map_file(path), person_m)
     if as_json:
         rows = [{"severity": each.severity, "where": each.where, "text": each.text} for each in findings]
         print_json({"map": name_or_path, "has": has, "findings": rows})
     else:
-        _print(name_or_path, has, findings)
+        print_findings(name_or_path, has, findings)
     if any(strict or each.severity == "error" for each in findings):
         raise SystemExit(1)
 
 
-def _print(name: str, has: str, findings: list[Finding]) -> None:
+def examined(
+    name: str, path: Path, read: Callable[[], MapFile], person_m: Point | None = None
+) -> tuple[str, list[Finding]]:
+    """Return what a map has, and what is wrong with it; all that can be read is looked at.
+
+    Args:
+        name: of the map, in findings that are of no section.
+        path: where it is, or is to be: its clouds lie beside it.
+        read: returns it, or raises `ConfigError`.
+        person_m: where the person stands; empty: anywhere.
+    """
+    has = ""
+    try:
+        file = read()
+        clouds = read_clouds(path, file)
+    except ConfigError as unreadable:
+        return has, [error(name, str(unreadable).removeprefix(f"{path}: "))]
+    has = contents(file, clouds)
+    findings = check_map(file, clouds, person_m=person_m)
+    if not any(each.severity == "error" for each in findings):
+        try:
+            travelling(path, file, clouds, 0)
+        except ConfigError as too_large:
+            findings.append(error(name, str(too_large).removeprefix(f"{path}: ")))
+    return has, findings
+
+
+def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: bool = False) -> None:
+    """Print each finding on a line, and how many there are; `err`: on standard error."""
     for each in findings:
         click.echo(
-            f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} {each.where}: {each.text}"
+            f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} {each.where}: {each.text}",
+            err=err,
         )
     errors = sum(each.severity == "error" for each in findings)
     warnings = len(findings) - errors
@@ -63,4 +83,4 @@ def _print(name: str, has: str, findings: list[Finding]) -> None:
         for count, word in ((errors, "error"), (warnings, "warning"))
         if count
     ]
-    click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}")
+    click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}", err=err)

@@ -1,7 +1,7 @@
 """Reads maps: the YAML format of the ROS toolkit, and what it lacks."""
 
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pointit.runtime.complaint import field_names, listed, more_mistakes, shown
-from pointit.runtime.config import read_yaml
+from pointit.runtime.config import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
@@ -94,7 +94,20 @@ def read_map_file(path: Path) -> MapFile:
     Raises:
         ConfigError: one sentence with file, key, value and what to do.
     """
-    data = {section: value for section, value in read_yaml(path).items() if value is not None}
+    return _map_of(read_yaml(path), path)
+
+
+def parse_map_file(content: bytes, path: Path) -> MapFile:
+    """Return what stands in `content`, as `read_map_file` would if it were in the file at `path`.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    return _map_of(parse_yaml(content, path), path)
+
+
+def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
+    data = {section: value for section, value in sections.items() if value is not None}
     for section in MapFile.model_fields:
         _check_names(path, section, data.get(section))
     try:

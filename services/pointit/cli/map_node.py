@@ -1,0 +1,163 @@
+"""The map of a ROS node: finds out how its parameters hold it, and takes it."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.bridges.ros2.backends import NEEDS, check_endpoint, opened
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.keys import shown
+from pointit.bridges.ros2.map_parameters import of_maps, prefixes, tree_of
+from pointit.bridges.ros2.parameter_values import Value
+from pointit.bridges.ros2.parameters import GET, LIST, MAX_SHOWN, NodeParameters
+from pointit.bridges.ros2.types import Types
+from pointit.cli.link import PATIENCE_S, telling
+from pointit.runtime.config import parse_yaml, read_yaml
+from pointit.runtime.errors import ConfigError, ConnectError
+
+log = logging.getLogger(__name__)
+
+MAX_PATH = 1000
+"""Characters of a path that is looked for here, and of a foreign word in a sentence."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """What to take, from whom."""
+
+    node: str
+    """Its full name."""
+    parameter: str | None
+    """What holds the map's text or path."""
+    usual: str
+    """The same where nothing is said of it, if the node has it."""
+    prefix: str | None
+    """Below what the map's values are parameters of their own."""
+    timeout_s: float
+    """How long the node may take to answer."""
+
+
+class _Unheard:
+    """What a node complains about while it is there; that of so short a visit is in the error."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        log.debug("%s: %s", topic, sentence)
+
+    def clear(self, topic: str) -> None:
+        log.debug("%s: well", topic)
+
+
+async def fetched(config: BackendConfig, wish: Wish) -> dict[str, Any]:
+    """Return the map, as its file would have it; nothing in it is checked yet.
+
+    Raises:
+        ConfigError: nothing there is a map, or it cannot be read.
+        ConnectError, ListenError: the ROS graph cannot be joined.
+        NoAnswerError: there is no such node, or it does not answer.
+    """
+    check_endpoint(config.endpoint)
+    types = Types(config.distro)
+    types.prepare(LIST, GET)
+    try:
+        with telling(f"looking for a ROS router at {config.endpoint} …"):
+            backend = await opened(config, _Unheard(), patience_s=PATIENCE_S)
+    except ConnectError as error:
+        raise ConnectError(f"{error}; --backend.endpoint says where it is") from error
+    try:
+        parameters = NodeParameters(
+            backend,
+            types,
+            wish.node,
+            domain=config.domain_id,
+            timeout_s=wish.timeout_s,
+            max_bytes=config.max_message_bytes,
+            needs=NEEDS.get(config.kind, ""),
+        )
+        with telling(f"asking {wish.node} for its parameters …"):
+            return await _taken(parameters, wish)
+    finally:
+        await backend.close()
+
+
+async def _taken(parameters: NodeParameters, wish: Wish) -> dict[str, Any]:
+    names = await parameters.names()
+    holder = wish.usual if wish.parameter is None else wish.parameter
+    if wish.parameter is not None and holder not in names:
+        raise ConfigError(f"node {wish.node} has no parameter {holder!r}; {_there(names)}")
+    if wish.prefix is None and holder in names:
+        held = (await parameters.values([holder])).get(holder)
+        if isinstance(held, str) and held.strip():
+            return _of_text(held.strip(), f"parameter {holder} of {wish.node}")
+        if wish.parameter is not None:
+            raise ConfigError(
+                f"parameter {holder} of {wish.node} is {_kind(held)}, not the text of a map or its path; "
+                "--parameter names another"
+            )
+    prefix = (wish.prefix or "").rstrip(".")
+    values = await parameters.values(of_maps(names, prefix))
+    if not values:
+        raise ConfigError(_nothing(wish, names))
+    try:
+        return tree_of(values, prefix)
+    except ValueError as error:
+        raise ConfigError(f"node {wish.node}: {error}") from error
+
+
+def _of_text(text: str, where: str) -> dict[str, Any]:
+    """Return the map that `text` is, or that is in the file whose path it is, if that is here too.
+
+    Raises:
+        ConfigError: it is neither; `where` says whose it is.
+    """
+    if "\n" in text or ": " in text or text.startswith("{"):
+        return parse_yaml(text.encode(), where)
+    path = Path(text)
+    if path.is_absolute() and len(text) <= MAX_PATH and _is_file(path):
+        click.echo(f"{where} is the path {shown(text, MAX_PATH)}, of a file that is here too", err=True)
+        return read_yaml(path)
+    raise ConfigError(
+        f"{where} is a path, {shown(text, MAX_PATH)!r}, of a file on that node's machine; copy the file to "
+        "this one, and give it as it is: --set pui.map=FILE"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # in a folder that is not ours
+        return False
+
+
+def _nothing(wish: Wish, names: Sequence[str]) -> str:
+    """Return that there is no map, and what to do."""
+    if wish.prefix:
+        what = f"no parameter of {wish.node} begins with '{wish.prefix.rstrip('.')}.'"
+    else:
+        what = f"nothing in the parameters of {wish.node} is a map"
+    below = prefixes(names)
+    if below:
+        advice = f"try --prefix {shown(below[0], MAX_PATH)}"
+    else:
+        advice = (
+            "--parameter names the one that holds a map, --prefix what stands before leds., strips., belts."
+        )
+    return f"{what}; {_there(names)}; {advice}"
+
+
+def _there(names: Sequence[str]) -> str:
+    if not names:
+        return "it has none"
+    more = len(names) - MAX_SHOWN
+    listed = ", ".join(names[:MAX_SHOWN])
+    return f"it has {listed}" + (f" and {more} more" if more > 0 else "")
+
+
+def _kind(value: Value | None) -> str:
+    if value is None or value == "":
+        return "empty"
+    kinds: Mapping[type, str] = {bool: "true or false", int: "a number", float: "a number", list: "a list"}
+    return kinds.get(type(value), "blank")

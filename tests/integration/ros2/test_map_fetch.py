@@ -1,0 +1,149 @@
+"""`pointit map fetch` as a process in a ROS graph on Zenoh, whose other nodes are ours too."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.map_parameters import parameters_of
+from pointit.bridges.ros2.parameters import LIST, LIST_SUFFIX
+from pointit.bridges.ros2.types import Types
+from pointit.cli.map_node import Wish, fetched
+from pointit.runtime.config import parse_yaml
+from pointit.runtime.errors import ConnectError, NoAnswerError
+from pointit.services.pui.map_file import load_map, map_path
+from tests.integration.ros2.nodes import DOMAIN, Graphs, graphs
+from tests.support.commands import Commands
+from tests.support.data import data_file
+from tests.support.parameter_server import NODE, ParameterServer
+
+TYPES = Types("jazzy")
+PATIENT_S = 20.0
+
+
+def options(endpoint: str, domain: int = DOMAIN) -> tuple[str, ...]:
+    return ("--backend.endpoint", endpoint, "--backend.domain-id", f"{domain}", "--timeout", f"{PATIENT_S}")
+
+
+def wish(node: str = NODE, timeout_s: float = PATIENT_S) -> Wish:
+    return Wish(node=node, parameter=None, usual="map", prefix=None, timeout_s=timeout_s)
+
+
+def config(at: Graphs, **settings: Any) -> BackendConfig:
+    values: dict[str, Any] = {"endpoint": at.endpoint, "domain_id": DOMAIN, "mode": "client", "node": "/asks"}
+    return BackendConfig.model_validate(values | settings)
+
+
+async def test_a_map_in_many_parameters_becomes_a_file_that_is_the_same_map(
+    commands: Commands, tmp_path: Path
+) -> None:
+    path = tmp_path / "conveyor.yaml"
+    with map_path("conveyor") as shipped:
+        tree = yaml.safe_load(shipped.read_text(encoding="utf-8"))
+    async with graphs() as at:
+        node = await at.node(NODE, "router")
+        server = ParameterServer(TYPES, {"use_sim_time": False, **parameters_of(tree)})
+        server.serve(node.backend, NODE)
+        done = await commands.pointit("map", "fetch", "pui", "-o", f"{path}", *options(at.endpoint))
+        assert (done.code, done.err) == (0, ""), done
+        assert len(server.asked) > 3, "page by page"
+        assert not node.shown.ever
+    assert load_map(f"{path}", 0) == load_map("conveyor", 0)
+    checked = await commands.pointit("map", "check", f"{path}")
+    assert (checked.code, checked.out) == (0, done.out)
+
+
+async def test_a_map_of_the_toolkit_that_is_one_text_comes_on_standard_output(commands: Commands) -> None:
+    text = data_file("pointit-ros2/belt.yaml").read_text(encoding="utf-8")
+    async with graphs() as at:
+        node = await at.node(NODE, "router")
+        ParameterServer(TYPES, {"map": text}).serve(node.backend, NODE)
+        done = await commands.pointit("map", "fetch", NODE, *options(at.endpoint))
+    assert done.code == 0
+    theirs = parse_yaml(text.encode(), "theirs")
+    assert {
+        section: {str(name): entry for name, entry in entries.items()} for section, entries in theirs.items()
+    } == {
+        section: {str(name): entry for name, entry in entries.items()}
+        for section, entries in parse_yaml(done.out.encode(), "ours").items()
+    }
+    assert "the map of /pui: " in done.err
+
+
+@pytest.mark.parametrize("mode", ["client", "peer"])
+async def test_both_ways_to_join_and_a_node_that_comes_meanwhile(mode: str) -> None:
+    async with graphs() as at:
+        node = await at.node(NODE, "router")
+        asked = asyncio.create_task(fetched(config(at, mode=mode), wish()))
+        ParameterServer(TYPES, {"leds.a.position": [1.0, 2.0, 3.0]}).serve(node.backend, NODE)
+        assert await asked == {"leds": {"a": {"position": [1.0, 2.0, 3.0]}}}
+
+
+async def test_who_is_not_there_in_another_domain_of_another_distribution_or_mute() -> None:
+    async with graphs() as at:
+        node = await at.node(NODE, "router")
+        ParameterServer(TYPES, {}).serve(node.backend, NODE)
+        mute = await at.node("/mute")
+        humble = await at.node("/old", distro="humble")
+        ParameterServer(Types("humble"), {}).serve(humble.backend, "/old")
+        far = await at.node("/far", domain_id=DOMAIN + 1)
+        ParameterServer(TYPES, {}).serve(far.backend, "/far")
+
+        async def never(_request: bytes) -> bytes:
+            await asyncio.Event().wait()
+            return b""
+
+        mute.backend.serve(f"/slow{LIST_SUFFIX}", TYPES.kind(LIST), never)
+        for name, settings, said in (
+            ("/puu", {}, "there is no node /puu in domain 7; there are /mute, /old, /pui, /slow"),
+            ("/mute", {}, "node /mute serves no parameters; "),
+            (
+                "/old",
+                {},
+                "node /old is of Humble, whose services nobody of jazzy can ask; set distro to humble",
+            ),
+            ("/far", {}, "node /far is in domain 8, not in 7; set domain_id to 8"),
+            ("/puu", {"domain_id": 9}, "no ROS node is seen in domain 9, but some in 7, 8; set domain_id to"),
+        ):
+            with pytest.raises(NoAnswerError) as caught:
+                await fetched(config(at, **settings), wish(name))
+            assert str(caught.value).startswith(said)
+        with pytest.raises(NoAnswerError, match=r"list_parameters: its server did not answer within 0\.5 s$"):
+            await fetched(config(at), wish("/slow", 0.5))
+
+
+async def test_no_router_is_said_within_seconds(commands: Commands, endpoint: str) -> None:
+    with pytest.raises(ConnectError) as caught:
+        await fetched(BackendConfig(endpoint=endpoint, mode="client"), wish())
+    assert str(caught.value) == (
+        f"nobody answers at {endpoint}: start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to "
+        "router to be it; --backend.endpoint says where it is"
+    )
+    done = await commands.pointit("map", "fetch", NODE, *options(endpoint))
+    assert (done.code, done.out, done.sentence) == (1, "", str(caught.value))
+    assert f"looking for a ROS router at {endpoint} …" in done.err
+
+
+async def test_who_does_not_answer_is_waited_for_with_a_word_and_ctrl_c_ends_it_at_once(
+    commands: Commands,
+) -> None:
+    async with graphs() as at:
+        node = await at.node(NODE, "router")
+        asked = asyncio.Event()
+
+        async def never(_request: bytes) -> bytes:
+            asked.set()
+            await asyncio.Event().wait()
+            return b""
+
+        node.backend.serve(f"{NODE}{LIST_SUFFIX}", TYPES.kind(LIST), never)
+        waiting = commands.start("map", "fetch", NODE, *options(at.endpoint))
+        await waiting.says(f"asking {NODE} for its parameters …")
+        await asked.wait()
+        ended = await waiting.stop()
+        assert (ended.code, ended.out) == (130, "")
+        assert ended.took_s < 2.0
+        assert "Error" not in ended.err

@@ -1,0 +1,287 @@
+"""`pointit map fetch` in a graph of one node: how a map is found, what is written, what is said."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.map_parameters import parameters_of
+from pointit.bridges.ros2.types import Types
+from pointit.cli import map_fetch, map_node
+from pointit.cli.main import command
+from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError, PointItError
+from pointit.services.pui.map_file import load_map, map_path
+from tests.support.parameter_server import OneNode, ParameterServer
+
+TYPES = Types("jazzy")
+ROOM = """\
+# What stands here is not written.
+leds: {door: {position: [-1.5, 3.2, 1.8]}, window: {position: [2, -1, 0.9]}}
+strips: {1: {line: [[0, 0.6, 1], [3, 0.6, 1]], pixels: 90, direction: -1}}
+belts: {main: {centerline: [[0, 0, 1], [3, 0, 1]], width: 1.0}}
+bays: {7: main}
+"""
+TREE: dict[str, Any] = yaml.safe_load(ROOM)
+ADVICE = "--parameter names the one that holds a map, --prefix what stands before leds., strips., belts."
+SUMMARY = "no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps"
+
+
+class Graph:
+    """Who is asked, and how the command would have joined."""
+
+    def __init__(self) -> None:
+        self.node = OneNode(ParameterServer(TYPES, {}))
+        self.configs: list[BackendConfig] = []
+        self.error: PointItError | None = None
+
+    async def opened(self, config: BackendConfig, _warnings: object, *, patience_s: float) -> OneNode:
+        assert patience_s > 0
+        self.configs.append(config)
+        if self.error is not None:
+            raise self.error
+        return self.node
+
+    def has(self, parameters: dict[str, Any]) -> None:
+        self.node.server.parameters = {"use_sim_time": False, **parameters}
+
+
+@pytest.fixture
+def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
+    made = Graph()
+    monkeypatch.setattr(map_node, "opened", made.opened)
+    monkeypatch.setattr(map_fetch, "quiet", lambda: None)
+    return made
+
+
+def fetch(*arguments: str) -> Result:
+    return CliRunner().invoke(command, ["map", "fetch", "pui", *arguments])
+
+
+def sentence(result: Result, kind: type[Exception] = ConfigError) -> str:
+    assert isinstance(result.exception, kind), result
+    assert not result.stdout
+    return str(result.exception)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "arguments"), [("", ()), ("site", ("--prefix", "site")), ("a.b", ("--prefix", "a.b."))]
+)
+def test_a_map_of_many_parameters_is_written(graph: Graph, prefix: str, arguments: tuple[str, ...]) -> None:
+    graph.has(parameters_of(TREE, prefix))
+    result = fetch(*arguments)
+    assert result.exit_code == 0
+    assert result.stdout.startswith("# The map of the ROS node /pui, from its parameters.\n")
+    wanted = {section: {str(name): entry for name, entry in TREE[section].items()} for section in TREE}
+    assert yaml.safe_load(result.stdout) == wanted
+    assert result.stderr == f"the map of /pui: {SUMMARY}\n"
+    assert graph.node.is_closed
+    assert logging.getLogger("pointit.bridges.ros2").level == logging.NOTSET
+
+
+@pytest.mark.parametrize(("name", "arguments"), [("map", ()), ("the_room", ("--parameter", "the_room"))])
+def test_a_map_that_is_a_text_is_decoded_and_written_anew(
+    graph: Graph, tmp_path: Path, name: str, arguments: tuple[str, ...]
+) -> None:
+    graph.has({name: ROOM, "leds.other.position": [1.0, 2.0, 3.0]})
+    path = tmp_path / "site.yaml"
+    result = fetch("-o", str(path), *arguments)
+    assert (result.exit_code, result.stdout, result.stderr) == (0, f"{path}: {SUMMARY}\n", "")
+    assert "not written" not in path.read_text(encoding="utf-8")
+    assert graph.node.server.asked == [[name]], "nothing else is wanted"
+    (tmp_path / "by_hand.yaml").write_text(ROOM, encoding="utf-8")
+    theirs, ours = (load_map(str(tmp_path / each), 0) for each in ("by_hand.yaml", "site.yaml"))
+    assert ours == theirs.model_copy(update={"name": "site"})
+    assert CliRunner().invoke(command, ["map", "check", str(path), "--strict"]).exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["conveyor", "lab", "vr_belts"])
+def test_shipped_maps_come_out_as_they_went_in(graph: Graph, tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{name}.yaml"
+    with map_path(name) as shipped:
+        graph.has(parameters_of(yaml.safe_load(shipped.read_text(encoding="utf-8"))))
+    assert fetch("-o", str(path)).exit_code == 0
+    assert load_map(str(path), 0) == load_map(name, 0)
+
+
+def test_a_path_is_taken_where_the_file_is_here_too(graph: Graph, tmp_path: Path) -> None:
+    path = tmp_path / "theirs.yaml"
+    path.write_text(ROOM, encoding="utf-8")
+    graph.has({"map": f"{path}"})
+    result = fetch()
+    assert result.exit_code == 0
+    assert set(yaml.safe_load(result.stdout)) == {"leds", "strips", "belts", "bays"}
+    assert f"parameter map of /pui is the path {path}, of a file that is here too" in result.stderr
+    for there in (f"{tmp_path}/none.yaml", "theirs.yaml", f"{tmp_path}", "/dev/zero", f"/{'x' * 999}"):
+        graph.has({"map": there})
+        assert sentence(fetch()).startswith(
+            f"parameter map of /pui is a path, {there!r}, of a file on that node's machine; copy the"
+        )
+
+
+@pytest.mark.parametrize(
+    "bad", ["leds: [", "a: 1\na: 2", "a: &a [*a]\n", "- a\n- b: c", "leds: {a: \x1b[2J}\n"]
+)
+def test_a_text_that_is_no_map_is_one_sentence(graph: Graph, bad: str) -> None:
+    graph.has({"map": bad})
+    result = fetch()
+    if isinstance(result.exception, ConfigError):
+        assert str(result.exception).startswith("parameter map of /pui: ")
+    else:
+        assert result.exit_code == 1
+        assert result.stderr.startswith("error the map of /pui: ")
+    assert "\x1b" not in f"{result.stderr}{result.exception}"
+    assert not result.stdout
+
+
+def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Graph, tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    graph.has(parameters_of(TREE) | {"leds.door.position": [-1.5, 3.2, -1.8], "bays.8": "mian"})
+    result = fetch("-o", str(path))
+    assert result.exit_code == 1
+    assert result.stderr.splitlines() == [
+        "error bays.8: there is no belt 'mian'; use one of main",
+        "error leds.door: is 1.8 m below the floor; correct its z",
+        f"{path}: 2 errors; 1 belt, 2 bays, 1 strip with 90 pixels, 2 lamps",
+        f"{path}: was not written, as it has errors; correct the parameters of /pui",
+    ]
+    assert not path.exists()
+    graph.has({"strips.1.line": [0.0, 0.0, 1.0, 2.0, 0.0, 1.0]})
+    assert fetch().stderr.splitlines()[0] == (
+        "error the map of /pui: strips.1.pixels: is missing; add it beside line (and 1 more mistake)"
+    )
+    graph.has({"leds.a b.position": [0.0, 0.0, 1.0]})
+    assert "error the map of /pui: leds: name 'a b': use 1 to 64 letters" in fetch().stderr
+    graph.has({"leds.a.position": [0.0, float("1e300"), 1.0]})
+    assert "leds.a.position: a point is three numbers [x, y, z] in metres" in fetch().stderr
+    graph.has({"map.leds.a.position": [0.0, 0.0, 1.0], "map.colour": "red"})
+    assert "map.colour is no parameter of a map" in sentence(fetch("--prefix", "map"))
+
+
+def test_warnings_are_told_and_the_map_is_written(graph: Graph) -> None:
+    graph.has({"leds.door.position": [0.0, 0.0, 6.0]})
+    result = fetch()
+    assert result.exit_code == 0
+    assert "warning leds.door: is 6 m high" in result.stderr
+    assert yaml.safe_load(result.stdout) == {"leds": {"door": {"position": [0.0, 0.0, 6.0]}}}
+
+
+def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp_path: Path) -> None:
+    graph.has({"clouds.shelf.file": "shelf.xyz"})
+    path = tmp_path / "site.yaml"
+    result = fetch("-o", str(path))
+    assert result.exit_code == 1
+    assert f"clouds.shelf.file: {tmp_path / 'shelf.xyz'}: cannot be read" in result.stderr
+    (tmp_path / "shelf.xyz").write_text("1 2 0\n1 2.5 1\n")
+    assert fetch("-o", str(path)).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "arguments", "said"),
+    [
+        (
+            {"speed": 1.0},
+            (),
+            "nothing in the parameters of /pui is a map; it has use_sim_time, speed; " + ADVICE,
+        ),
+        (
+            {"map": "", "x.map.leds.a.at": [1.0, 2.0, 3.0]},
+            (),
+            (
+                "nothing in the parameters of /pui is a map; it has use_sim_time, map, x.map.leds.a.at; "
+                "try --prefix x.map"
+            ),
+        ),
+        (
+            {"a": 1},
+            ("--prefix", "site"),
+            "no parameter of /pui begins with 'site.'; it has use_sim_time, a; " + ADVICE,
+        ),
+        ({"a": 1}, ("--parameter", "b"), "node /pui has no parameter 'b'; it has use_sim_time, a"),
+        (
+            {"a": [1.0]},
+            ("--parameter", "a"),
+            "parameter a of /pui is a list, not the text of a map or its path; --parameter names another",
+        ),
+        (
+            {"leds.door": [1.0, 2.0, 3.0]},
+            (),
+            (
+                "node /pui: leds.door is no parameter of a map; they are called SECTION.NAME.KEY, as in "
+                "leds.door.position"
+            ),
+        ),
+    ],
+)
+def test_what_is_no_map_is_one_sentence(
+    graph: Graph, parameters: dict[str, Any], arguments: tuple[str, ...], said: str
+) -> None:
+    graph.has(parameters)
+    assert sentence(fetch(*arguments)) == said
+    assert graph.node.is_closed
+
+
+def test_it_joins_as_a_client_unless_it_is_told(graph: Graph) -> None:
+    graph.has({"map": ROOM})
+    usual = BackendConfig(mode="client", node="/pointit_map")
+    assert fetch().exit_code == 0
+    options = (
+        "--backend.endpoint",
+        "tcp/10.0.0.1:7450",
+        "--backend.mode",
+        "peer",
+        "--backend.domain-id",
+        "7",
+    )
+    assert fetch(*options, "--backend.max-message-bytes", "5000").exit_code == 1
+    changed = {"endpoint": "tcp/10.0.0.1:7450", "mode": "peer", "domain_id": 7, "max_message_bytes": 5000}
+    assert graph.configs == [usual, usual.model_copy(update=changed)]
+
+
+def test_who_is_not_there_is_one_sentence(graph: Graph) -> None:
+    graph.error = ConnectError("nobody answers at tcp/127.0.0.1:7447: start one")
+    assert sentence(fetch(), ConnectError) == (
+        "nobody answers at tcp/127.0.0.1:7447: start one; --backend.endpoint says where it is"
+    )
+    graph.error = None
+    graph.node.nodes = frozenset({"/arm"})
+    graph.node.name = "/arm"
+    assert (
+        sentence(fetch("--timeout", "0.1"), NoAnswerError)
+        == "there is no node /pui in domain 0; there are /arm"
+    )
+    assert graph.node.is_closed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--backend.kind", "smoke"), "--backend.kind: kind: use one of 'rmw_zenoh', 'dds' or 'ros2dds'"),
+        (("--backend.domain-id", "300"), "--backend.domain-id: domain_id: must be at most 232 (got '300')"),
+        (("--backend.endpoint", "somewhere"), "backend.endpoint: 'somewhere' is no address"),
+    ],
+)
+def test_options_are_checked(graph: Graph, arguments: tuple[str, ...], said: str) -> None:
+    assert sentence(fetch(*arguments)).startswith(said)
+    assert not graph.configs
+
+
+def test_what_was_typed_wrong_is_one_sentence() -> None:
+    result = CliRunner().invoke(command, ["map", "fetch", "pui node"])
+    assert result.exit_code == 2
+    assert "NODE 'pui node': is no node's full name; write one like /pui_node" in result.output
+    result = fetch("--prefix", "a", "--parameter", "b")
+    assert result.exit_code == 2
+    assert "the map is in one parameter or in many; give one of them" in result.output
+
+
+def test_without_the_extra_it_is_said_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def has_extra(extra: str) -> bool:
+        return extra != "ros2"
+
+    monkeypatch.setattr(map_fetch, "has_extra", has_extra)
+    assert sentence(fetch()) == 'map fetch needs `pip install "pointit[ros2]"`'
+    assert CliRunner().invoke(command, ["map", "fetch", "--help"]).exit_code == 0

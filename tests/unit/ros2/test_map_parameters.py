@@ -1,8 +1,9 @@
 """Maps as parameters of a ROS node, there and back; what is no map's."""
 
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -14,6 +15,7 @@ from pointit.bridges.ros2.parameter_values import message_of, value_of
 from pointit.bridges.ros2.types import Types
 from pointit.geometry.vector import Vec3
 from pointit.runtime.config import parse_yaml
+from pointit.services.pui.map_check import check_map
 from pointit.services.pui.map_file import map_path, parse_map_file, shipped_maps
 from pointit.services.pui.map_model import ENTRIES, MapFile
 from tests.support.data import data_file
@@ -88,6 +90,27 @@ def test_what_the_parameters_are_called() -> None:
     assert parameters["site.strips.1.pixels"] == 90
     assert parameters["site.links.0.from"] == "main"
     assert parameters["site.bays.7"] == "main"
+
+
+def test_what_docs_tell_of_a_nodes_parameters_is_a_map() -> None:
+    text = (Path(__file__).parents[3] / "docs/maps.md").read_text(encoding="utf-8")
+    (block,) = (
+        each for each in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL) if "ros__parameters" in each
+    )
+    nested = parse_yaml(block.encode(), "docs/maps.md")["/pui_node"]["ros__parameters"]
+    tree = tree_of(dict(named(nested, "")))
+    assert set(tree) == {"leds", "strips", "belts", "links", "bays"}
+    file = parse_map_file(yaml.safe_dump(tree).encode(), Path("docs.yaml"))
+    assert not [each for each in check_map(file, {}) if each.severity == "error"]
+
+
+def named(nested: Mapping[str, Any], start: str) -> Iterator[tuple[str, Any]]:
+    """Yield parameters as ROS calls those of a file."""
+    for name, value in nested.items():
+        if isinstance(value, dict):
+            yield from named(cast("dict[str, Any]", value), f"{start}{name}.")
+        else:
+            yield f"{start}{name}", value
 
 
 NAME = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,20}", fullmatch=True)

@@ -10,6 +10,7 @@ from pointit.schemas import ConveyorState
 from pointit.schemas.topics import CONVEYOR_STATE
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Window
+from tests.support.bench import until
 from tests.support.commands import onlooker
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
@@ -59,6 +60,27 @@ async def test_the_second_who_takes_the_mouse_has_it_and_the_first_is_told(
     await second.page.context.close()  # who leaves lets go
     await expect(first.page.get_by_role("radio", name="Demo")).to_be_checked()
     await expect(first.page.get_by_role("button", name="Point with the mouse")).to_be_visible()
+    assert first.faults == second.faults == []
+
+
+async def test_feeders_rest_and_give_again_by_anybodys_page_and_all_pages_say_so(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    first, second = [await Window.open(browser, shared_site.url) for _ in range(2)]
+    async with onlooker(shared_site.endpoint) as seen:
+        states: list[ConveyorState] = []
+        seen.bus.subscribe(CONVEYOR_STATE, lambda state, _name: states.append(state))
+        for window in (first, second):
+            await window.is_shown()
+        for clicking, does, undoes, is_feeding in (
+            (first, "Stop feeding", "Start feeding", False),
+            (second, "Start feeding", "Stop feeding", True),
+        ):
+            await clicking.page.get_by_role("button", name=does).click()
+            for window in (first, second):
+                await expect(window.page.get_by_role("button", name=undoes)).to_be_visible()
+                await expect(window.page.get_by_role("button", name=does)).to_be_hidden()
+            await until(lambda wanted=is_feeding: states[-1:] != [] and states[-1].feeding is wanted)  # type: ignore[misc]
     assert first.faults == second.faults == []
 
 

@@ -10,6 +10,7 @@ import threading
 import time
 from typing import Any
 
+from pointit.bridges.ros2 import rclpy_backend
 from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Writer
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
@@ -112,6 +113,7 @@ def _qos(order: dict[str, Any]) -> Qos:
 
 
 async def main() -> None:
+    rclpy_backend.LOOK_S = 0.1  # so that tests do not wait for seconds
     side = Side()
     await side.join(sys.argv[1], int(sys.argv[2]))
     reader = asyncio.StreamReader(limit=2**24)

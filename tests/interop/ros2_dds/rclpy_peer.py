@@ -86,6 +86,9 @@ class Peer:
         publisher = self.publishers[order["topic"]]
         publisher.publish(filled(publisher.msg_type(), order["value"]))
 
+    def matched(self, order: dict[str, Any]) -> int:
+        return self.publishers[order["topic"]].get_subscription_count()
+
     def listen(self, order: dict[str, Any]) -> None:
         heard = self.heard_on.setdefault(order["topic"], [])
 

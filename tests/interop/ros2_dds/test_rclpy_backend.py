@@ -27,7 +27,10 @@ class Pair:
     async def see(self, kind: str, topic: str) -> Any:
         """Wait until ours sees what theirs has."""
         wanted = [kind, "/robot", topic]
-        return await self.ours.until("graph", lambda graph: any(end[:3] == wanted for end in graph["ends"]))
+        graph = await self.ours.until("graph", lambda graph: any(end[:3] == wanted for end in graph["ends"]))
+        if kind == "publisher":  # it may be seen before it knows of us
+            await self.theirs.until("matched", bool, topic=topic)
+        return graph
 
 
 @pytest.fixture(scope="module")
@@ -140,12 +143,16 @@ async def test_each_sees_what_the_other_has(pair: Pair) -> None:
     await pair.ours.do("advertise", topic="/user1/pose", type=POSE, depth=1, latched=True)
     await pair.ours.do("listen", topic="/user1/imu_in", type="sensor_msgs/msg/Imu", depth=5, reliable=False)
     await pair.theirs.do("advertise", topic="/user1/imu_in", type="sensor_msgs/msg/Imu")
-    await pair.theirs.do("serve", service="/robot/stop", type=SET, response={})
-    graph = await pair.see("server", "/robot/stop")
-    assert {"/robot", OURS} <= set(graph["nodes"])
-    assert ["publisher", "/robot", "/user1/imu_in", "sensor_msgs/msg/Imu"] in [
-        end[:4] for end in graph["ends"]
+    await pair.theirs.do("serve", service="/robot/go", type=SET, response={})
+    has = [
+        ["publisher", "/robot", "/user1/imu_in", "sensor_msgs/msg/Imu"],
+        ["server", "/robot", "/robot/go", SET],
+        ["publisher", OURS, "/user1/pose", POSE],
     ]
+    graph = await pair.ours.until(
+        "graph", lambda graph: all(any(end[:4] == one for end in graph["ends"]) for one in has)
+    )
+    assert {"/robot", OURS} <= set(graph["nodes"])
     (mine,) = (end for end in graph["ends"] if end[2] == "/user1/pose")
     assert mine == ["publisher", OURS, "/user1/pose", POSE, TYPES.kind(POSE).hash, True]
 

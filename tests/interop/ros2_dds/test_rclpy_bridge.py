@@ -17,6 +17,9 @@ from tests.support.buses import free_port
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # the first may fetch for a minute
 
+START_S = 60.0
+"""Within which processes start, however busy the machine."""
+
 
 async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
     rclpy_python: Path, tmp_path: Path
@@ -37,6 +40,7 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
         samples: list[WristSample] = []
         bus.subscribe(HEALTH, lambda message, _name: healths.append(message))
         bus.subscribe(WRIST, lambda message, _name: samples.append(message))
+        await until(lambda: bool(healths), START_S, "the bridge to start")
         bus.announce(USER_ALIVE, "user1")
         now_ns = time.time_ns()
         bus.publisher(POSE, "user1").put(

@@ -29,11 +29,11 @@ class Site:
         whole = ("run", "scenario_4", "--no-view", *BOTH, "--listen", self.ours, *arguments)
         return self._commands.start(*whole, environment=self._environment)
 
-    def run_with_bridge(self) -> Command:
+    def run_with_bridge(self, *arguments: str) -> Command:
         """Start it with the bridge in it, which is the ROS router."""
         settings = (f"endpoint={self.ros}", "mode=router", f"domain_id={DOMAIN}")
         pairs = [("--set", f"ros2.backend.{setting}") for setting in settings]
-        return self.run("--ros2", *(argument for pair in pairs for argument in pair))
+        return self.run("--ros2", *(argument for pair in pairs for argument in pair), *arguments)
 
     def bridge(self, mode: str) -> Command:
         """Start the bridge as a process of its own."""

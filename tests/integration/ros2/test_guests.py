@@ -1,0 +1,215 @@
+"""A site without services of anybody's, and a person whose nodes are all of ROS."""
+
+import contextlib
+import math
+import signal
+from collections.abc import AsyncGenerator, AsyncIterator, Iterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import SelectionEvent, StripsFrame, TrackedObjects, UserProfile
+from pointit.schemas.topics import OBJECTS, PROFILE, SELECTION_EVENTS, SERVICE_ALIVE, USER_ALIVE
+from tests.integration.ros2.guest import COLOR, RAY_HZ, WIDTH_M, Nodes, nodes
+from tests.integration.ros2.nodes import DOMAIN
+from tests.support.bench import until
+from tests.support.buses import free_port
+from tests.support.commands import Command, Commands, Onlooker, onlooker
+
+NOTICED_S = 20.0
+ANNA = "anna"
+RAYS, SUBSCRIPTION = "/anna/pointing_ray", "/PUI_subscription"
+RAYS_PER_S = round(RAY_HZ)
+AT_M, YAW_RAD = (-1.3, -1.9, 0.0), math.radians(20.0)
+"""The scenario's first place."""
+
+
+class Site:
+    """What all share, and the bridge as a process of its own, which can be ended."""
+
+    def __init__(self, folder: Path) -> None:
+        self.ours = f"tcp/127.0.0.1:{free_port()}"
+        self.ros = f"tcp/127.0.0.1:{free_port()}"
+        self._commands = Commands(folder)
+        self._state = {"POINTIT_STATE": f"{folder / 'state'}"}
+        settings = ("conveyor-sim.speed_mps=0", "selector.confirm=press", "selector.confirm_gesture=press")
+        told = [word for setting in settings for word in ("--set", setting)]
+        self._commands.start(
+            *("run", "scenario_4", "--no-view", "--site-only", "--listen", self.ours, *told),
+            environment=self._state,
+        )
+        self.bridge = self.start_bridge()
+
+    def start_bridge(self) -> Command:
+        backend = {"mode": "router", "endpoint": self.ros, "domain-id": f"{DOMAIN}"}
+        words = [word for name, value in backend.items() for word in (f"--backend.{name}", value)]
+        self.bridge = self._commands.start(
+            *("service", "ros2", "--connect", self.ours, "--people", "[anna]", *words),
+            environment=self._state,
+        )
+        return self.bridge
+
+    def end(self) -> None:
+        self._commands.kill_all()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    made = Site(tmp_path_factory.mktemp("site"))
+    try:
+        yield made
+    finally:
+        made.end()
+
+
+@pytest_asyncio.fixture
+async def look(site: Site) -> AsyncIterator[Onlooker]:
+    async with onlooker(site.ours) as seen:
+        await seen.hears("ros2")
+        await until(lambda: ANNA not in seen.people, NOTICED_S, "the one before to leave")
+        yield seen
+
+
+@contextlib.asynccontextmanager
+async def anna(site: Site) -> AsyncGenerator[Nodes]:
+    async with nodes(site.ros, ANNA, at_m=AT_M, yaw_rad=YAW_RAD) as hers:
+        yield hers
+
+
+async def thing(look: Onlooker) -> tuple[str, Vec3]:
+    """Return an object that has come onto a belt that stands, and where it is."""
+    seen: list[TrackedObjects] = []
+    look.bus.subscribe(OBJECTS, lambda message, _name: seen.append(message))
+    await until(lambda: bool(seen and seen[-1].objects), NOTICED_S, "an object")
+    (first, *_) = seen[-1].objects
+    return first.id, first.position_m
+
+
+async def state(look: Onlooker, wanted: str) -> None:
+    states = look.interactions[ANNA]
+    await until(lambda: bool(states) and states[-1].state == wanted, NOTICED_S, wanted)
+
+
+def shown(look: Onlooker) -> bool:
+    """Return whether the newest cursor is somewhere."""
+    cursors = look.cursors[ANNA]
+    return bool(cursors) and cursors[-1].point_m is not None
+
+
+def has_color(frame: StripsFrame) -> bool:
+    """Return whether a pixel is of her cursor's colour, however bright."""
+    for strip in frame.strips:
+        pixels = [strip.rgb[at : at + 3] for at in range(0, len(strip.rgb), 3)]
+        if any(red == blue > 0 == green for red, green, blue in pixels):
+            return True
+    return False
+
+
+async def test_she_points_has_a_cursor_and_selects_without_a_service_of_ours(
+    site: Site, look: Onlooker
+) -> None:
+    events: list[SelectionEvent] = []
+    profiles: list[UserProfile] = []
+    look.bus.subscribe(SELECTION_EVENTS, lambda message, _name: events.append(message))
+    look.bus.subscribe(PROFILE, lambda message, _name: profiles.append(message), ANNA)
+    target, at_m = await thing(look)
+    async with anna(site) as hers:
+        hers.points_at(at_m)
+        await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
+        await state(look, "idle")
+        await look.sees_more(look.frames, "strips")
+        assert not shown(look)
+        assert not has_color(look.frames[-1])
+        hers.wants_cursor(wants=True)
+        await state(look, "pointing")
+        await until(
+            lambda: shown(look) and math.dist(look.cursors[ANNA][-1].point_m or (), at_m) < 0.2,
+            NOTICED_S,
+            "a cursor on the object",
+        )
+        await until(lambda: bool(profiles), NOTICED_S, "how she is to look")
+        assert profiles[-1].cursor_color == tuple(round(255 * each) for each in COLOR)
+        assert profiles[-1].cursor_width_m == pytest.approx(WIDTH_M)
+        await until(lambda: has_color(look.frames[-1]), NOTICED_S, "strips with her cursor")
+
+        pressed_at: list[int] = []
+
+        def selected() -> bool:
+            count = len(look.cursors[ANNA])
+            if (
+                count - (pressed_at or [-RAYS_PER_S])[-1] >= RAYS_PER_S
+            ):  # a second for it to be heard, and done
+                hers.presses()
+                pressed_at.append(count)
+            return any((each.event, each.object_id) == ("selected", target) for each in events)
+
+        await until(selected, NOTICED_S, "the object to be hers")
+        assert {each.user for each in events if each.event == "selected"} == {ANNA}
+
+        assert hers.nodes[RAYS] == hers.nodes["/anna/metawear_ros/button"] == {"/anna/nodes"}
+        assert "/anna/state_transition" not in hers.nodes
+        assert hers.nodes["/anna/cursor"] == {"/pointit"}
+        assert [hers.heard[each] for each in (RAYS, SUBSCRIPTION)] == [[], []], "nothing of hers comes back"
+
+        hers.wants_cursor(wants=False)
+        await state(look, "idle")
+        await until(lambda: not shown(look), NOTICED_S, "her cursor to end")
+        assert ANNA in look.people
+        hers.wants_cursor(wants=True)
+        await state(look, "pointing")
+    await until(lambda: ANNA not in look.people, NOTICED_S, "her to have left with her nodes")
+    await state(look, "idle")
+    await until(lambda: not shown(look), NOTICED_S, "her cursor to end")
+
+
+async def test_services_of_ours_win_and_that_is_said_in_one_sentence(site: Site, look: Onlooker) -> None:
+    async with anna(site) as hers:
+        await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
+        hers.wants_cursor(wants=True)
+        await state(look, "pointing")
+        ours = [
+            look.bus.announce(SERVICE_ALIVE, f"supervisor.{ANNA}"),
+            look.bus.announce(USER_ALIVE, ANNA),
+        ]
+
+        def warned() -> int:
+            return sum("is named in `people`" in each for each in look.health["ros2"].warnings)
+
+        await until(lambda: warned() == 1, NOTICED_S, "the sentence")
+        await until(lambda: "/pointit" in hers.nodes.get(RAYS, set()), NOTICED_S, "hers said by us again")
+        hers.wants_cursor(wants=False)
+        for end in ours:
+            end.close()
+        await until(lambda: not warned(), NOTICED_S, "the end of the sentence")
+        await state(look, "idle")
+        await until(lambda: "/pointit" not in hers.nodes[RAYS], NOTICED_S, "hers left to her nodes")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+async def test_she_leaves_with_the_bridge_and_is_back_with_it(
+    site: Site, look: Onlooker, number: int
+) -> None:
+    _, at_m = await thing(look)
+    async with anna(site) as hers:
+        hers.points_at(at_m)
+        await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
+        hers.wants_cursor(wants=True)
+        await until(lambda: shown(look), NOTICED_S, "her cursor")
+        ended = await site.bridge.stop(number)
+        assert "Traceback" not in ended.err
+        await until(lambda: ANNA not in look.people, NOTICED_S, "her to have left")
+        await until(lambda: not shown(look), NOTICED_S, "her cursor to end")
+        if number == signal.SIGINT:
+            await state(look, "idle")
+        site.start_bridge()
+        await until(lambda: ANNA in look.people, NOTICED_S, "her presence again")
+        await state(look, "idle")
+        assert not shown(look), "subscriptions are not latched: she asks again"
+
+        def asks_again() -> bool:
+            hers.wants_cursor(wants=True)
+            return shown(look)
+
+        await until(asks_again, NOTICED_S, "her cursor again")

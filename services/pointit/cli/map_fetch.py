@@ -78,7 +78,7 @@ def _options() -> list[click.Parameter]:
     type=Finite(min=0.1, max=600),
     default=ANSWER_S,
     show_default=True,
-    help="how long the node may take to answer, s",
+    help="how long the node may take to be found, on DDS, and to answer, s",
 )
 def command(
     *,

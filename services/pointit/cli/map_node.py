@@ -21,6 +21,8 @@ from pointit.runtime.errors import ConfigError, ConnectError
 
 log = logging.getLogger(__name__)
 
+APPEARS_S = 2.0
+"""Within which a node that is there is seen through a router; who is there on DDS is found out slowly."""
 MAX_PATH = 1000
 """Characters of a path that is looked for here, and of a foreign word in a sentence."""
 
@@ -73,6 +75,7 @@ async def fetched(config: BackendConfig, wish: Wish) -> dict[str, Any]:
             types,
             wish.node,
             domain=config.domain_id,
+            appears_s=wish.timeout_s if config.kind == "dds" else min(APPEARS_S, wish.timeout_s),
             timeout_s=wish.timeout_s,
             max_bytes=config.max_message_bytes,
             needs=NEEDS.get(config.kind, ""),

@@ -14,6 +14,7 @@ from pointit.bridges.ros2 import rclpy_backend
 from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Writer
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.cli.map_node import Wish, fetched
 
 
 class Side:
@@ -79,6 +80,11 @@ class Side:
             order["service"], _kind(order), request, timeout_s=order["timeout_s"]
         )
         return [response.hex(), time.perf_counter() - began_s]
+
+    async def fetch(self, order: dict[str, Any]) -> Any:
+        settings = {"kind": "dds", "node": "/pointit_map", "domain_id": int(sys.argv[2])}
+        wish = Wish(usual="map", **order)
+        return await fetched(BackendConfig.model_validate(settings), wish)
 
     async def graph(self, _order: dict[str, Any]) -> Any:
         graph = self.graph_now

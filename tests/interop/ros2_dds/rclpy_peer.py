@@ -1,7 +1,7 @@
 """A genuine ROS 2 node (rclpy), told by lines of JSON what to do.
 
 Runs in an environment of its own; imports nothing of ours. Each line on standard input is answered by one on
-standard output: `{"do": "advertise" | "say" | "listen" | "heard" | "serve" | "call" | "graph", …}`.
+standard output: `{"do": "advertise" | "say" | "listen" | "heard" | "serve" | "call" | "declare" | …}`.
 """
 
 import functools
@@ -106,6 +106,10 @@ class Peer:
             return filled(response, order["response"])
 
         self.node.create_service(class_of(order["type"]), order["service"], answer)
+
+    def declare(self, order: dict[str, Any]) -> None:
+        for name, value in order["parameters"].items():
+            self.node.declare_parameter(name, value)
 
     def requests(self, _order: dict[str, Any]) -> Any:
         return self.asked

@@ -15,7 +15,12 @@ TYPES = Types("jazzy")
 
 
 def read(other: OneNode, **settings: Any) -> NodeParameters:
-    values: dict[str, Any] = {"domain": 0, "timeout_s": 0.1, "max_bytes": 1_000_000} | settings
+    values: dict[str, Any] = {
+        "domain": 0,
+        "appears_s": 0.1,
+        "timeout_s": 0.1,
+        "max_bytes": 1_000_000,
+    } | settings
     return NodeParameters(cast("Backend", other), TYPES, NODE, **values)
 
 

@@ -22,8 +22,6 @@ MAX_NAME = 256
 """Characters of a parameter's name; none of a map has as many."""
 MAX_BYTES = 8_000_000
 """Of all answers; the largest map that can travel is an eighth of it."""
-APPEARS_S = 2.0
-"""Within which a node that is there is seen."""
 MAX_SHOWN = 20
 """Names that a sentence lists."""
 
@@ -38,6 +36,7 @@ class NodeParameters:
         node: str,
         *,
         domain: int,
+        appears_s: float,
         timeout_s: float,
         max_bytes: int,
         needs: str = "",
@@ -49,6 +48,7 @@ class NodeParameters:
             types: of the distribution of the others.
             node: its full name.
             domain: ours.
+            appears_s: how long it may take to be seen.
             timeout_s: how long it may take to answer once.
             max_bytes: of one answer.
             needs: what other nodes need to be seen, for people.
@@ -57,6 +57,7 @@ class NodeParameters:
         self._types = types
         self._node = node
         self._domain = domain
+        self._appears_s = appears_s
         self._timeout_s = timeout_s
         self._max_bytes = max_bytes
         self._needs = needs
@@ -115,7 +116,7 @@ class NodeParameters:
 
         watch = self._backend.watch(look)
         try:
-            async with asyncio.timeout(min(APPEARS_S, self._timeout_s)):
+            async with asyncio.timeout(self._appears_s):
                 while not self._servers(graph):
                     changed.clear()
                     await changed.wait()

@@ -86,7 +86,7 @@ class Peer:
         publisher = self.publishers[order["topic"]]
         publisher.publish(filled(publisher.msg_type(), order["value"]))
 
-    def matched(self, order: dict[str, Any]) -> int:
+    def matched(self, order: dict[str, Any]) -> Any:
         return self.publishers[order["topic"]].get_subscription_count()
 
     def listen(self, order: dict[str, Any]) -> None:

@@ -115,7 +115,7 @@ class Inward(_Route):
     bytes_hz: float | None = None
     """No more bytes are read in a second; of what is beyond them the newest waits."""
     people: Callable[[bytes, Scene], tuple[str, ...]] | None = None
-    """Whom a message tells of, by its bytes: the newest of each waits, and what tells of nobody is not read."""
+    """Whom a message tells of, by its bytes: the newest of each waits; what tells of nobody is not read."""
     max_bytes: int = MAX_BYTES
     """What is longer is dropped unread."""
     meets: Callable[[About], Taken] | None = None

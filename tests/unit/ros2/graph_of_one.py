@@ -7,9 +7,10 @@ from typing import Any
 
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph, Qos, RosType, Server
 from pointit.bridges.ros2.inbox import Inbox
-from pointit.bridges.ros2.outbox import Outbox, Site
+from pointit.bridges.ros2.outbox import Outbox
 from pointit.bridges.ros2.routes import Routes, routes
 from pointit.bridges.ros2.scene import Scene
+from pointit.bridges.ros2.site import Site
 from pointit.bridges.ros2.types import Types
 from pointit.runtime import Exchange, MemoryBus
 from pointit.runtime.health import ServiceBus

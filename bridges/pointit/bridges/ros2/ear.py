@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable
 
 from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.outbox import Site
 from pointit.bridges.ros2.pace import Pace
 from pointit.bridges.ros2.rows import Inward
+from pointit.bridges.ros2.site import Site
 
 BURST_S = 0.03
 """Of a route with a limit of bytes: what would fill so much time may come at once."""
@@ -15,21 +15,18 @@ BURST_S = 0.03
 class Ear:
     """Takes what comes; of what comes too fast the newest, later; where it tells of people, of each."""
 
-    def __init__(
-        self, route: Inward, name: str, site: Site, complaints: Complaints, take: Callable[[bytes], None]
-    ) -> None:
+    def __init__(self, route: Inward, name: str, site: Site, take: Callable[[bytes], None]) -> None:
         """Listen.
 
         Args:
             route: of which name in ROS.
             name: for its placeholder; empty where there is none.
             site: shared.
-            complaints: where is told that too many bytes come.
             take: gets the CDR of what is taken.
         """
         self._route = route
         self._site = site
-        self._complaints = complaints
+        self._complaints = Complaints(site.bus)
         self._take = take
         self._loop = asyncio.get_running_loop()
         self._count = Pace(route.rate_hz)
@@ -46,6 +43,7 @@ class Ear:
         self._end.close()
         if self._timer is not None:
             self._timer.cancel()
+        self._complaints.close()
 
     def _hear(self, cdr: bytes) -> None:
         route = self._route

@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from pointit.bridges.ros2.backend import Graph
 from pointit.bridges.ros2.inbox import Inbox
 from pointit.bridges.ros2.inward.guest import interaction
-from pointit.bridges.ros2.outbox import Outbox, Site
+from pointit.bridges.ros2.outbox import Outbox
 from pointit.bridges.ros2.rows import Inward
 from pointit.bridges.ros2.scene import Guest
+from pointit.bridges.ros2.site import Site
 from pointit.runtime.bus import Closable
 from pointit.schemas.topics import INTERACTION, RAY, USER_ALIVE
 from pointit.services.registry import PROCESSES

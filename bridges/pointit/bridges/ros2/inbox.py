@@ -7,12 +7,11 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 from pointit.bridges.ros2.backend import Closable, Graph
-from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.ear import Ear
-from pointit.bridges.ros2.outbox import Site
 from pointit.bridges.ros2.pace import back_s
 from pointit.bridges.ros2.rows import About, Inward, Said, Served, Taken, Warned
 from pointit.bridges.ros2.scene import Scene
+from pointit.bridges.ros2.site import Site
 from pointit.runtime.bus import Publisher
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import BusError, RequestError
@@ -33,7 +32,6 @@ class Inbox:
         self._site = site
         self._wall = WallClock()
         self._loop = asyncio.get_running_loop()
-        self._complaints = Complaints(site.bus)
         self._routes = tuple(routes)
         self._services = tuple(services)
         self._served: frozenset[str] = frozenset()
@@ -79,8 +77,7 @@ class Inbox:
 
     def listen(self, route: Inward, name: str) -> Closable:
         """Take what `route` says about `name` until the returned end is closed."""
-        take = functools.partial(self._hear, route, name)
-        return Ear(route, name, self._site, self._complaints, take)
+        return Ear(route, name, self._site, functools.partial(self._hear, route, name))
 
     def hush(self, route: Inward, name: str) -> None:
         """Write no more what `route` has said about `name`: somebody else does."""
@@ -111,7 +108,6 @@ class Inbox:
             self._take_up(key)
         for task in self._asked:
             task.cancel()
-        self._complaints.close()
 
     def _declare(self, name: str) -> None:
         for route in self._routes:

@@ -4,14 +4,11 @@ import asyncio
 import functools
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
-from pointit.bridges.ros2.backend import Backend, Graph, Writer
+from pointit.bridges.ros2.backend import Graph, Writer
 from pointit.bridges.ros2.pace import Pace, back_s
 from pointit.bridges.ros2.rows import Outward
-from pointit.bridges.ros2.scene import Scene
-from pointit.runtime.clock import Clock
-from pointit.runtime.health import ServiceBus
+from pointit.bridges.ros2.site import Site
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
@@ -19,16 +16,6 @@ log = logging.getLogger(__name__)
 
 MOST_LINES = 2000
 """Names in ROS; nobody has so many people and lamps."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Site:
-    """What both directions work with."""
-
-    bus: ServiceBus
-    clock: Clock
-    backend: Backend
-    scene: Scene
 
 
 class _Line:

@@ -14,9 +14,10 @@ from pointit.bridges.ros2.backends import check_endpoint, opened
 from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.guests import Guests
 from pointit.bridges.ros2.inbox import Inbox
-from pointit.bridges.ros2.outbox import Outbox, Site
+from pointit.bridges.ros2.outbox import Outbox
 from pointit.bridges.ros2.routes import Routes, routes
 from pointit.bridges.ros2.scene import HEARD, Scene
+from pointit.bridges.ros2.site import Site
 from pointit.bridges.ros2.types import Types
 from pointit.runtime import Context, Service
 from pointit.runtime.service import Scope

@@ -13,6 +13,8 @@ import pytest
 from tests.architecture.sources import ROOT
 
 INSTALL_S = 500.0
+PIP = ("-m", "pip", "install", "--disable-pip-version-check", "--no-compile")
+"""Most of what is fetched is never imported: what is, is compiled then."""
 
 
 def python_of(name: str, requirements: Path, what: str, say: Callable[[str], None]) -> Path:
@@ -37,7 +39,7 @@ def python_of(name: str, requirements: Path, what: str, say: Callable[[str], Non
             (f"making {name}", (sys.executable, "-m", "venv", f"{folder}")),
             (
                 f"fetching {what} into {name} (100 MB, once)",
-                (f"{python}", "-m", "pip", "install", "--disable-pip-version-check", "-r", f"{requirements}"),
+                (f"{python}", *PIP, "-r", f"{requirements}"),
             ),
         ):
             say(sentence)

@@ -84,10 +84,15 @@ class Anchoring:
         before_ns = await self._before()
         self._anchor = None
         was_busy = self.is_busy
+        had_work = self._news is not None and self._news.phase == "sampling"
         try:
             await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
         except RefusedError as error:
             raise NotBegunError(str(error), is_busy=was_busy or self.is_busy) from error
+        except asyncio.CancelledError:  # before the answer: it may have begun all the same
+            if not had_work:
+                await self._call_off()
+            raise
         try:
             async with asyncio.timeout(timeout_s) as limit:
 

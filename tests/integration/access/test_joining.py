@@ -279,6 +279,8 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
         for ear in (thin, full):
             for key in (*keys, MAP.at()):
                 ear.hears(key, functools.partial(writer.put, key))
+        for reader, ear in ((dashboard, thin), (operator, full)):
+            writer.settle(reader)  # nothing is on its way any more
             ear.keys.clear()
         for _ in range(300):
             writer.put(*keys)

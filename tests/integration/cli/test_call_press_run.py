@@ -34,6 +34,7 @@ async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Comma
         pressed = await commands.pointit("press", "user1", "--connect", endpoint)
         assert pressed.code == 0
         assert pressed.out.startswith("user1: pointing. Your place in the room is known. Point with")
-        assert [interaction.state for interaction in seen.interactions["user1"]][-2:] == ["idle", "pointing"]
+        told = seen.interactions["user1"]
+        await until(lambda: [each.state for each in told][-2:] == ["idle", "pointing"], what="both to come")
         await seen.sees_cursors("user1")
     assert (await run.stop()).code == 0

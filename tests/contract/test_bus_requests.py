@@ -189,9 +189,11 @@ class TestRequests:
         assert all("led-driver is busy with 256 other requests" in sentence for sentence in refused)
 
     async def test_a_server_that_ends_tells_those_who_wait(self, site: Site) -> None:
+        asked: list[str] = []
         stopped: list[str] = []
 
         async def slow(_query: SetPose, name: str) -> Done:
+            asked.append(name)
             try:
                 await asyncio.Event().wait()
             finally:
@@ -204,7 +206,7 @@ class TestRequests:
             asyncio.create_task(bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "anna"))
             for bus in site.buses
         ]
-        await asyncio.sleep(0.2)
+        await until(lambda: len(asked) == len(calls), what="all to be asked")
         served.close()
         served.close()
         for call in calls:

@@ -162,7 +162,7 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
     async with going(plan_of(people=2)) as run, late_joiner(run.bus) as onlooker:
         await until(lambda: run.stage.monitor.first_cursor_unix_s is not None, PATIENCE_S, "a cursor")
         await until(lambda: onlooker.people == {"user1", "user2"}, PATIENCE_S, "two people")
-        assert onlooker.runs("scenario_4")
+        await until(lambda: onlooker.runs("scenario_4"), PATIENCE_S, "the deployment")
         first = run.stage.monitor
         await run.asks("scenario_2", users=1)
         assert run.stage.plan.name == "scenario_2"
@@ -269,6 +269,7 @@ async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
 
 async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit.cli.onlookers.SILENT_S", 1.2)
+    monkeypatch.setattr("pointit.runtime.service.HEALTH_PERIOD_S", 0.2)  # a late report is no silence yet
     monkeypatch.setattr(StandIn, "viewers", 1)
     async with going(plan_of("scenario_2", duration_s=0.5)) as run:
         await until(run.run._is_looked_on, PATIENCE_S, "somebody")

@@ -58,6 +58,7 @@ async def test_nobody_a_wrong_hash_and_a_slow_one_are_deadlines() -> None:
 
         a.backend.serve("/slow", ADD, slow)
         a.backend.serve("/other", BOOL, add)
+        await until(lambda: {"/slow", "/other"} <= {each.name for each in b.graph.endpoints})
         for service, why in (
             ("/none", "nobody serves it"),
             ("/slow", "did not answer"),

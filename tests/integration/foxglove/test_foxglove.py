@@ -188,7 +188,7 @@ async def test_rays_vanish_when_nobody_says_more(site: Site, monkeypatch: pytest
     await site.start(forget_s=0.2)
     async with viewer(site.address, "/scene/people") as one:
         site.bench.put(CURSOR, cursor(1), "anna")
-        await until(lambda: "ray anna" in one.entities("people"))
+        await until(lambda: "ray anna" in one.ever("people"))
         await until(lambda: not one.entities("people"))
 
 

@@ -55,6 +55,10 @@ class Viewer:
             shown |= {entity["id"]: entity for entity in update.get("entities", [])}
         return shown
 
+    def ever(self, part: str) -> set[str]:
+        """Return the ids of all entities that a part has had."""
+        return {each["id"] for update in self.all(f"/scene/{part}") for each in update.get("entities", [])}
+
     async def subscribe(self, *topics: str) -> None:
         await self._subscribe([self.channels[topic] for topic in topics])
 

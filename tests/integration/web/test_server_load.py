@@ -97,16 +97,16 @@ async def test_a_page_that_reads_nothing_is_cut_and_costs_nobody_anything(
     monkeypatch.setattr(listener, "PING_S", 0.5)
     async with memory_bench() as bench, serving(bench) as server:
         reports = bench.collect(HEALTH, "web")
-        stalled = await raw_page(server)
-        try:
-            async with server.page() as page:
+        async with server.page() as page:
+            stalled = await raw_page(server)
+            try:
                 await until(lambda: page.status.get("viewers") == 2)
                 for count in range(5):
                     light(bench, count)
                     await shows(page, count)
                 await until(lambda: page.status["viewers"] == 1, what="the stalled page to be cut")
-        finally:
-            stalled.close()
+            finally:
+                stalled.close()
         assert reports[-1].errors == 0
 
 

@@ -39,6 +39,7 @@ def final_error_deg(outcome: Outcome) -> float:
     return float(np.median(errors))
 
 
+@pytest.mark.timeout(300)  # 20 s where nothing else runs
 def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> None:
     held: list[float] = []
     left: list[float] = []

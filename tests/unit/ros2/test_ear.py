@@ -4,6 +4,8 @@ from typing import Any
 
 import pytest
 
+from pointit.bridges.ros2.inward.person import people_in
+from pointit.bridges.ros2.scene import Scene
 from pointit.bridges.ros2.types import Types
 from pointit.schemas.topics import POSE, WRIST
 from tests.support.bench import until
@@ -102,6 +104,29 @@ async def test_a_flood_of_tf_is_not_read_but_everybodys_newest_place_is(read: li
         bridge.clock.advance(1.0)  # so that places are taken again
         await until(lambda: seen["anna"][-1:] == [19.0] and seen["ben"] == [7.0])
         assert sum(read) <= 5 * MOST
+
+
+async def test_whose_name_only_ends_as_anothers_displaces_nothing_of_theirs() -> None:
+    async with bench(jazzy()) as bridge:
+        for user in ("anna", "joanna"):
+            bridge.scene.person(user)
+            bridge.inbox.join(user)
+        seen: dict[str, list[float]] = {"anna": [], "joanna": []}
+        bridge.other.subscribe(POSE, lambda message, name: seen[name].append(message.position_m[0]))
+        flood = frames(bridge, "joanna", x=1.0, size=MOST - 200)
+        for cdr in (flood, flood, frames(bridge, "anna", x=7.0), flood):
+            bridge.backend.readers["/tf"](cdr)
+        await until(lambda: seen["anna"] == [7.0] and bool(seen["joanna"]))
+
+
+def test_people_are_found_in_either_order_of_bytes() -> None:
+    scene = Scene(jazzy())
+    for user in ("anna", "joanna", "ann"):
+        scene.person(user)
+    frame = b"joanna/human_footprint"
+    for first, order in ((b"\0\1\0\0", "little"), (b"\0\0\0\0", "big")):
+        cdr = first + (len(frame) + 1).to_bytes(4, order) + frame + b"\0"  # type: ignore[arg-type]  # one of both
+        assert people_in(cdr, scene) == ("joanna",)
 
 
 async def test_tf_that_tells_of_nobody_is_not_read_and_takes_nobodys_share(read: list[int]) -> None:

@@ -7,7 +7,7 @@ localizing by pointing finds it, as does `set_yaw_origin` until samples fail to 
 """
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 from pointit.bridges.ros2.inward import checks
 from pointit.bridges.ros2.rows import About, Said, Taken, Warned
@@ -152,7 +152,14 @@ class Poses:
 
 def people_in(cdr: bytes, scene: Scene) -> tuple[str, ...]:
     """Return the known people whose frame is named in a message; to read it takes 200 times as long."""
-    return tuple(user for user in scene.people if scene.frames.person(user).encode() in cdr)
+    order: Literal["little", "big"] = "little" if cdr[1:2] == b"\1" else "big"
+    return tuple(user for user in scene.people if _text(scene.frames.person(user), order) in cdr)
+
+
+def _text(text: str, order: Literal["little", "big"]) -> bytes:
+    """Return how `text` begins in CDR: its length tells it from one that only ends the same, as `joanna`."""
+    letters = text.encode()
+    return (len(letters) + 1).to_bytes(4, order) + letters
 
 
 def _of_people(value: Any, about: About) -> Iterator[tuple[Any, str]]:

@@ -1,6 +1,7 @@
 """People who have ROS nodes only: when they are present, what is said of them, when services of ours lead."""
 
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -147,6 +148,31 @@ async def test_who_wants_a_cursor_stays_while_their_ray_is_in_the_graph(
     site.backend.watchers[0](graph(("publisher", "/ben/pointing_ray")))
     await until(lambda: "anna" not in site.people and site.states == ["pointing", "idle"])
     assert "nothing of theirs comes any more" in site.interactions[-1].reason
+
+
+async def test_a_ray_of_another_pointit_keeps_nobody(site: Site) -> None:
+    seen = graph(("publisher", RAYS))
+    theirs = frozenset(replace(each, is_bridge=True) for each in seen.endpoints)
+    site.backend.watchers[0](replace(seen, endpoints=theirs))
+    site.wishes()
+    await until(lambda: "anna" in site.people)
+    await until(lambda: "anna" not in site.people and site.states == ["pointing", "idle"])
+
+
+async def test_a_fault_on_her_way_in_is_tried_again(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    faults: list[str] = []
+    interaction = guests.interaction
+
+    def failing_once(*arguments: Any) -> Any:
+        if not faults:
+            faults.append("a fault of ours")
+            raise RuntimeError(faults[0])
+        return interaction(*arguments)
+
+    monkeypatch.setattr(guests, "interaction", failing_once)
+    await site.here()
+    await until(lambda: site.states == ["idle"])
+    assert faults
 
 
 async def test_what_her_nodes_say_is_not_said_again_and_all_else_is(site: Site) -> None:

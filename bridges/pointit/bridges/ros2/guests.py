@@ -48,19 +48,22 @@ class Guests:
         self._heard_s: dict[str, float] = {}
         self._tokens: dict[str, Closable] = {}
         self._given: frozenset[str] = frozenset()
-        """Names that others in ROS publish."""
+        """Names that others in ROS publish; what another PointIt does is not heard here."""
         self._now_s = 0.0
         """Of our looking: while the loop is held up nothing is heard, and no time passes."""
         self._timer: asyncio.TimerHandle | None = None
         for user in dict.fromkeys(self._instances.values()):
             site.scene.names.of(user)  # theirs as it is: whoever else would be called the same comes later
             self._admit(user)
-        self._mind()
+        if self._instances:
+            self._mind()
 
     def look(self, graph: Graph) -> None:
         """Take up who publishes."""
         self._given = frozenset(
-            each.name for each in graph.endpoints if each.kind == "publisher" and not each.is_ours
+            each.name
+            for each in graph.endpoints
+            if each.kind == "publisher" and not each.is_ours and not each.is_bridge
         )
 
     def meet(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -110,10 +113,10 @@ class Guests:
             self._outbox.join(user)
 
     def _mind(self) -> None:
+        self._timer = self._site.bus.call_later(LOOK_S, self._mind)  # first: what fails below is tried again
         self._now_s += LOOK_S
         for user, guest in self._site.scene.guests.items():
             self._judge(user, guest)
-        self._timer = self._site.bus.call_later(LOOK_S, self._mind)
 
     def _judge(self, user: str, guest: Guest) -> None:
         """Let somebody come or go."""
@@ -137,8 +140,8 @@ class Guests:
         if not guest.is_subscribed:
             now_ns = self._site.clock.now_ns()
             self._inbox.say(interaction(scene, user, now_ns, "they have not asked for a cursor"))
-        guest.is_here = True
         self._tokens[user] = bus.announce(USER_ALIVE, user)
+        guest.is_here = True
         log.info("%s is here, as ROS nodes say", user)
 
     def _end(self, user: str, guest: Guest, reason: str) -> None:

@@ -35,9 +35,8 @@ class Outlook:
 
     def watch(self, handler: Handler) -> Closable:
         """Call `handler` with the graph now, and whenever it has changed."""
-        watch = _Watch(handler, self._watches)
         handler(self._graph)
-        return watch
+        return _Watch(handler, self._watches)
 
     def show(self, graph: Graph, wrong: Mapping[str, str]) -> None:
         """Take the graph as it is now; complain of what will not work in it, and of what else is `wrong`."""
@@ -48,6 +47,8 @@ class Outlook:
             return
         self._graph = graph
         for watch in tuple(self._watches):
+            if watch not in self._watches:  # a handler before this one has closed it
+                continue
             try:
                 watch.handler(graph)
             except Exception:

@@ -57,7 +57,7 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
             fill(filler)
             await until(lambda: complains(seen, "selector"), NOTICED_S, "the selector to say so")
             noticed_s = time.monotonic() - full_s
-            assert any(finding.service == "selector" for finding in seen.findings())
+            await until(lambda: bool(seen.findings("selector")), NOTICED_S, "doctor to say so")
             told = len(seen.told())
             await until(lambda: len(seen.told()) >= told + MORE, 30.0, "selecting to go on")
             assert len(small.told()) < seen.told()[-1][0], "what is told is in memory only"

@@ -10,11 +10,11 @@ import click
 
 from pointit.bridges.ros2.backends import NEEDS, check_endpoint, opened
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.keys import shown
 from pointit.bridges.ros2.map_parameters import of_maps, prefixes, tree_of
 from pointit.bridges.ros2.parameter_values import Value
 from pointit.bridges.ros2.parameters import GET, LIST, MAX_SHOWN, NodeParameters
 from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.wording import listed, shown
 from pointit.cli.link import PATIENCE_S, telling
 from pointit.runtime.config import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError, ConnectError
@@ -94,7 +94,7 @@ async def _taken(parameters: NodeParameters, wish: Wish) -> dict[str, Any]:
     if wish.prefix is None and holder in names:
         held = (await parameters.values([holder])).get(holder)
         if isinstance(held, str) and held.strip():
-            return _of_text(held.strip(), f"parameter {holder} of {wish.node}")
+            return _of_text(held, f"parameter {holder} of {wish.node}")
         if wish.parameter is not None:
             raise ConfigError(
                 f"parameter {holder} of {wish.node} is {_kind(held)}, not the text of a map or its path; "
@@ -116,14 +116,15 @@ def _of_text(text: str, where: str) -> dict[str, Any]:
     Raises:
         ConfigError: it is neither; `where` says whose it is.
     """
-    if "\n" in text or ": " in text or text.startswith("{"):
-        return parse_yaml(text.encode(), where)
-    path = Path(text)
-    if path.is_absolute() and len(text) <= MAX_PATH and _is_file(path):
-        click.echo(f"{where} is the path {shown(text, MAX_PATH)}, of a file that is here too", err=True)
+    word = text.strip()
+    if "\n" in word or ": " in word or word.startswith("{"):
+        return parse_yaml(text.encode(), where)  # as it is: all its lines may be indented
+    path = Path(word)
+    if path.is_absolute() and len(word) <= MAX_PATH and _is_file(path):
+        click.echo(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too", err=True)
         return read_yaml(path)
     raise ConfigError(
-        f"{where} is a path, {shown(text, MAX_PATH)!r}, of a file on that node's machine; copy the file to "
+        f"{where} is a path, {shown(word, MAX_PATH)!r}, of a file on that node's machine; copy the file to "
         "this one, and give it as it is: --set pui.map=FILE"
     )
 
@@ -152,11 +153,7 @@ def _nothing(wish: Wish, names: Sequence[str]) -> str:
 
 
 def _there(names: Sequence[str]) -> str:
-    if not names:
-        return "it has none"
-    more = len(names) - MAX_SHOWN
-    listed = ", ".join(names[:MAX_SHOWN])
-    return f"it has {listed}" + (f" and {more} more" if more > 0 else "")
+    return f"it has {listed(names, MAX_SHOWN) or 'none'}"
 
 
 def _kind(value: Value | None) -> str:

@@ -1,6 +1,7 @@
 """`pointit map fetch` in a graph of one node: how a map is found, what is written, what is said."""
 
 import logging
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,14 @@ def test_a_map_that_is_a_text_is_decoded_and_written_anew(
     theirs, ours = (load_map(str(tmp_path / each), 0) for each in ("by_hand.yaml", "site.yaml"))
     assert ours == theirs.model_copy(update={"name": "site"})
     assert CliRunner().invoke(command, ["map", "check", str(path), "--strict"]).exit_code == 0
+
+
+def test_a_text_whose_lines_are_all_indented_is_the_same_map(graph: Graph) -> None:
+    graph.has({"map": ROOM})
+    plain = fetch()
+    sections = ROOM.partition("\n")[2]
+    graph.has({"map": f"\n{textwrap.indent(sections, '    ')}    "})
+    assert fetch().stdout == plain.stdout
 
 
 @pytest.mark.parametrize("name", ["conveyor", "lab", "vr_belts"])

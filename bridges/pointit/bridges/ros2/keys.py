@@ -37,11 +37,6 @@ def resolved(name: str) -> str:
     return name
 
 
-def shown(text: str, most: int) -> str:
-    """Return at most `most` characters of a foreign text, as a sentence for a terminal can have them."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:most])
-
-
 def dds_type(text: str, type_hash: str) -> RosType:
     """Return the type that middlewares write as `text` (`std_msgs::msg::dds_::Bool_`).
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pointit.bridges.ros2.backend import Backend, Endpoint, Graph
-from pointit.bridges.ros2.keys import shown
 from pointit.bridges.ros2.parameter_values import Value, value_of
 from pointit.bridges.ros2.types import NO_HASH, Types
+from pointit.bridges.ros2.wording import listed, shown
 from pointit.runtime.errors import ConfigError, NoAnswerError
 
 LIST = "rcl_interfaces/srv/ListParameters"
@@ -210,6 +210,4 @@ def _other_distro(hashes: set[str], types: Types) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = len(names) - MAX_SHOWN
-    listed = ", ".join(shown(name, MAX_NAME) for name in names[:MAX_SHOWN])
-    return listed + (f" and {more} more" if more > 0 else "")
+    return listed((shown(name, MAX_NAME) for name in names), MAX_SHOWN)

@@ -6,8 +6,9 @@ from pointit.bridges.ros2.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
 from pointit.bridges.ros2.findings import Matching
 from pointit.bridges.ros2.graph import Seen
-from pointit.bridges.ros2.keys import EVERY_TOKEN, data_key, resolved, shown
+from pointit.bridges.ros2.keys import EVERY_TOKEN, data_key, resolved
 from pointit.bridges.ros2.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
+from pointit.bridges.ros2.wording import shown
 
 OLD_FIELDS = (b"source_gid", b"sequence_number")
 """Names that attachments had before Humble 0.1.2 and Jazzy 0.2.4."""

@@ -1,11 +1,11 @@
-"""Names of others in sentences: a few of many, and none longer than a line."""
+"""Names and texts of others in sentences: a few of many, no longer than a line."""
 
 from collections.abc import Iterable
 
 from pointit.bridges.ros2.backend import Endpoint
 
 MAX_SHOWN = 3
-"""Names that a sentence lists."""
+"""Names that a sentence lists, unless it is about them."""
 MAX_NAME = 80
 """Characters of a foreign name that a sentence shows."""
 MAX_HASH = 20
@@ -20,11 +20,11 @@ def nodes(endpoints: Iterable[Endpoint], of_one: str = "", of_many: str = "") ->
     return f"node{'' if is_one else 's'} {found} {of_one if is_one else of_many}".rstrip()
 
 
-def listed(names: Iterable[str]) -> str:
-    """Return the first of `names`, and how many more there are."""
-    shown = list(names)
-    more = len(shown) - MAX_SHOWN
-    return ", ".join(shown[:MAX_SHOWN]) + (f" and {more} more" if more > 0 else "")
+def listed(names: Iterable[str], most: int = MAX_SHOWN) -> str:
+    """Return the first `most` of `names`, and how many more there are."""
+    found = list(names)
+    more = len(found) - most
+    return ", ".join(found[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def short(name: str) -> str:
@@ -35,3 +35,8 @@ def short(name: str) -> str:
 def short_hash(text: str) -> str:
     """Return a type's hash, or how it begins."""
     return text if len(text) <= MAX_HASH else f"{text[:MAX_HASH]}…"
+
+
+def shown(text: str, most: int) -> str:
+    """Return at most `most` characters of a foreign text, as a sentence for a terminal can have them."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:most])

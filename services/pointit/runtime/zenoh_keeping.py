@@ -9,7 +9,6 @@ access rules for a state's key hold for what is kept of it, too.
 import asyncio
 import contextlib
 import functools
-import logging
 from collections.abc import Callable, Iterator, Sequence
 
 import zenoh
@@ -24,8 +23,6 @@ from pointit.runtime.waiting_line import TurnedAway, WaitingLine
 from pointit.runtime.zenoh_wire import decoded, encoding_of, name_in
 from pointit.schemas import SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE
-
-log = logging.getLogger(__name__)
 
 TIMEOUT_S = 2.0
 AT_ONCE = 32

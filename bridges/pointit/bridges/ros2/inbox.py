@@ -2,7 +2,6 @@
 
 import asyncio
 import functools
-import logging
 from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
@@ -17,8 +16,6 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import BusError, RequestError
 from pointit.schemas import Message, Reply
 from pointit.schemas.topics import Request, Topic
-
-log = logging.getLogger(__name__)
 
 MOST_ASKED = 64
 """Requests of ROS nodes that ours work on at a time; more are refused."""

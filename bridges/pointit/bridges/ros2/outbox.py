@@ -2,7 +2,6 @@
 
 import asyncio
 import functools
-import logging
 from collections.abc import Callable, Iterable
 
 from pointit.bridges.ros2.backend import Graph, Writer
@@ -11,8 +10,6 @@ from pointit.bridges.ros2.rows import Outward
 from pointit.bridges.ros2.site import Site
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
-
-log = logging.getLogger(__name__)
 
 MOST_LINES = 2000
 """Names in ROS; nobody has so many people and lamps."""

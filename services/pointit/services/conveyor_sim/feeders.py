@@ -67,4 +67,4 @@ class Feeders:
             self.schedule.resume(index, left_s)
         for feeder, (taken, due_s) in zip(self.all, kept["feeders"], strict=True):
             feeder.taken, feeder.due_s = taken, due_s
-        self.is_on = kept.get("feeding", True)  # before version 3 of the state they never rested
+        self.is_on = kept.get("feeding", True)  # what an older program has kept never rested

@@ -18,6 +18,7 @@ from pydantic_core import PydanticUndefined
 
 from pointit.runtime.complaint import complaint
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.yaml_loader import MAX_YAML_DEPTH, Loader, refuse_depth
 
 C = TypeVar("C", bound="Config")
 
@@ -68,11 +69,7 @@ def leaves(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[Leaf
             yield Leaf((*prefix, name), field)
 
 
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The one in C where PyYAML has it: a large map in a second instead of ten."""
-
 MERGE = "tag:yaml.org,2002:merge"
-MAX_YAML_DEPTH = 100
 MAX_YAML_UNFOLDED = 200_000
 """Values that stand in a file only as aliases; to check so many takes a second."""
 MAX_YAML_BYTES = 4 * 1024 * 1024
@@ -119,7 +116,8 @@ def parse_yaml(content: bytes, path: Path | str) -> dict[str, Any]:
 
 
 def _load_yaml(text: str) -> Any:
-    loader = _Loader(text)
+    refuse_depth(text)
+    loader = Loader(text)
     try:
         root = loader.get_single_node()
         if root is None:

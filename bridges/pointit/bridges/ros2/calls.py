@@ -22,10 +22,10 @@ class Calls:
         """
         task = asyncio.get_running_loop().create_task(call, name=name)
         self._open.add(task)
+        task.add_done_callback(self._forget)
         try:
             await asyncio.wait([task])
         finally:
-            self._open.discard(task)
             task.cancel()
         if task.cancelled():
             raise BusClosedError("the backend was closed while it waited for an answer")
@@ -35,3 +35,8 @@ class Calls:
         """Wait for none of them any longer."""
         for task in self._open:
             task.cancel()
+
+    def _forget(self, task: asyncio.Task[bytes]) -> None:
+        self._open.discard(task)
+        if not task.cancelled():
+            task.exception()  # seen: whoever asked may have gone

@@ -8,6 +8,7 @@ import pytest
 
 from pointit.bridges.ros2 import guests, service
 from pointit.bridges.ros2.config import Ros2Config
+from pointit.bridges.ros2.inward.guest import interaction
 from pointit.bridges.ros2.service import Ros2
 from pointit.runtime import Config, ConfigError
 from pointit.runtime.config import Layers
@@ -161,7 +162,6 @@ async def test_a_ray_of_another_pointit_keeps_nobody(site: Site) -> None:
 
 async def test_a_fault_on_her_way_in_is_tried_again(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     faults: list[str] = []
-    interaction = guests.interaction
 
     def failing_once(*arguments: Any) -> Any:
         if not faults:

@@ -30,6 +30,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
     Topic,
 )
+from pointit.services.keeper.record import FILE, read
 from tests.support.bench import until
 from tests.support.buses import free_port
 
@@ -96,6 +97,11 @@ class Site:
             await bus.close()
 
 
+def on_disk(path: Path) -> set[str]:
+    """Return the keys of what the keeper has written below `path`."""
+    return {state.key for file in path.rglob(FILE) if (record := read(file)) for state in record.states}
+
+
 @pytest_asyncio.fixture
 async def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Site]:
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
@@ -124,12 +130,12 @@ async def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-async def test_who_comes_late_finds_what_killed_writers_have_said(site: Site) -> None:
+async def test_who_comes_late_finds_what_killed_writers_have_said(site: Site, tmp_path: Path) -> None:
     await site.found(ALL)
     for instance in WRITERS:
         await site.kill(instance)
         await site.found(ALL)
-    await asyncio.sleep(1.5)  # what is newer than that is on disk
+    await until(lambda: {topic.key for topic in ALL} <= on_disk(tmp_path), what="all to be on disk")
     await site.kill("keeper")
     with pytest.raises(AssertionError, match="in vain"):
         await site.found(ALL)

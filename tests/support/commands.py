@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ from pointit.schemas.topics import (
 from tests.support.bench import until
 
 PATIENCE_S = 30.0
+START_S = 0.6
+"""How long a command takes to start on a quiet machine."""
 _numbers = itertools.count()
 
 
@@ -229,6 +231,11 @@ async def onlooker(endpoint: str, site: str = "lab") -> AsyncGenerator[Onlooker]
         yield seen
     finally:
         await bus.close()
+
+
+async def start_delay_s(pointit: Callable[..., Awaitable[Ended]]) -> float:
+    """Return how much longer a command takes to start on this machine as busy as it is now, s."""
+    return max(0.0, (await pointit("doctor", "--help")).took_s - START_S)
 
 
 def summary_of(ended: Ended) -> dict[str, Any]:

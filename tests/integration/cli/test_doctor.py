@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import sys
-import time
 from collections.abc import AsyncGenerator
 from typing import Any, ClassVar
 
@@ -17,7 +16,7 @@ from pointit.schemas.topics import DEPLOYMENT, IMU, PROFILE, RAY
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt
-from tests.support.commands import Ended
+from tests.support.commands import Ended, start_delay_s
 
 POINTING = ("-m", "pointit.services.pointing", "--user", "anna")
 
@@ -44,9 +43,10 @@ async def pointing_process(site: Site) -> AsyncGenerator[asyncio.subprocess.Proc
 
 async def test_all_is_well(site: Site) -> None:
     async with pointing_process(site) as process:
+        delay_s = await start_delay_s(site.pointit)
         ended = await site.pointit("doctor", "--json")
         assert ended.code == 0, ended.out
-        assert ended.took_s < 5
+        assert ended.took_s < 5 + delay_s
         report: dict[str, Any] = json.loads(ended.out)
         assert report["healthy"] is True
         assert report["findings"] == []
@@ -75,10 +75,10 @@ async def test_an_expected_service_that_is_absent(site: Site) -> None:
 
 async def test_a_killed_service_is_noticed_within_five_seconds_and_its_restart_heals(site: Site) -> None:
     async with pointing_process(site) as process:
+        delay_s = await start_delay_s(site.pointit)
         process.kill()
-        killed_s = time.monotonic()
         ended = await site.pointit("doctor", "--json")
-        assert time.monotonic() - killed_s < 5
+        assert ended.took_s < 5 + delay_s
         assert ended.code == 1
         assert findings(ended) == [("absent", "pointing.anna")]
     async with site.python(*POINTING):
@@ -89,13 +89,13 @@ async def test_a_killed_service_is_noticed_within_five_seconds_and_its_restart_h
 
 async def test_a_stopped_service_is_noticed_within_five_seconds(site: Site) -> None:
     async with pointing_process(site) as process:
+        delay_s = await start_delay_s(site.pointit)
         os.kill(process.pid, signal.SIGSTOP)
-        stopped_s = time.monotonic()
         try:
             ended = await site.pointit("doctor", "--json")
         finally:
             os.kill(process.pid, signal.SIGCONT)
-        assert time.monotonic() - stopped_s < 5
+        assert ended.took_s < 5 + delay_s
         assert ended.code == 1
         # its token lives as long as its lease, about as long as a silence is believed
         assert findings(ended) in ([("absent", "pointing.anna")], [("silent", "pointing.anna")])

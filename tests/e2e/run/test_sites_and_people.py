@@ -71,9 +71,10 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
         anna = commands.start("user", "anna", *join)
         ben = commands.start("user", "ben", "--place", "2", "--seed", "5", *join)
         await seen.sees_cursors("anna", "ben")
-        assert services_of("anna") | services_of("ben") <= seen.present
-        assert seen.health["pointing.anna"].pid == anna.process.pid
-        assert seen.health["pointing.ben"].pid == ben.process.pid
+        await until(lambda: services_of("anna") | services_of("ben") <= seen.present, what="all of both")
+        for user, person in (("anna", anna), ("ben", ben)):
+            await seen.hears(f"pointing.{user}")
+            assert seen.health[f"pointing.{user}"].pid == person.process.pid
         keys = await commands.pointit("echo", "users/*/imu", "--count", "30", "--json", *join)
         assert {json.loads(line)["key"] for line in keys.out.splitlines()} == {
             "users/anna/imu",
@@ -87,7 +88,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
         assert left.took_s < 2
         assert "Traceback" not in left.err
         await until(lambda: "ben" not in seen.people, what="ben to be gone")
-        assert not services_of("ben") & seen.present
+        await until(lambda: not services_of("ben") & seen.present, what="his services to be gone")
         doctor = await commands.pointit("doctor", "--json", *join)  # who left well is not missed
         assert doctor.code == 0, doctor.out
         seen.cursors["ben"].clear()
@@ -96,7 +97,8 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
 
         again = commands.start("user", "ben", "--place", "2", *join)
         await seen.sees_cursors("ben")
-        assert seen.health["pointing.ben"].pid == again.process.pid
+        pid = again.process.pid
+        await until(lambda: seen.health["pointing.ben"].pid == pid, what="health of ben's new process")
         await seen.sees_cursors("anna")
         assert seen.health["pointing.anna"].pid == anna.process.pid
         assert seen.health["pointing.anna"].uptime_s > uptime_s

@@ -14,6 +14,8 @@ from pointit.services.pui.map_file import map_path, read_clouds, read_map_file, 
 from pointit.services.pui.map_model import MapFile
 
 COLORS = {"error": "red", "warning": "yellow"}
+LONGEST = 1000
+"""Characters of what is said of one place; the names in it may be anybody's."""
 
 
 @click.command("check")
@@ -73,7 +75,8 @@ def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: boo
     """Print each finding on a line, and how many there are; `err`: on standard error."""
     for each in findings:
         click.echo(
-            f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} {each.where}: {each.text}",
+            f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} "
+            f"{_tame(f'{each.where}: {each.text}')}",
             err=err,
         )
     errors = sum(each.severity == "error" for each in findings)
@@ -84,3 +87,8 @@ def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: boo
         if count
     ]
     click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}", err=err)
+
+
+def _tame(text: str) -> str:
+    """Return `text` as a terminal can have it, whoever has written the names in it."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])

@@ -25,6 +25,8 @@ APPEARS_S = 2.0
 """Within which a node that is there is seen through a router; who is there on DDS is found out slowly."""
 MAX_PATH = 1000
 """Characters of a path that is looked for here, and of a foreign word in a sentence."""
+SUFFIXES = (".yaml", ".yml")
+"""Of files that are read because a foreign node names them: others are no maps, and some never end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +113,7 @@ async def _taken(parameters: NodeParameters, wish: Wish) -> dict[str, Any]:
 
 
 def _of_text(text: str, where: str) -> dict[str, Any]:
-    """Return the map that `text` is, or that is in the file whose path it is, if that is here too.
+    """Return the map that `text` is, or that is in the YAML file whose path it is, if that is here too.
 
     Raises:
         ConfigError: it is neither; `where` says whose it is.
@@ -120,7 +122,7 @@ def _of_text(text: str, where: str) -> dict[str, Any]:
     if "\n" in word or ": " in word or word.startswith("{"):
         return parse_yaml(text.encode(), where)  # as it is: all its lines may be indented
     path = Path(word)
-    if path.is_absolute() and len(word) <= MAX_PATH and _is_file(path):
+    if path.is_absolute() and len(word) <= MAX_PATH and path.suffix in SUFFIXES and _is_file(path):
         click.echo(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too", err=True)
         return read_yaml(path)
     raise ConfigError(

@@ -5,6 +5,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 import yaml
 from click.testing import CliRunner, Result
@@ -124,7 +125,17 @@ def test_a_path_is_taken_where_the_file_is_here_too(graph: Graph, tmp_path: Path
     assert result.exit_code == 0
     assert set(yaml.safe_load(result.stdout)) == {"leds", "strips", "belts", "bays"}
     assert f"parameter map of /pui is the path {path}, of a file that is here too" in result.stderr
-    for there in (f"{tmp_path}/none.yaml", "theirs.yaml", f"{tmp_path}", "/dev/zero", f"/{'x' * 999}"):
+    (tmp_path / "secret.txt").write_text(ROOM, encoding="utf-8")
+    endless = "/proc/kmsg"  # a file, as far as the system says; only root would wait for its next line
+    for there in (
+        endless,
+        f"{tmp_path}/secret.txt",
+        f"{tmp_path}/none.yaml",
+        "theirs.yaml",
+        f"{tmp_path}",
+        "/dev/zero",
+        f"/{'x' * 999}",
+    ):
         graph.has({"map": there})
         assert sentence(fetch()).startswith(
             f"parameter map of /pui is a path, {there!r}, of a file on that node's machine; copy the"
@@ -144,6 +155,24 @@ def test_a_text_that_is_no_map_is_one_sentence(graph: Graph, bad: str) -> None:
         assert result.stderr.startswith("error the map of /pui: ")
     assert "\x1b" not in f"{result.stderr}{result.exception}"
     assert not result.stdout
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        '"\\e]0;x\\a": 1\nleds: {a: {position: [1, 2, 3]}}\n',
+        'leds: {a: {position: [1, 2, 3], "\\e[2J\\n": 3}}\n',
+        f'leds: {{a: {{position: [1, 2, 3]}}}}\nclouds: {{c: {{file: "/\\e[2J{"x" * 100_000}.csv"}}}}\n',
+    ],
+)
+def test_foreign_names_neither_write_on_the_terminal_nor_fill_it(graph: Graph, bad: str) -> None:
+    graph.has({"map": bad})
+    result = CliRunner().invoke(command, ["map", "fetch", "pui"], color=True)
+    first, *others = result.stderr.splitlines()
+    assert click.unstyle(first).startswith("error the map of /pui: ")
+    assert first.count("\x1b") == 3, "of the colour, and its end"
+    assert len(first) < 1100
+    assert len(others) == 2
 
 
 def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Graph, tmp_path: Path) -> None:

@@ -217,6 +217,11 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1.005]}}",
         [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")],
     ),
+    "three lamps at one place": (
+        "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1]}, "
+        "d: {position: [2, 0, 1]}}",
+        [("error", "leds.c", "is where b is"), ("error", "leds.d", "is where b is")],
+    ),
     "lamps in a column": (
         "leds: {a: {position: [2, 0, 1]}, b: {position: [2.1, 0.1, 2]}}",
         [("error", "leds", "all lie one above the other, which tells no place; move one")],

@@ -1,6 +1,5 @@
 """What is probably wrong with a map that can be read: `pointit map check`."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -92,11 +91,12 @@ def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[
                 f"leds.{name}",
                 f"is {z:g} m high, where few can point well; hang it below {HIGHEST_LAMP_M:g} m",
             )
-    names = list(lamps)
+    names, places = list(lamps), np.array(list(lamps.values()))
     for index, name in enumerate(names):
-        for other in names[:index]:
-            if math.dist(lamps[name], lamps[other]) < SAME_PLACE_M:
-                yield error(f"leds.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
+        near = np.linalg.norm(places[:index] - places[index], axis=1) < SAME_PLACE_M
+        if near.any():  # one is enough: of many at one place there would be as many pairs as nobody reads
+            other = names[int(near.argmax())]
+            yield error(f"leds.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
     if len(lamps) < 2:
         yield warning(
             "leds",

@@ -7,9 +7,9 @@ import pytest
 
 from pointit.bridges.ros2.inbox import MOST_ASKED
 from pointit.runtime import RefusedError
-from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetSpeed
+from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
 from pointit.schemas.environment import Belt
-from pointit.schemas.topics import ADD_PACKAGE, BUTTON, SET_SPEED, WRIST
+from pointit.schemas.topics import ADD_PACKAGE, BUTTON, SET_FEEDING, SET_SPEED, WRIST
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench, bench
 from tests.unit.ros2.scenes import jazzy
@@ -187,6 +187,24 @@ async def test_wishes_that_are_too_many_are_dropped_and_told() -> None:
         assert any(f"{MOST_ASKED} wishes are open already" in each for each in bridge.warnings())
         bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
         await until(lambda: not bridge.warnings(), what="there to be room again")
+
+
+async def test_of_a_flood_of_feed_the_newest_word_is_the_last_one_asked_for() -> None:
+    async with bench(jazzy()) as bridge:
+        asked: list[bool] = []
+
+        async def serve(query: SetFeeding, _name: str) -> Done:
+            asked.append(query.feeding)
+            return Done()
+
+        bridge.other.serve(SET_FEEDING, serve)
+        for count in range(2 * MOST_ASKED):
+            bridge.say("/feed", "std_msgs/msg/Bool", data=count % 2 == 1)
+        bridge.say("/feed", "std_msgs/msg/Bool", data=False)
+        bridge.say("/feed", "std_msgs/msg/Bool", data=True)
+        await until(lambda: len(asked) > 1 and asked[-1] and not bridge.inbox._asked)
+        assert len(asked) == 2
+        assert not bridge.warnings()
 
 
 async def test_a_service_is_answered_by_ours() -> None:

@@ -132,6 +132,7 @@ def inward() -> tuple[Inward, ...]:
             into=(topics.SET_FEEDING,),
             by=conveyor.feed,
             qos=_STREAM,
+            rate_hz=10.0,
             about="whether the feeders give packages; belts run on",
         ),
         Inward(

@@ -1,12 +1,13 @@
 """Reading the parameters of another node: pages, bounds, and what is said when it cannot be done."""
 
+import asyncio
 from typing import Any, cast
 
 import pytest
 
 from pointit.bridges.ros2 import parameters
 from pointit.bridges.ros2.backend import Backend
-from pointit.bridges.ros2.parameters import GET, LIST, MAX_NAME, PAGE, NodeParameters
+from pointit.bridges.ros2.parameters import GET, LIST, MAX_NAME, MAX_WAITS, PAGE, NodeParameters
 from pointit.bridges.ros2.types import Types
 from pointit.runtime.errors import ConfigError, NoAnswerError
 from tests.support.parameter_server import NODE, OneNode, ParameterServer
@@ -56,8 +57,24 @@ async def test_too_many_and_too_much_is_refused(monkeypatch: pytest.MonkeyPatch)
     assert len(await node.values(["a"])) == 1
     with pytest.raises(ConfigError, match="have more than 3000 bytes, which no map has; give it as a file"):
         await node.values(["a", "b"])
-    with pytest.raises(NoAnswerError, match=r"cannot be read: .* at most 500 are read"):
+    with pytest.raises(NoAnswerError, match=r"cannot be read: .* at most 500 are read; raise max_message_b"):
         await read(other({"a": "x" * 1000}), max_bytes=500).values(["a"])
+
+
+async def test_who_is_just_in_time_with_each_answer_is_not_waited_for_by_the_hour() -> None:
+    seen = other({f"leds.{number}.position": [1.0, 0.0, 1.0] for number in range(100 * PAGE)})
+
+    async def slow(request: bytes) -> bytes:
+        await asyncio.sleep(0.01)
+        return await seen.server.get(request)
+
+    seen.answers[GET] = slow
+    node = read(seen, timeout_s=0.01)
+    with pytest.raises(
+        NoAnswerError, match=r"^node /pui has taken 0\.\d+ s for some of its answers, and has"
+    ):
+        await node.values(await node.names())
+    assert len(seen.server.asked) <= MAX_WAITS + 1
 
 
 async def refused(sentence: str, asked: OneNode, **settings: Any) -> None:

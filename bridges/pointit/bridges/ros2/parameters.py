@@ -22,6 +22,8 @@ MAX_NAME = 256
 """Characters of a parameter's name; none of a map has as many."""
 MAX_BYTES = 8_000_000
 """Of all answers; the largest map that can travel is an eighth of it."""
+MAX_WAITS = 12
+"""Times as long as one answer all may take: who is just in time with each is not waited for by the hour."""
 MAX_SHOWN = 20
 """Names that a sentence lists."""
 
@@ -62,6 +64,7 @@ class NodeParameters:
         self._max_bytes = max_bytes
         self._needs = needs
         self._had_bytes = 0
+        self._waited_s = 0.0
 
     async def names(self) -> list[str]:
         """Return what its parameters are called, in its order, but what no map's parameter is called.
@@ -161,6 +164,8 @@ class NodeParameters:
     async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
         types = self._types
         request = types.request_of(service)
+        clock = asyncio.get_running_loop()
+        begun_s = clock.time()
         try:
             cdr = await self._backend.call(
                 f"{self._node}{suffix}",
@@ -170,6 +175,12 @@ class NodeParameters:
             )
         except TimeoutError as error:
             raise NoAnswerError(f"{error}") from error
+        self._waited_s += clock.time() - begun_s
+        if self._waited_s > MAX_WAITS * self._timeout_s:
+            raise NoAnswerError(
+                f"node {self._node} has taken {self._waited_s:.3g} s for some of its answers, and has more; "
+                "wait longer for each, or give its map as a file"
+            )
         self._had_bytes += len(cdr)
         if self._had_bytes > MAX_BYTES:
             raise ConfigError(
@@ -179,7 +190,11 @@ class NodeParameters:
         try:
             return types.decode(types.response_of(service), cdr, max_bytes=self._max_bytes)
         except ValueError as error:
-            raise NoAnswerError(f"what node {self._node} answered cannot be read: {error}") from error
+            advice = "; raise max_message_bytes, or give its map as a file"
+            raise NoAnswerError(
+                f"what node {self._node} answered cannot be read: {error}"
+                f"{advice if len(cdr) > self._max_bytes else ''}"
+            ) from error
 
 
 def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:

@@ -12,7 +12,7 @@ from pointit.bridges.ros2.inward.guest import interaction
 from pointit.bridges.ros2.service import Ros2
 from pointit.runtime import Config, ConfigError
 from pointit.runtime.config import Layers
-from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserProfile
+from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import (
     BUTTON,
     CURSOR,
@@ -236,6 +236,21 @@ async def test_services_of_ours_win_over_her_nodes_and_she_is_a_guest_again_when
     await site.here()
     await until(lambda: site.states[-1] == "idle" and not site.warnings)
     assert not THEIRS & site.backend.writers.keys()
+
+
+async def test_where_she_stood_as_a_guest_is_no_longer_said_when_services_of_ours_lead(site: Site) -> None:
+    places = site.bench.collect(POSE, "anna")
+    site.bench.bus.announce(USER_ALIVE, "anna")
+    site.says("/tf_static", "tf2_msgs/msg/TFMessage", tf(frame_of(FRAME, x=3.0)))
+    await site.here()
+    await until(lambda: [place.position_m[0] for place in places] == [3.0])
+    site.bench.bus.announce(SERVICE_ALIVE, "pointing.anna")
+    await until(lambda: site.backend.writers.keys() >= THEIRS)
+    late: list[str] = []
+    site.bench.bus.subscribe(POSE, lambda _message, name: late.append(name))
+    site.bench.put(POSE, UserPose(stamp_ns=START_NS, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), "ben")
+    await until(lambda: "ben" in late)
+    assert late == ["ben"]
 
 
 async def test_a_guest_again_while_other_services_of_ours_stay(site: Site) -> None:

@@ -12,7 +12,7 @@ from pointit.bridges.ros2.rows import Inward
 from pointit.bridges.ros2.scene import Guest
 from pointit.bridges.ros2.site import Site
 from pointit.runtime.bus import Closable
-from pointit.schemas.topics import INTERACTION, RAY, USER_ALIVE
+from pointit.schemas.topics import INTERACTION, POSE, RAY, USER_ALIVE
 from pointit.services.registry import PROCESSES
 
 log = logging.getLogger(__name__)
@@ -35,8 +35,11 @@ class Guests:
     def __init__(
         self, people: Iterable[str], routes: Iterable[Inward], site: Site, inbox: Inbox, outbox: Outbox
     ) -> None:
-        """Listen for `people` from now on; of `routes` those count that are of guests only."""
+        """Listen for `people` from now on, by those of `routes` that are of guests only."""
+        routes = tuple(routes)
         self._routes = tuple(route for route in routes if route.of_guests)
+        self._lasting = tuple(route for route in routes if route.of_guests or POSE in route.into)
+        """What these have said of a guest stays, and is no longer true when services of ours say it."""
         self._site = site
         self._inbox = inbox
         self._outbox = outbox
@@ -98,7 +101,7 @@ class Guests:
         del self._site.scene.guests[user]
         for end in self._ends.pop(user):
             end.close()
-        for route in self._routes:
+        for route in self._lasting:
             self._inbox.hush(route, user)
         self._show_again(user)
         self._leave(user)

@@ -1,7 +1,7 @@
 """What is wrong with belts and how they hang together."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -107,12 +107,13 @@ def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[Finding
     """Yield belts that begin or end beside another one to which no link leads."""
     known = {(link.source, link.target) for link in links}
     fed = {link.target for link in links}
+    around = _Around(lanes)
     for lane in lanes.values():
         for at_start in (False, True):
             if lane.name in fed if at_start else _goes_on(lane, links) is not None:
                 continue
             place = lane.line.point_at(0.0 if at_start else lane.line.length_m)
-            other, position = _beside(place, lane, lanes, at_start=at_start)
+            other, position = _beside(place, lane, around.near(place), at_start=at_start)
             if other is None:
                 continue
             pair = (other.name, lane.name) if at_start else (lane.name, other.name)
@@ -127,13 +128,28 @@ def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[Finding
             )
 
 
-def _beside(place: Vec3, lane: Lane, lanes: Lanes, *, at_start: bool) -> tuple[Lane | None, float]:
-    """Return the nearest other belt within a belt's width of `place`, and where on it; none if there is none.
+class _Around:
+    """Boxes around lanes, and a lane's width more: to look at every pair of lanes takes minutes for 1000."""
+
+    def __init__(self, lanes: Lanes) -> None:
+        self._lanes = list(lanes.values())
+        widest_m = max(lane.width_m for lane in self._lanes)
+        self._low = np.array([lane.line.vertices_m.min(axis=0) for lane in self._lanes]) - widest_m
+        self._high = np.array([lane.line.vertices_m.max(axis=0) for lane in self._lanes]) + widest_m
+
+    def near(self, place: Vec3) -> list[Lane]:
+        """Return at least those that are within a lane's width of `place`."""
+        inside = np.all((self._low <= place) & (self._high >= place), axis=1)
+        return [self._lanes[index] for index in np.flatnonzero(inside)]
+
+
+def _beside(place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool) -> tuple[Lane | None, float]:
+    """Return the nearest other of `lanes` within a belt's width of `place`, and where on it; none if none is.
 
     Belts that begin side by side, or end so, are neighbours and hand nothing over.
     """
     best: tuple[float, Lane | None, float] = (math.inf, None, 0.0)
-    for other in lanes.values():
+    for other in lanes:
         if other.name == lane.name:
             continue
         positions, distances = other.line.nearest_to(np.array([place]))

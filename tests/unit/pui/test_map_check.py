@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pointit.geometry.polyline import Array, Polyline
 from pointit.runtime.complaint import field_names
 from pointit.services.pui.finding import Finding
 from pointit.services.pui.map_check import check_map, contents
@@ -218,8 +219,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")],
     ),
     "three lamps at one place": (
-        "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1]}, "
-        "d: {position: [2, 0, 1]}}",
+        "leds: {a: {position: [0, 0, 1]}, b: &here {position: [2, 0, 1]}, c: *here, d: *here}",
         [("error", "leds.c", "is where b is"), ("error", "leds.d", "is where b is")],
     ),
     "lamps in a column": (
@@ -352,6 +352,24 @@ def test_what_a_map_has(tmp_path: Path) -> None:
     path = tmp_path / "site.yaml"
     path.write_text("leds: {a: {position: [0, 0, 1]}}\nboxes: {b: {center: [0, 0, 0], size: [1, 1, 1]}}")
     assert contents(read_map_file(path), {}) == "1 lamp, 1 box"
+
+
+def test_belts_that_are_far_apart_are_not_measured_against_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[int] = []
+    nearest_to = Polyline.nearest_to
+
+    def counted(line: Polyline, points_m: Array) -> tuple[Array, Array]:
+        measured.append(len(points_m))
+        return nearest_to(line, points_m)
+
+    monkeypatch.setattr(Polyline, "nearest_to", counted)
+    belts = ", ".join(f"b{index}: {belt((0, 3 * index), (2, 3 * index))}" for index in range(40))
+    assert not [each for each in found(tmp_path, f"belts: {{{belts}}}") if "beside" in each.text]
+    assert not measured
+    found(tmp_path, f"belts: {{a: {belt((0, 0), (2, 0))}, b: {belt((2.1, 0), (4, 0))}}}")
+    assert measured
 
 
 GUIDE = (Path(__file__).parents[3] / "docs" / "maps.md").read_text(encoding="utf-8")

@@ -15,9 +15,14 @@ from tests.e2e.run.visitor import entered, looking_on
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, onlooker, summary_of
+from tests.support.pace import slowness
 
 ADDRESS = re.compile(r"page: (http://\S+?/\?token=[\w-]+)")
 CHANGE_S = 20.0
+START_S = 60.0
+"""Fourteen processes on a busy machine."""
+END_S = 2.0
+"""How long the end may take on a quiet machine."""
 PERSON = ("imu-bridge", "pointing", "localizer", "supervisor", "user-sim")
 
 
@@ -72,6 +77,7 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
     assert second.sentence.startswith(f"the page cannot listen at 127.0.0.1:{taken}: Address already in use")
 
 
+@pytest.mark.timeout(180)
 @pytest.mark.parametrize("processes", [(), ("--processes",)])
 async def test_another_scenario_takes_its_place(
     commands: Commands, endpoint: str, processes: tuple[str, ...]
@@ -95,22 +101,23 @@ async def test_another_scenario_takes_its_place(
         people = {f"{service}.{user}" for service in PERSON for user in ("user1", "user2")}
         await until(
             lambda: seen.present == {"pui", "led-driver", "keeper", "web", *people},
-            CHANGE_S,
-            f"not {seen.present}",
+            START_S,
+            "all of the other scenario, and nothing else",
         )
         await seen.sees_cursors("user1", "user2")
         assert rooms[-1] == "lab" != rooms[0]
         assert seen.health["web"].pid == page.pid
-        assert seen.health["web"].uptime_s > page.uptime_s  # the same page, all the while
+        await until(lambda: seen.health["web"].uptime_s > page.uptime_s, what="the same page, all the while")
         async with looking_on(url):
             pass
         doctor = await commands.pointit("doctor", "--connect", endpoint)
         assert "selector" not in doctor.out  # nothing of the other scenario is missed
     family = command.family()
     assert len(family) == (15 if processes else 1)
+    end_s = END_S * slowness()
     ended = await command.stop()
     assert ended.code == 0, ended.err
-    assert ended.took_s < 2
+    assert ended.took_s < end_s
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
     assert summary["scenario"] == "scenario_2"
@@ -157,9 +164,10 @@ async def test_ctrl_c_ends_it_with_a_page_open(
         await until(lambda: "web" in seen.present, CHANGE_S, "the page")
         async with looking_on(url), looking_on(url):
             await seen.sees_cursors("user1")
+            end_s = END_S * slowness()
             ended = await command.stop(number)
     assert ended.code == 0, ended.err
-    assert ended.took_s < 2
+    assert ended.took_s < end_s
     assert "Traceback" not in ended.err
 
 

@@ -19,19 +19,16 @@ from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import RouterProcess, free_port, router_process
+from tests.support.pace import slowness
 
 END_S = 2.0
 """How long the end may take on a quiet machine."""
-START_S = 0.1
-"""How long Python takes to start there."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def end_s() -> float:
     """Return how long the end may take on this machine as busy as it is now."""
-    began_s = time.monotonic()
-    subprocess.run([sys.executable, "-c", "pass"], check=True, timeout=60)
-    return END_S * max(1.0, (time.monotonic() - began_s) / START_S)
+    return END_S * slowness()
 
 
 @contextmanager

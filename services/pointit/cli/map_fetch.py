@@ -28,6 +28,8 @@ OUR_NODE = "/pointit_map"
 MODE = "client"
 """A router that is not there is said at once; nobody is to take us for it."""
 ANSWER_S = 5.0
+STANDARD = Path("-")
+"""As elsewhere: standard output."""
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The one in C where PyYAML has it, as for reading."""
@@ -139,6 +141,8 @@ def _config(options: Mapping[str, str | None]) -> BackendConfig:
 
 def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
     """Write the map if its check finds no error, else end with exit code 1."""
+    if output == STANDARD:
+        output = None
     text = f"# The map of the ROS node {node}, from its parameters.\n"
     text += yaml.dump(dict(tree), Dumper=_Dumper, sort_keys=False, allow_unicode=True)
     content = text.encode()
@@ -149,8 +153,13 @@ def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
     if not has_errors:
         if output is None:
             click.echo(text, nl=False)
+        elif output.exists() and not output.is_file():
+            try:
+                output.write_bytes(content)  # /dev/null, a pipe: a file in its place is what nobody wants
+            except OSError as error:
+                raise ConfigError(f"{output}: cannot be written ({error.strerror or error})") from error
         else:
-            put(output, content, mode=0o644)
+            put(output.resolve(), content, mode=0o644)
     print_findings(name, has, findings, err=output is None or has_errors)
     if has_errors:
         click.echo(f"{name}: was not written, as it has errors; correct the parameters of {node}", err=True)

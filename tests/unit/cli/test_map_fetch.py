@@ -175,6 +175,21 @@ def test_foreign_names_neither_write_on_the_terminal_nor_fill_it(graph: Graph, b
     assert len(others) == 2
 
 
+def test_devices_and_links_stay_what_they_are(graph: Graph, tmp_path: Path) -> None:
+    graph.has(parameters_of(TREE))
+    device, link, path = tmp_path / "null", tmp_path / "link.yaml", tmp_path / "site.yaml"
+    device.symlink_to("/dev/null")
+    link.symlink_to(path)
+    for output in (device, link):
+        assert fetch("-o", f"{output}").exit_code == 0
+    assert device.resolve() == Path("/dev/null")
+    assert device.is_char_device()
+    assert link.is_symlink()
+    assert set(yaml.safe_load(path.read_text(encoding="utf-8"))) == set(TREE)
+    assert sentence(fetch("-o", "/dev/full")).startswith("/dev/full: cannot be written (")
+    assert fetch("-o", "-").stdout == fetch().stdout != ""
+
+
 def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Graph, tmp_path: Path) -> None:
     path = tmp_path / "site.yaml"
     graph.has(parameters_of(TREE) | {"leds.door.position": [-1.5, 3.2, -1.8], "bays.8": "mian"})

@@ -48,16 +48,16 @@ DEVICES = {
         "outbox.py",
         "outlook.py",
         "parameters.py",
-        "rclpy_backend.py",
-        "rclpy_seat.py",
-        "rclpy_services.py",
-        "rclpy_topics.py",
-        "ros2dds.py",
-        "seat.py",
         "site.py",
-        "zenoh_backend.py",
-        "zenoh_services.py",
-        "zenoh_topics.py",
+        "over_rclpy/backend.py",
+        "over_rclpy/seat.py",
+        "over_rclpy/services.py",
+        "over_rclpy/topics.py",
+        "over_zenoh/backend.py",
+        "over_zenoh/ros2dds.py",
+        "over_zenoh/seat.py",
+        "over_zenoh/services.py",
+        "over_zenoh/topics.py",
     },
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
@@ -148,8 +148,9 @@ def test_every_parameter_is_described(row: Process) -> None:
 def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
     folder = folder_of(row)
     shells = FOUR_FILES | DEVICES.get(row.name, set())
-    assert shells <= {path.name for path in folder.glob("*.py")}, "DEVICES names what is not there"
-    cores = tuple(path for path in sorted(folder.rglob("*.py")) if path.name not in shells)
+    modules = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*.py"))}
+    assert shells <= set(modules), "DEVICES names what is not there"
+    cores = tuple(path for place, path in modules.items() if place not in shells)
     doors = ("asyncio", "threading", "time", "logging", "serial", "pointit.runtime")
     harmless = set(sources.importers("pointit.runtime.config", cores))
     harmless |= set(sources.importers("pointit.runtime.errors", cores))

@@ -21,7 +21,7 @@ import zenoh
 from pointit.bridges.ros2.backend import LATCHED, Backend, Graph, Qos, RosType
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.zenoh_backend import ZenohBackend
+from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
 from pointit.runtime.zenoh_plain import open_plain
 from pointit.runtime.zenoh_plain_link import PlainLink
 from tests.architecture.sources import ROOT

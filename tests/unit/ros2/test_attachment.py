@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.attachment import Attachment, packed, unpacked
-from pointit.bridges.ros2.token import gid
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
+from pointit.bridges.ros2.over_zenoh.token import gid
 from tests.unit.ros2.facts import golden
 
 INT64 = st.integers(-(2**63), 2**63 - 1)

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.attachment import Attachment
 from pointit.bridges.ros2.backend import LATCHED, SENSOR, EndpointKind, Qos, RosType
-from pointit.bridges.ros2.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.ros2dds import Ros2Dds
-from pointit.bridges.ros2.token import BRIDGE, gid
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.over_zenoh.ros2dds import Ros2Dds
+from pointit.bridges.ros2.over_zenoh.token import BRIDGE, gid
 from tests.unit.ros2.facts import golden
 
 POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)

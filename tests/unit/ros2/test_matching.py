@@ -4,8 +4,8 @@ import pytest
 
 from pointit.bridges.ros2.backend import LATCHED, SENSOR, Graph, RosType
 from pointit.bridges.ros2.findings import Finding, Matching, findings
-from pointit.bridges.ros2.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.ros2dds import Ros2Dds
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.over_zenoh.ros2dds import Ros2Dds
 from tests.support.bench import until
 from tests.unit.ros2 import fake_rclpy
 from tests.unit.ros2.rclpy_bench import BOOL, QOS, node_of_ours, on_a_wire, profile

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.backend import LATCHED, SENSOR, SERVICE, Qos
-from pointit.bridges.ros2.qos import qos_of, qos_text
+from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.backend import EndpointKind, Qos, RosType
-from pointit.bridges.ros2.token import EndpointToken, NodeToken, gid, mangled, parsed, unmangled
+from pointit.bridges.ros2.over_zenoh.token import EndpointToken, NodeToken, gid, mangled, parsed, unmangled
 from tests.unit.ros2.facts import golden
 
 TOKENS: list[tuple[str, str]] = golden("wire")["tokens"]

@@ -7,6 +7,9 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
+CDR = b"\x00\x01\x00\x00"
+"""How every message begins that we send: little endian, plain CDR. ROS nodes die of other bytes."""
+
 Server = Callable[[bytes], Awaitable[bytes]]
 """Takes a request's CDR, returns the response's; what it raises is answered by nothing, so it must not."""
 
@@ -142,3 +145,11 @@ class Backend(Protocol):
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
         ...
+
+
+def check_cdr(cdr: bytes) -> None:
+    """Make sure that `cdr` may be one; raises `ValueError` if ROS nodes would die of it."""
+    if len(cdr) <= len(CDR) or not cdr.startswith(CDR):
+        raise ValueError(
+            f"CDR begins with 00 01 00 00 and has a body, this is {cdr[:8].hex(' ') or 'nothing'}"
+        )

@@ -10,12 +10,12 @@ from typing import Literal
 from pointit.bridges.ros2.backend import Backend
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.dialect import Dialect
-from pointit.bridges.ros2.rclpy_backend import opened_rclpy
-from pointit.bridges.ros2.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.ros2dds import Ros2Dds
-from pointit.bridges.ros2.token import BRIDGE, ENCLAVE
-from pointit.bridges.ros2.zenoh_backend import ZenohBackend
+from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
+from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
+from pointit.bridges.ros2.over_zenoh.dialect import Dialect
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.over_zenoh.ros2dds import Ros2Dds
+from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health import Warnings
 from pointit.runtime.zenoh_plain import open_plain

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Server
 from pointit.bridges.ros2.calls import Calls
 from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.dialect import Dialect
-from pointit.bridges.ros2.graph import Roster
 from pointit.bridges.ros2.outlook import Outlook
-from pointit.bridges.ros2.seat import Seat
-from pointit.bridges.ros2.zenoh_services import ServiceClient, ServiceDesk
-from pointit.bridges.ros2.zenoh_topics import TopicReader, TopicWriter
+from pointit.bridges.ros2.over_zenoh.dialect import Dialect
+from pointit.bridges.ros2.over_zenoh.graph import Roster
+from pointit.bridges.ros2.over_zenoh.seat import Seat
+from pointit.bridges.ros2.over_zenoh.services import ServiceClient, ServiceDesk
+from pointit.bridges.ros2.over_zenoh.topics import TopicReader, TopicWriter
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.health import Warnings
 from pointit.runtime.zenoh_plain import PlainSession

@@ -2,15 +2,12 @@
 
 from collections.abc import Callable
 
-from pointit.bridges.ros2.attachment import Attachment
 from pointit.bridges.ros2.backend import Closable
 from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.dialect import Dialect
-from pointit.bridges.ros2.graph import Roster
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment
+from pointit.bridges.ros2.over_zenoh.dialect import Dialect
+from pointit.bridges.ros2.over_zenoh.graph import Roster
 from pointit.runtime.zenoh_plain import PlainSession
-
-CDR = b"\x00\x01\x00\x00"
-"""How every message begins that we send: little endian, plain CDR. ROS nodes die of other bytes."""
 
 
 class Seat:
@@ -90,11 +87,3 @@ class Sender:
     def close(self) -> None:
         """Send no more."""
         self._seat.gids.discard(self._gid)
-
-
-def check_cdr(cdr: bytes) -> None:
-    """Make sure that `cdr` may be one; raises `ValueError` if ROS nodes would die of it."""
-    if len(cdr) <= len(CDR) or not cdr.startswith(CDR):
-        raise ValueError(
-            f"CDR begins with 00 01 00 00 and has a body, this is {cdr[:8].hex(' ') or 'nothing'}"
-        )

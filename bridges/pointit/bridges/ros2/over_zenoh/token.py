@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import xxhash
 
 from pointit.bridges.ros2.backend import EndpointKind, Qos, RosType
-from pointit.bridges.ros2.keys import PRESENCE, dds_type, resolved
-from pointit.bridges.ros2.qos import qos_of, qos_text
+from pointit.bridges.ros2.over_zenoh.keys import PRESENCE, dds_type, resolved
+from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
 
 NODE = "NN"
 CODES: dict[EndpointKind, str] = {"publisher": "MP", "subscriber": "MS", "server": "SS", "client": "SC"}

@@ -6,10 +6,9 @@ import logging
 import threading
 from typing import Any
 
-from pointit.bridges.ros2.backend import Server
-from pointit.bridges.ros2.rclpy_api import Reply, ServiceClass
-from pointit.bridges.ros2.rclpy_seat import DdsSeat
-from pointit.bridges.ros2.seat import check_cdr
+from pointit.bridges.ros2.backend import Server, check_cdr
+from pointit.bridges.ros2.over_rclpy.api import Reply, ServiceClass
+from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
 
 log = logging.getLogger(__name__)
 

@@ -6,10 +6,9 @@ import threading
 import time
 from collections.abc import Callable
 
-from pointit.bridges.ros2.backend import Qos
-from pointit.bridges.ros2.rclpy_api import MessageInfo
-from pointit.bridges.ros2.rclpy_seat import DdsSeat
-from pointit.bridges.ros2.seat import check_cdr
+from pointit.bridges.ros2.backend import Qos, check_cdr
+from pointit.bridges.ros2.over_rclpy.api import MessageInfo
+from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
 from pointit.runtime.errors import BusClosedError
 
 log = logging.getLogger(__name__)

@@ -4,8 +4,8 @@ import collections
 from collections.abc import Sequence
 
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph, RosType
-from pointit.bridges.ros2.rclpy_api import EndInfo, NamesAndTypes, Node
-from pointit.bridges.ros2.rclpy_library import Rclpy
+from pointit.bridges.ros2.over_rclpy.api import EndInfo, NamesAndTypes, Node
+from pointit.bridges.ros2.over_rclpy.library import Rclpy
 
 MAX_NODES = 2000
 """Further ones are not looked at."""

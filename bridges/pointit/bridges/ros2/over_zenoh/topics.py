@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import xxhash
 
-from pointit.bridges.ros2.backend import Qos, RosType
-from pointit.bridges.ros2.seat import Seat, Sender, check_cdr
+from pointit.bridges.ros2.backend import Qos, RosType, check_cdr
+from pointit.bridges.ros2.over_zenoh.seat import Seat, Sender
 from pointit.runtime.zenoh_plain_ends import Packet, PlainTraffic
 
 LEAST_CAPACITY = 64

@@ -17,11 +17,11 @@ from pointit.bridges.ros2.calls import Calls
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.outlook import Outlook
-from pointit.bridges.ros2.rclpy_graph import GraphReader
-from pointit.bridges.ros2.rclpy_join import Joined, join
-from pointit.bridges.ros2.rclpy_seat import Absent, DdsSeat
-from pointit.bridges.ros2.rclpy_services import DdsClient, DdsDesk
-from pointit.bridges.ros2.rclpy_topics import DdsReader, DdsWriter
+from pointit.bridges.ros2.over_rclpy.graph import GraphReader
+from pointit.bridges.ros2.over_rclpy.join import Joined, join
+from pointit.bridges.ros2.over_rclpy.seat import Absent, DdsSeat
+from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsDesk
+from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.health import Warnings
 

@@ -7,11 +7,11 @@ import hashlib
 import itertools
 import re
 
-from pointit.bridges.ros2.attachment import Attachment
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
 from pointit.bridges.ros2.findings import Matching
-from pointit.bridges.ros2.graph import Seen
-from pointit.bridges.ros2.keys import resolved
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment
+from pointit.bridges.ros2.over_zenoh.graph import Seen
+from pointit.bridges.ros2.over_zenoh.keys import resolved
 
 PATTERN = "@/*/@ros2_lv/**"
 

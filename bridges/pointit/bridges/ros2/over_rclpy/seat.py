@@ -8,10 +8,10 @@ from typing import Any
 from pointit.bridges.ros2.backend import Closable, RosType
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.definitions import INTERFACES
-from pointit.bridges.ros2.rclpy_api import EndInfo, Node
-from pointit.bridges.ros2.rclpy_echoes import Echoes
-from pointit.bridges.ros2.rclpy_graph import full_name, hash_of
-from pointit.bridges.ros2.rclpy_library import Rclpy, class_of
+from pointit.bridges.ros2.over_rclpy.api import EndInfo, Node
+from pointit.bridges.ros2.over_rclpy.echoes import Echoes
+from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
+from pointit.bridges.ros2.over_rclpy.library import Rclpy, class_of
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.mailbox import Dispatcher
 

@@ -2,10 +2,10 @@
 
 from typing import Protocol
 
-from pointit.bridges.ros2.attachment import Attachment
 from pointit.bridges.ros2.backend import EndpointKind, Qos, RosType
 from pointit.bridges.ros2.findings import Matching
-from pointit.bridges.ros2.graph import Seen
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment
+from pointit.bridges.ros2.over_zenoh.graph import Seen
 
 
 class Dialect(Protocol):

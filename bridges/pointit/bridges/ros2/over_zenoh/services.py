@@ -7,9 +7,9 @@ from collections.abc import Coroutine
 from dataclasses import replace
 from typing import Any
 
-from pointit.bridges.ros2.attachment import Attachment
-from pointit.bridges.ros2.backend import SERVICE, RosType, Server
-from pointit.bridges.ros2.seat import Seat, Sender, check_cdr
+from pointit.bridges.ros2.backend import SERVICE, RosType, Server, check_cdr
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment
+from pointit.bridges.ros2.over_zenoh.seat import Seat, Sender
 from pointit.runtime.zenoh_plain_requests import Answer, Ask
 
 log = logging.getLogger(__name__)

@@ -4,8 +4,8 @@ import os
 from dataclasses import dataclass
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.rclpy_api import Executor, Node, RosContext
-from pointit.bridges.ros2.rclpy_library import Rclpy, loaded
+from pointit.bridges.ros2.over_rclpy.api import Executor, Node, RosContext
+from pointit.bridges.ros2.over_rclpy.library import Rclpy, loaded
 from pointit.runtime.errors import ConfigError
 
 

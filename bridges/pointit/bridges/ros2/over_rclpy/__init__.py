@@ -1,0 +1,1 @@
+"""The ROS graph through an installed ROS: whatever that speaks, DDS above all."""

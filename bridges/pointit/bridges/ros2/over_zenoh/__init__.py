@@ -1,0 +1,1 @@
+"""The ROS graph on Zenoh: by its keys, tokens and attachments PointIt is a node, without anything of ROS."""

@@ -16,7 +16,7 @@ import threading
 import weakref
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 T = TypeVar("T")
 
@@ -68,14 +68,18 @@ def _start(run: Callable[[], None], name: str) -> None:
     thread.start()
 
 
-def leave(code: int) -> None:
-    """End the process with `code`, at once, if a thread is left behind; else do nothing."""
-    if any(thread.is_alive() for thread in _threads):
-        logging.shutdown()
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError, ValueError):  # nobody reads it any more; it is closed
-                stream.flush()
-        os._exit(code)
+def is_left() -> bool:
+    """Return whether a thread is left behind."""
+    return any(thread.is_alive() for thread in _threads)
+
+
+def leave(code: int) -> NoReturn:
+    """End the process with `code`, at once: what it has to close is closed by now."""
+    logging.shutdown()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more; it is closed
+            stream.flush()
+    os._exit(code)
 
 
 @atexit.register

@@ -99,7 +99,7 @@ async def test_an_error_that_comes_with_the_cancelling_is_nobodys() -> None:
 
 LEAVING = """
 import asyncio, sys, threading
-from pointit.runtime.daemon_thread import in_daemon_thread, leave
+from pointit.runtime.daemon_thread import in_daemon_thread, is_left, leave
 
 async def main():
     try:
@@ -109,7 +109,8 @@ async def main():
 
 print("said", end="")
 {first}
-leave(3)
+if is_left():
+    leave(3)
 sys.exit(4)
 """
 

@@ -5,6 +5,8 @@ import json
 import logging
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar
@@ -274,3 +276,26 @@ def test_the_sites_time_is_followed_unless_wall_time_is_asked_for(
     monkeypatch.setattr(process, "_serve", serve)
     assert ended(service_command(Sample), "--user", "anna", *arguments) == 0
     assert asked == [patience_s]
+
+
+LEAVING = """
+import atexit, click, sys
+from pointit.runtime.process import run_program
+
+@click.command()
+def command():
+    print("said", end="")
+    return 3
+
+atexit.register(print, ", and more")
+run_program(command, at_once={at_once})
+"""
+
+
+@pytest.mark.parametrize(("at_once", "said"), [(True, "said"), (False, "said, and more\n")])
+def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, said: str) -> None:  # noqa: FBT001
+    script = LEAVING.format(at_once=at_once)
+    done = subprocess.run(
+        [sys.executable, "-c", script], check=False, capture_output=True, text=True, timeout=30
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (3, said, "")

@@ -1,6 +1,7 @@
 """What holds for every test: no task, no command outlives it; no state of this machine is read or written."""
 
 import asyncio
+import signal
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -9,6 +10,12 @@ import pytest_asyncio
 
 from tests.support.buses import free_port
 from tests.support.commands import Commands
+
+
+def pytest_configure() -> None:
+    """Take Ctrl-C: a shell starts what runs beside it with SIGINT ignored, and children inherit that."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

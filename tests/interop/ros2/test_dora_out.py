@@ -104,6 +104,8 @@ async def test_the_graph_has_every_route_with_its_type_hash_and_quality(place: S
     await place.dora.sees("%led_0%color")
     expected: set[tuple[str, ...]] = set()
     for row in ROWS:
+        if isinstance(row, Inward) and row.of_guests and "{" in row.ros:
+            continue  # of who has ROS nodes only, whom test_dora_guest.py has
         package, kind, short = row.type.split("/")
         dds = f"{package}::{kind}::dds_::{short}_"
         name = name_of(row).replace("/", "%")

@@ -140,6 +140,15 @@ def test_having_been_asked_to_end_is_no_failure(number: int) -> None:
     assert signal.getsignal(number) is before
 
 
+def test_what_a_shell_has_started_beside_it_ignores_ctrl_c_again_afterwards() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert kill_soon(signal.SIGINT)() == 0
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_a_failure_while_ending_is_one() -> None:
     async def work() -> int:
         asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)

@@ -1,0 +1,46 @@
+"""How many of Zenoh's threads receive, in a process of its own: Zenoh is told once for each."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.buses import free_port
+
+COUNTING = """
+import asyncio
+from pathlib import Path
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link
+
+def names():
+    return [(task / "comm").read_text() for task in Path("/proc/self/task").iterdir()]
+
+async def main():
+    bus = await ZenohBus.open(Link(listen=("{endpoint}",)))
+    client = await ZenohBus.open(Link(connect=("{endpoint}",)))  # threads come with the first link
+    while sum(name == Path("/proc/self/comm").read_text() for name in names()) > 1:
+        await asyncio.sleep(0.01)  # a new thread has the name of the process until it gives itself its own
+    print(sum(name.startswith("rx-") for name in names()))
+    await client.close()
+    await bus.close()
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux tells the names of threads")
+@pytest.mark.parametrize(("given", "count"), [("", 1), ("(rx: (worker_threads: 3))", 3)])
+def test_one_thread_receives_unless_the_environment_says_otherwise(given: str, count: int) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "ZENOH_RUNTIME"}
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTING.format(endpoint=f"tcp/127.0.0.1:{free_port()}")],
+        env=environment | ({"ZENOH_RUNTIME": given} if given else {}),
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{count}\n", "")

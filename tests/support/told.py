@@ -3,6 +3,7 @@
 import asyncio
 import json
 import subprocess
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ class Told:
         """
         self.name = name
         self._said = said
+        self._turn = threading.Lock()
+        """Answers carry no names: who asks waits until the one before has been answered."""
         with said.open("w") as stderr:
             self._process = subprocess.Popen(
                 command,
@@ -63,9 +66,10 @@ class Told:
     def ask(self, **order: Any) -> Any:
         """Tell it `order`; return what it answers."""
         assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(order) + "\n")
-        self._process.stdin.flush()
-        line = self._line()
+        with self._turn:
+            self._process.stdin.write(json.dumps(order) + "\n")
+            self._process.stdin.flush()
+            line = self._line()
         assert line, f"{self.name} has ended: {self.complaints()[-2000:]}"
         answer = json.loads(line)
         assert "error" not in answer, f"{self.name}: {str(order)[:500]}: {answer['error'][:300]}"

@@ -194,6 +194,8 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
         table.add_column(column, justify="left" if column == "what" else "right")
     rows = [("bare relay of bytes", ros2_result["bare_relay"]), ("nothing", ros2_result["nothing"])]
     rows += [(way, row) for way in ("out", "in", "both") for row in ros2_result[way]]
+    rows += [("bare relay, in step", ros2_result["bare_relay_in_step"])]
+    rows += [(f"{way}, in step", row) for way in ("out", "in") for row in ros2_result[f"{way}_in_step"]]
     for name, row in rows:
         us = row["us_per_message"]
         table.add_row(

@@ -73,18 +73,20 @@ async def relaying() -> AsyncGenerator[Ends]:
         sink.close()
 
 
-async def cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
-    """Return what the relay takes of a core, and what it loses."""
+async def cost(rate_hz: float, duration_s: float, at_once: int = 1) -> dict[str, Any]:
+    """Return what the relay takes of a core, and what it loses, when `at_once` messages come together."""
     arrived: list[zenoh.Sample] = []
     async with relaying() as ends:
         publisher = ends.source.declare_publisher(THERE)
         reader = ends.sink.declare_subscriber(THERE, Callback(arrived.append, indirect=False))
         await asyncio.sleep(SETTLE_S)
         before, began_s = ends.process.cpu_times(), time.perf_counter()
-        count = int(rate_hz * duration_s)
-        for _ in range(count):
-            publisher.put(PAYLOAD, attachment=ATTACHMENT)
-            await asyncio.sleep(1.0 / rate_hz)
+        times = int(rate_hz * duration_s) // at_once
+        count = times * at_once
+        for _ in range(times):
+            for _ in range(at_once):
+                publisher.put(PAYLOAD, attachment=ATTACHMENT)
+            await asyncio.sleep(at_once / rate_hz)
         after, took_s = ends.process.cpu_times(), time.perf_counter() - began_s
         await asyncio.sleep(0.2)
         cpu_s = after.user + after.system - before.user - before.system

@@ -119,6 +119,7 @@ class Ends:
 async def measure(duration_s: float) -> dict[str, Any]:
     """Return cost, delivery, round trips and start of the bridge."""
     bare = await bare_relay.cost(USERS * HZ, duration_s)
+    bare_in_step = await bare_relay.cost(USERS * HZ, duration_s, at_once=USERS)
     rounds = int(max(duration_s, LEAST_S) * ROUND_HZ)
     bare_trip = await bare_relay.round_trip(ROUND_HZ, rounds)
     async with bridged() as ends:
@@ -129,10 +130,13 @@ async def measure(duration_s: float) -> dict[str, Any]:
             "before": machine(),
             "start_s": round(ends.started_s, 3),
             "bare_relay": bare,
+            "bare_relay_in_step": bare_in_step,
             "nothing": await _cost(ends, duration_s, []),
             "out": [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)],
             "in": [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)],
             "both": [await _cost(ends, duration_s, [ends.put_ray, ends.put_rotation]) for _ in range(ROUNDS)],
+            "out_in_step": [await _cost(ends, duration_s, [ends.put_ray], USERS) for _ in range(ROUNDS)],
+            "in_in_step": [await _cost(ends, duration_s, [ends.put_rotation], USERS) for _ in range(ROUNDS)],
             "bare_round_trip": bare_trip,
             "round_trip": await _round_trip(ends, rounds),
             "memory_mb": round(ends.process.memory_info().rss / 1e6, 1),
@@ -174,8 +178,13 @@ async def bridged() -> AsyncGenerator[Ends]:
             await bus.close()
 
 
-async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]]) -> dict[str, Any]:
-    """Return what the bridge takes of a core while each of `puts` puts `HZ` messages of each person."""
+async def _cost(
+    ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]], at_once: int = 1
+) -> dict[str, Any]:
+    """Return what the bridge takes of a core while each of `puts` puts `HZ` messages of each person.
+
+    Those of `at_once` persons come together, as they do where one process samples several.
+    """
     ends.rays.clear()
     ends.samples.clear()
     superseded = ends.reader.traffic.dropped
@@ -184,12 +193,12 @@ async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], N
     due_s = loop.time()
     end_s = due_s + duration_s
     while due_s < end_s:
-        for put in puts:
-            put(ends.users[sent % USERS], time.time_ns())
-        sent += 1
-        due_s = max(
-            due_s + 1.0 / (HZ * USERS), loop.time()
-        )  # no bursts: of those the newest wins, as is meant
+        for _ in range(at_once):
+            for put in puts:
+                put(ends.users[sent % USERS], time.time_ns())
+            sent += 1
+        # one person's are never sent in bursts: of those the newest wins, as is meant
+        due_s = max(due_s + at_once / (HZ * USERS), loop.time())
         await asyncio.sleep(due_s - loop.time())
     after, took_s = ends.process.cpu_times(), time.perf_counter() - began_s
     await asyncio.sleep(0.2)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.datasets.proximity_feedback import PHASES, read_floor_trials
-from pointit.evaluation.drift import chained, courses, drift_rows, hold_sigma_rad, recorded_rows
+from pointit.evaluation.drift import drift_rows, recorded_rows
+from pointit.evaluation.drift_courses import chained, courses, hold_sigma_rad
 from pointit.evaluation.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
 from pointit.evaluation.drifting_person import Ways
 from pointit.evaluation.row import ALL, Row

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator
 
 from pointit.services.conveyor_sim.crossing_guard import CrossingGuard
+from pointit.services.conveyor_sim.gaps import Gaps
 from pointit.services.conveyor_sim.network import Network, Piece
 from pointit.services.conveyor_sim.package import NO_ZONE, Package
 from pointit.services.conveyor_sim.rings import Rings
@@ -36,8 +37,7 @@ class Traffic:
         self.speeds = dict.fromkeys(network.lines, 0.0)
         rings = Rings(network, self.zones, longest_m)
         self.guard = CrossingGuard(network, routes, self.zones, rings, held=self.held, speeds=self.speeds)
-        self._most_m = longest_m
-        """The longest that ever was there."""
+        self._gaps = Gaps(network, routes, self.held, longest_m)
         self._order = list(network.front_first)
 
     @property
@@ -78,7 +78,7 @@ class Traffic:
         held = self.held[piece.index]
         behind = sum(1 for other in held if other.offset_m < offset_m)
         held.insert(behind, package)
-        self._most_m = max(self._most_m, package.length_m)
+        self._gaps.heed(package.length_m)
         gate = self.zones.at(piece.index, offset_m)
         if gate is not None and package.zone == NO_ZONE:
             self.guard.take(package, gate)
@@ -88,15 +88,15 @@ class Traffic:
         """Have `packages`, in the order in which `packages` yielded them, be where they say they are."""
         for package in packages:
             self.held[package.piece].append(package)
-            self._most_m = max(self._most_m, package.length_m)
+            self._gaps.heed(package.length_m)
             if package.zone != NO_ZONE:
                 self.guard.restore(package)
 
     def wait_m(self, piece: Piece, offset_m: float, length_m: float, *, is_reverse: bool = False) -> float:
         """Return how far the belt must move until a package of `length_m` fits there; 0: now."""
-        missing_m = -self._behind_m(piece, offset_m, length_m)
+        missing_m = -self._gaps.behind_m(piece, offset_m, length_m)
         if not is_reverse:
-            missing_m = max(missing_m, -self._ahead_m(piece, offset_m, length_m))
+            missing_m = max(missing_m, -self._gaps.ahead_m(piece, offset_m, length_m))
             gate = self.zones.at(piece.index, offset_m)
             is_busy = gate is not None and not self.guard.is_free(gate.zone)
             if is_busy or not self.guard.takes(piece.index):
@@ -106,18 +106,6 @@ class Traffic:
     def is_clear(self, piece: Piece, offset_m: float, length_m: float) -> bool:
         """Return whether a package of `length_m` may be put there: nothing near, no zone that is in use."""
         return self.wait_m(piece, offset_m, length_m) == 0.0
-
-    def _ahead_m(self, piece: Piece, offset_m: float, length_m: float) -> float:
-        """Return the room between a package there and the nearest ahead, whichever way it goes."""
-        nearest_m = math.inf
-        for start_m, index in self._reach(piece, -offset_m, 0.0, ahead=True):
-            for other in self.held[index]:
-                apart_m = start_m + other.offset_m
-                if index == piece.index and start_m == -offset_m and apart_m < 0.0:
-                    continue
-                nearest_m = min(nearest_m, apart_m - (length_m + other.length_m) / 2.0)
-                break
-        return nearest_m
 
     def move(self, elapsed_s: float) -> list[Package]:
         """Let `elapsed_s` pass, at most `step_s`; return what left at an end, in its order."""
@@ -153,7 +141,7 @@ class Traffic:
                 package.speed_mps = 0.0
                 return
             wanted_m = package.offset_m + speed_mps * elapsed_s
-            limit_m, next_mps = self._limit(package, piece, wanted_m)
+            limit_m, next_mps = self._gaps.limit(package, piece, wanted_m)
             to_m = min(wanted_m, limit_m)
             to_m, is_stopped = self._gated(package, piece, to_m)
             if is_stopped:
@@ -179,51 +167,6 @@ class Traffic:
                     package.way = package.way[1:]
                 else:
                     self.guard.leave(package)
-
-    def _limit(self, package: Package, piece: Piece, wanted_m: float) -> tuple[float, float]:
-        """Return how far the next package on its way lets `package` go, and the speed of that one."""
-        if piece.twins:
-            limit = self._twin_limit(package, piece, package.offset_m, 0.0)
-            if limit is not None:
-                return limit
-        else:
-            held = self.held[piece.index]
-            following = held.index(package) + 1
-            if following < len(held):
-                ahead = held[following]
-                return ahead.offset_m - (package.length_m + ahead.length_m) / 2.0, ahead.speed_mps
-        start_m = piece.length_m
-        reach_m = wanted_m + (package.length_m + self._most_m) / 2.0
-        for index in self._route(package):
-            if start_m > reach_m:
-                break
-            if self.network.pieces[index].twins:
-                limit = self._twin_limit(package, self.network.pieces[index], -1.0, start_m)
-                if limit is not None:
-                    return limit
-            for ahead in self.held[index]:
-                if ahead is package:  # round a ring: it follows itself
-                    break
-                apart_m = (package.length_m + ahead.length_m) / 2.0
-                return start_m + ahead.offset_m - apart_m, ahead.speed_mps
-            start_m += self.network.pieces[index].length_m
-        return math.inf, 0.0
-
-    def _twin_limit(
-        self, package: Package, piece: Piece, beyond_m: float, start_m: float
-    ) -> tuple[float, float] | None:
-        """Return the limit by the nearest one beyond `beyond_m` of `piece`, `start_m` ahead, or its twins."""
-        nearest: Package | None = None
-        for index in (piece.index, *piece.twins):
-            for other in self.held[index]:
-                if other is not package and other.offset_m > beyond_m:
-                    if nearest is None or other.offset_m < nearest.offset_m:
-                        nearest = other
-                    break
-        if nearest is None:
-            return None
-        apart_m = (package.length_m + nearest.length_m) / 2.0
-        return start_m + nearest.offset_m - apart_m, nearest.speed_mps
 
     def _gated(self, package: Package, piece: Piece, to_m: float) -> tuple[float, bool]:
         """Return how far zones let `package` go towards `to_m`, and whether one stops it."""
@@ -257,14 +200,6 @@ class Traffic:
             return package.way[0]
         return self.routes.next_of(package.piece, package.bay)
 
-    def _route(self, package: Package) -> Iterator[int]:
-        """Yield the pieces after its own that it will pass; without end where that is a ring."""
-        here = package.piece
-        for here in package.way:
-            yield here
-        while (here := self.routes.next_of(here, package.bay)) != END:
-            yield here
-
     def _go_back(self, package: Package, distance_m: float, passed: list[Package]) -> None:
         """Move `package` back by the negative `distance_m`; those behind it have moved already."""
         if package.turn == self.guard.turn:  # it has only just come, from a belt that runs forwards
@@ -281,7 +216,7 @@ class Traffic:
                 behind = held[mine - 1]
                 room_m = package.offset_m - behind.offset_m - (package.length_m + behind.length_m) / 2.0
             else:
-                room_m = self._behind_m(piece, package.offset_m, package.length_m, package, -distance_m)
+                room_m = self._gaps.behind_m(piece, package.offset_m, package.length_m, package, -distance_m)
             to_m = max(wanted_m, package.offset_m - max(0.0, room_m))
             to_m = self._gated_back(package, piece, before, to_m)
             if to_m >= 0.0 or (before is None and piece.belt in self.network.linked):
@@ -314,47 +249,3 @@ class Traffic:
                     if not self.guard.admits_back(package, gate):
                         return 0.0
         return to_m
-
-    def _behind_m(
-        self,
-        piece: Piece,
-        offset_m: float,
-        length_m: float,
-        package: Package | None = None,
-        further_m: float = 0.0,
-    ) -> float:
-        """Return the room between a package there and the nearest behind, whichever way it came."""
-        nearest_m = math.inf
-        for start_m, index in self._reach(piece, offset_m, further_m, ahead=False):
-            ending_m = self.network.pieces[index].length_m
-            for other in reversed(self.held[index]):
-                is_here = index == piece.index and start_m == offset_m
-                apart_m = offset_m - other.offset_m if is_here else start_m + ending_m - other.offset_m
-                if other is package or (is_here and apart_m < 0.0):
-                    continue
-                nearest_m = min(nearest_m, apart_m - (length_m + other.length_m) / 2.0)
-                break
-        return nearest_m
-
-    def _reach(
-        self, piece: Piece, start_m: float, further_m: float, *, ahead: bool
-    ) -> list[tuple[float, int]]:
-        """Return the pieces that begin (or end) within reach of a place on `piece`, and how far from it.
-
-        Of the first, `piece` itself, `start_m` as given.
-        """
-        reach_m = self._most_m + further_m
-        pieces = self.network.pieces
-        found = [(start_m, piece.index)]
-        waiting = [(start_m + piece.length_m if ahead else start_m, piece.index)]
-        seen = {piece.index}
-        while waiting:
-            far_m, index = waiting.pop()
-            if far_m > reach_m:
-                continue
-            for other in pieces[index].nexts if ahead else pieces[index].befores:
-                if other not in seen:
-                    seen.add(other)
-                    found.append((far_m, other))
-                    waiting.append((far_m + pieces[other].length_m, other))
-        return found

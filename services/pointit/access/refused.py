@@ -11,6 +11,9 @@ with a colour is the rest of a key, with which somebody wants to lay the blame o
 import re
 from collections import Counter, defaultdict
 
+from pointit.access import strangers
+from pointit.access.strangers import Strangers
+
 KINDS = 9
 """Kinds of messages, each a line after `caching permissions`."""
 MOST_KEYS = 3
@@ -37,12 +40,6 @@ DECIDED = re.compile(
 )
 """Connection, what is known of it, kind of message, key; anchored: the rest of a line may be anything."""
 KNOWN = re.compile(r"(?:CertCommonName|Username)\(([^)]+)\)")
-HANDSHAKE = re.compile(
-    r"WARN .*zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
-)
-PLAIN_TCP = "received corrupt message of type InvalidContentType"
-"""Of TLS's first message: it was none."""
-WITHOUT = "came without credentials, by plain TCP instead of TLS"
 DECISION = "authorized to "
 WORKS_OUT = "caching permissions"
 WRITES = " is authorized to Put (ingress) on "
@@ -71,7 +68,7 @@ TOO_LONG_VERBS = {
     "Reply": "give such long answers to",
 }
 
-FILTER = "off,zenoh::net::routing::interceptor=trace,zenoh_link_tls=warn,zenoh_link_quic=warn"
+FILTER = f"off,zenoh::net::routing::interceptor=trace,{strangers.FILTER}"
 """What of its log Zenoh has to write for this."""
 
 
@@ -82,7 +79,7 @@ class Refused:
         self.total = 0
         """How many attempts there were so far."""
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
-        self._handshakes: Counter[str] = Counter()
+        self._strangers = Strangers()
         self._written: Counter[str] = Counter()
         """By the end of the line: connection and key."""
         self._names: dict[str, str] = {}
@@ -97,13 +94,17 @@ class Refused:
         if not line.startswith(OWN):
             return
         at = line.find(THREAD) + len(THREAD)
-        where = line[at : line.find(")", at)]
+        end = line.find(")", at)
+        where = line[at:end]
         before = self._let_in.pop(where, "")
+        if line.startswith(strangers.TARGET, end + 2):  # who knocks chooses some of what follows
+            self._take_other(line, where, "")
+            return
         decision, works_out = line.find(DECISION), line.find(WORKS_OUT)
         if works_out >= 0 and (decision < 0 or works_out < decision):  # the key that follows may say anything
             self._working_out[where] = KINDS
         elif decision < 0:
-            self._take_other(COLOR.sub("", line), before)
+            self._take_other(line, where, before)
         elif self._working_out.get(where, 0) and "Using cached" not in line[:decision]:
             self._working_out[where] -= 1
             self._read(line)
@@ -128,13 +129,9 @@ class Refused:
                 f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
             )
         sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
-        if self._handshakes:
-            reasons = [
-                reason + (f" ({count} times)" if count > 1 else "")
-                for reason, count in self._handshakes.most_common(MOST_KEYS)
-            ]
-            sentences[""] = f"somebody was not let in: {', '.join(reasons)}"
-        for counted in (self._attempts, self._handshakes, self._written):
+        if sentence := self._strangers.take_sentence():
+            sentences[""] = sentence
+        for counted in (self._attempts, self._written):
             counted.clear()
         return sentences
 
@@ -150,12 +147,12 @@ class Refused:
                 return
         self._written[written] += 1
 
-    def _take_other(self, line: str, before: str) -> None:
-        if before and line.endswith(DROPPED):
+    def _take_other(self, line: str, where: str, before: str) -> None:
+        plain = COLOR.sub("", line)
+        if before and plain.endswith(DROPPED):
             self._count(before, TOO_LONG_VERBS)
-        elif found := HANDSHAKE.search(line):
+        elif self._strangers.take(plain, where):
             self.total += 1
-            self._handshakes[WITHOUT if found[1].startswith(PLAIN_TCP) else found[1]] += 1
 
     def _read(self, line: str) -> tuple[str, str, str] | None:
         """Return connection, kind of message and key of a decision on what came in; none of any other."""

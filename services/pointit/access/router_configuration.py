@@ -24,6 +24,10 @@ ONE_STREAM = "?multistream=0"
 of the key it is about; the router drops it then without a word."""
 MOST_SESSIONS = 1000
 LEASE_MS = 3000
+ACCEPT_MS = 3000
+MOST_NEWCOMERS = 1000
+"""Where TLS lets in who has no certificate, so many may say nothing for so long before others have to wait;
+as Zenoh would have it, 100 for 10 s."""
 
 HEADER = """\
 // Made by `pointit site`; changes by hand are lost. For `pointit router --config` and for zenohd alike, which
@@ -109,7 +113,6 @@ def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0"
                 "protocols": ["tls", "quic"],
                 "rx": {"max_message_size": LARGEST_TRAVELLING_BYTES},
                 "tx": {"lease": LEASE_MS},
-                "tls": {"close_link_on_expiration": True},
             },
         },
         "access_control": {
@@ -134,6 +137,10 @@ def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0"
     if any(routed.password for routed in sites):
         (routed,) = sites
         made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{routed.folder}users.txt"}}
+        made["transport"]["unicast"] |= {"accept_timeout": ACCEPT_MS, "accept_pending": MOST_NEWCOMERS}
+    else:
+        # Of clients' certificates: of who has none Zenoh would warn at each connection.
+        made["transport"]["link"]["tls"] = {"close_link_on_expiration": True}
     return made
 
 

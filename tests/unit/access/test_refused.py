@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from pointit.access.recent import MOST_SENTENCES, RECENT_S, Recent
 from pointit.access.refused import FLOOD_HZ, KINDS, LONGEST_KEY, Refused
+from pointit.access.strangers import LONGEST_NAME, MOST_REASONS, MOST_SHOWN
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
 HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
@@ -129,6 +130,87 @@ def test_handshakes_that_fail_are_told() -> None:
     ]
 
 
+def knock(name: str, address: str = "10.0.0.5:39284", thread: str = "05") -> str:
+    """What Zenoh logs of a newcomer who says to be `name`."""
+    user = name.encode()
+    sizes = bytes((len(user) & 0x7F | 0x80, len(user) >> 7)) if len(user) > 127 else bytes((len(user),))
+    said = bytes((0x42, 0x2C)) + sizes + user + bytes(32)
+    value = f"ZBuf {{ slices: [[{', '.join(f'{byte:02x}' for byte in said)}]] }}"
+    ext = f'ext_auth: Some(ZExtZBuf {{ Id: 3, Mandatory: false, Encoding: "ZBuf", Value: {value} }})'
+    return (
+        f"{door('TRACE', thread)}Establishment Accept OpenSyn: tls/10.0.0.1:7447 => tls/{address}. "
+        f"Received: TransportMessage {{ body: OpenSyn(OpenSyn {{ lease: 3s, ext_qos: None, {ext} }}) }}"
+    )
+
+
+def door(level: str, thread: str = "05", module: str = "establishment::accept") -> str:
+    time = "\x1b[2m2030-01-01T00:00:00Z\x1b[0m"
+    target = f"\x1b[2mzenoh_transport::unicast::{module}\x1b[0m\x1b[2m:\x1b[0m"
+    return f"{time} \x1b[34m{level}\x1b[0m acc-0 ThreadId({thread}) {target} "
+
+
+def refusal(why: str, thread: str = "05") -> str:
+    return f"{door('DEBUG', thread)}UsrPwd extension - Recv OpenSyn. {why}. at /root/usrpwd.rs:424."
+
+
+def test_who_has_no_password_or_a_wrong_one_is_told_with_the_name_they_give() -> None:
+    wrong, unknown = refusal("Invalid password"), refusal("Invalid user")
+    link = "tls/10.0.0.1:7447 => quic/[fd00::5]:1"
+    bare = f"{door('TRACE')}Establishment Accept InitSyn: {link}. Received: T {{}}"
+    assert sentences(knock("lab/anna/1"), wrong, knock("lab/anna/1"), wrong) == [
+        "somebody was not let in: a wrong password for lab/anna from 10.0.0.5 (2 times)"
+    ]
+    assert sentences(knock("lab/mallory/1"), unknown) == [
+        "somebody was not let in: an unknown or former password for lab/mallory from 10.0.0.5"
+    ]
+    assert sentences(bare, refusal("Expected extension")) == [
+        "somebody was not let in: came without a password from [fd00::5]"
+    ]
+
+
+def test_who_was_let_in_is_not_blamed_for_who_was_not() -> None:
+    """Newcomers are told apart by threads, and one reason is of one of them."""
+    wrong = refusal("Invalid password")
+    assert sentences(knock("lab/anna/1"), knock("lab/ben/1", thread="06"), wrong, wrong) == [
+        "somebody was not let in: a wrong password for lab/anna from 10.0.0.5, a wrong password for nobody"
+    ]
+    assert sentences(knock("lab/anna/1"), f"{door('DEBUG')}New transport link accepted from 12 to 34") == []
+
+
+def test_a_name_that_somebody_gives_themselves_says_nothing_else() -> None:
+    wrong = refusal("Invalid password")
+    (told,) = sentences(knock("lab/a, ben (9 times)\n\x1b[0m/1"), wrong)
+    assert told == "somebody was not let in: a wrong password for lab/a??ben??9?times????0m from 10.0.0.5"
+    (told,) = sentences(knock("x" * 1000 + "/1"), wrong)
+    assert told == f"somebody was not let in: a wrong password for {'x' * LONGEST_NAME}… from 10.0.0.5"
+    forged = f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"
+    assert sentences(f"{door('TRACE')}Establishment Accept InitSyn: {forged}") == []
+
+
+def test_who_speaks_no_zenoh_behind_tls_or_nothing_is_told() -> None:
+    link = "tls/10.0.0.1:7447 => tls/10.0.0.5:3926:TransportLinkUnicastConfig { direction: Inbound }"
+    (told,) = sentences(
+        f"{door('DEBUG')}Decode error on link: {link} at /root/link.rs:1.",
+        f"{door('DEBUG')}Read error from link: {link}. Invalid batch length or buffer at /root/link.rs:1.",
+        f"{door('DEBUG', module='manager')}Failed to accept link before deadline (3000ms)",
+    )
+    assert told == (
+        "somebody was not let in: came by TLS and spoke no Zenoh from 10.0.0.5 (2 times), "
+        "came by TLS and said nothing"
+    )
+
+
+def test_many_strangers_are_one_sentence() -> None:
+    lines = [
+        line
+        for number in range(MOST_REASONS + 50)
+        for line in (knock(f"lab/x{number}/1"), refusal("Invalid user"))
+    ]
+    (told,) = sentences(*lines)
+    assert told.endswith(f" and {MOST_REASONS - MOST_SHOWN} more")
+    assert told.count("lab/x") == MOST_SHOWN
+
+
 def test_a_flood_is_one_sentence_and_forgotten() -> None:
     refused = Refused()
     for number in range(5000):
@@ -146,6 +228,7 @@ def test_any_line_is_taken(lines: list[str]) -> None:
     for line in lines:
         refused.take(line)
         refused.take(HEAD + line)
+        refused.take(door("TRACE") + line)
     refused.take_sentences(1.0)
 
 

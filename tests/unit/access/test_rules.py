@@ -204,6 +204,15 @@ def test_what_is_written_is_what_zenoh_takes() -> None:
     zenoh.Config.from_json5(text([routed(dashboard_rate_hz=20.0, uplinks=("tls/building:7447",))]))
 
 
+def test_the_router_watches_the_end_of_certificates_that_there_are() -> None:
+    """Of a client without one Zenoh would warn, as of somebody who was not let in."""
+    assert configuration([routed()])["transport"]["link"]["tls"] == {"close_link_on_expiration": True}
+    by_password = configuration([routed(password=True)])["transport"]
+    assert "tls" not in by_password["link"]
+    assert by_password["auth"] == {"usrpwd": {"dictionary_file": "users.txt"}}
+    zenoh.Config.from_json5(text([routed(password=True)]))
+
+
 def test_two_sites_have_rules_of_their_own_each() -> None:
     made = configuration([routed("a", 1), routed("b", 2)])
     for rule in made["access_control"]["rules"]:

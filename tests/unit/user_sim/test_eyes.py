@@ -22,7 +22,8 @@ from pointit.schemas import (
 )
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.lights import Lights
-from pointit.services.user_sim.eyes import Eyes, Looks, SeenCursor, Span
+from pointit.services.user_sim.eyes import Eyes, SeenCursor, Span
+from pointit.services.user_sim.looks import Looks
 from pointit.services.user_sim.pixels import Kind
 
 PITCH_M = 5.0 / 150

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.services.user_sim.eyes import Looks
+from pointit.services.user_sim.looks import Looks
 from pointit.services.user_sim.things import Status, Things
 
 S = 1_000_000_000

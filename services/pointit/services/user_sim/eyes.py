@@ -6,8 +6,6 @@ on top of all, and cursors that meet alternate pixel by pixel. Nothing but the f
 things themselves and one's own colour is used. A frame is decoded when somebody looks, not when it comes.
 """
 
-import contextlib
-import functools
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,16 +14,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment, StripsFrame, UserProfile
+from pointit.services.user_sim.colors import DARKEST, OwnColor
+from pointit.services.user_sim.looks import Kinds, Looks
 from pointit.services.user_sim.pixels import Key, Kind, Pixels, ShownLine
 
-HUE_TOLERANCE = 0.09
-"""How far a colour may lie beside another one, as a share, to be taken for it, whatever the brightness."""
 LEVEL_SHARE = 0.8
 """A cursor is at least so bright, as a share of how bright it was lately."""
-DARKEST = 0.04
 ADAPTING = 0.96
 """By how much less bright a cursor is looked for after each look in vain: the eyes adapt to dimmed strips."""
 TOO_WIDE = 1.6
@@ -42,17 +38,6 @@ NARROW = 0.8
 """Of the cursor's width: what may be a margin."""
 MIXED_PATTERNS = ("striped", "tailed")
 """They put the owner's colour into the body of what is theirs."""
-TINTS = 32
-"""Colours of a colormap that are told apart."""
-FULL = 1.5
-"""Times as bright as a thing that nobody selected: selected (twice and more, as it is drawn)."""
-
-GAP = 0.6
-"""Times as bright, that is darker: a pixel of the pattern of what somebody selected."""
-UNKNOWN_DIM = 105.0
-"""Brightness of things of a kind that was never seen unmarked."""
-
-Color = tuple[int, int, int]
 Span = tuple[Key, float, float]
 """A line, and from where to where on it a thing lies."""
 
@@ -66,21 +51,6 @@ class SeenCursor(NamedTuple):
     """Along the strip, or along the belt beside it."""
     point_m: Vec3
     width_m: float
-
-
-class Looks(NamedTuple):
-    """How a thing looks."""
-
-    marked: bool
-    """Its ends are in another colour than its middle."""
-    full: bool
-    """It is as bright as selected things are."""
-    hidden: bool
-    """A cursor lies over its middle, so that its brightness is a guess."""
-    own: bool
-    """An end is in one's own colour."""
-    foreign: bool
-    """An end is in a colour that is neither one's own nor the thing's."""
 
 
 class _Run(NamedTuple):
@@ -111,10 +81,7 @@ class Eyes:
         """The same."""
         self._brightness = 1.0
         """Of cursors, as lately seen."""
-        self._shares: dict[int, float] = {0: 0.0}
-        """By colour seen: how bright a cursor of one's own it would be, 0 when it is none."""
-        self._dim: dict[str, tuple[int, int]] = {}
-        """By kind: colour and brightness of things that nobody selected."""
+        self._kinds = Kinds()
         self.set_profile(UserProfile(stamp_ns=0))
 
     def learn(self, room: Environment) -> None:
@@ -124,14 +91,9 @@ class Eyes:
 
     def set_profile(self, profile: UserProfile) -> None:
         """Know one's own colour, or colours, and how wide one's cursor is."""
-        self._own = np.array([profile.cursor_color], dtype=np.float64)
-        if profile.cursor_colormap:
-            with contextlib.suppress(UnknownColormapError):  # then it is drawn in its colour
-                tints = colormap(profile.cursor_colormap)(np.linspace(0.0, 1.0, TINTS))
-                self._own = tints.astype(np.float64)
+        self._own = OwnColor(profile)
         self._width_m = profile.cursor_width_m
         self._is_mixed = profile.pattern in MIXED_PATTERNS
-        self._shares = {0: 0.0}
 
     def open(self, frame: StripsFrame) -> None:
         """Have `frame` before the eyes; nothing is made of it yet."""
@@ -209,39 +171,13 @@ class Eyes:
             shown.pop(0)
         if len(shown) < 3:
             return None
-        return self._judge(kind, shown)
-
-    def _judge(self, kind: str, shown: Sequence[int]) -> Looks:
-        known = self._dim.get(kind)
-        body = known[0] if known is not None else _commonest(shown[1:-1])
-        is_plain = [_is_same_hue(code, body) for code in shown]
-        bodies = [code for code, is_it in zip(shown, is_plain, strict=True) if is_it]
-        if is_plain[0] and is_plain[-1] and not any(self._share(code) > 0.0 for code in shown[:2]):
-            usual = _commonest(bodies)
-            self._dim[kind] = (usual, _brightness(usual))
-            return Looks(marked=False, full=False, hidden=False, own=False, foreign=False)
-        ends = [code for code in (shown[0], shown[-1]) if not _is_same_hue(code, body)]
-        is_own = [self._share(code) > 0.0 for code in ends]
-        own, foreign = any(is_own), not all(is_own)
-        if not bodies:  # covered, or something else has come to lie there
-            return Looks(marked=True, full=False, hidden=True, own=own, foreign=foreign)
-        dim = known[1] if known is not None else UNKNOWN_DIM * self._brightness
-        middle = (len(shown) - 1) / 2.0
-        nearest = min((k for k, is_it in enumerate(is_plain) if is_it), key=lambda k: abs(k - middle))
-        level = _brightness(shown[nearest])
-        return Looks(
-            marked=True,
-            full=level > FULL * dim or (known is not None and level < GAP * dim),
-            hidden=abs(nearest - middle) > len(shown) / 6.0,
-            own=own,
-            foreign=foreign,
-        )
+        return self._kinds.judge(kind, shown, self._own, self._brightness)
 
     def _runs(self, kind: Kind) -> list[_Run]:
         """Return runs of pixels that may be one's own cursor, those interleaved with others' as one."""
         codes = self._decoded()
         least = LEVEL_SHARE * self._brightness
-        own = {code: share for code in set(codes) if code and (share := self._share(code)) >= least}
+        own = {code: share for code in set(codes) if code and (share := self._own.share(code)) >= least}
         if not own:
             return []
         self._brightness += 0.3 * (max(own.values()) - self._brightness)
@@ -275,24 +211,6 @@ class Eyes:
         self._codes = codes
         return codes
 
-    def _share(self, code: int) -> float:
-        """Return how bright a cursor of one's own colour looks like this, 0 for none."""
-        share = self._shares.get(code)
-        if share is None:
-            if len(self._shares) > 4096:
-                self._shares = {0: 0.0}
-            share = self._shares[code] = self._share_of(_rgb(code))
-        return share
-
-    def _share_of(self, color: Color) -> float:
-        pixel = np.array(color, dtype=np.float64)
-        squares = np.maximum(np.einsum("ij,ij->i", self._own, self._own), 1.0)
-        shares = self._own @ pixel / squares
-        beside = np.linalg.norm(pixel - shares[:, None] * self._own, axis=1)
-        off = beside / np.maximum(shares * np.sqrt(squares), 1e-9)
-        best = int(np.argmin(off))
-        return float(shares[best]) if off[best] <= HUE_TOLERANCE and shares[best] >= DARKEST else 0.0
-
 
 def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> list[_Run]:
     """Return runs of `lit` (arc length and pixel) with at most `gap` pixels from one to the next."""
@@ -311,24 +229,3 @@ def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> l
 def _is_cut(run: _Run) -> bool:
     """Return whether a run touches the first or last pixel of its line, so that a part of it is not seen."""
     return run.first_m <= run.line.arcs_m[0] or run.last_m >= run.line.arcs_m[-1]
-
-
-def _rgb(code: int) -> Color:
-    return (code >> 16, code >> 8 & 255, code & 255)
-
-
-def _brightness(code: int) -> int:
-    return max(_rgb(code))
-
-
-def _commonest(codes: Sequence[int]) -> int:
-    return max(codes, key=codes.count)
-
-
-@functools.lru_cache(maxsize=4096)
-def _is_same_hue(code: int, other: int) -> bool:
-    """Return whether two colours differ in brightness alone."""
-    a, b = _rgb(code), _rgb(other)
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    lengths = math.hypot(*a) * math.hypot(*b)
-    return lengths > 0.0 and dot >= lengths * math.cos(HUE_TOLERANCE)

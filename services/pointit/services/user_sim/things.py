@@ -3,7 +3,7 @@
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.eyes import Looks
+from pointit.services.user_sim.looks import Looks
 
 Status = Literal["free", "mine", "theirs", "taken"]
 

@@ -16,17 +16,17 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from pointit.access import router_configuration
 from pointit.access.files import locked, read
 from pointit.access.rights import Role
-from pointit.access.router_configuration import Member, Routed, common_name
+from pointit.access.router_configuration import Routed, common_name
+from pointit.access.site_state import Identity, SiteState
 from pointit.runtime.complaint import complaint
-from pointit.runtime.config import Config
-from pointit.runtime.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD, LinkFile
+from pointit.runtime.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.files import put
 from pointit.schemas.topics import check_name
@@ -40,36 +40,9 @@ ROUTER = "router"
 CONFIGURATION = "router.json5"
 USERS = "users.txt"
 SECRET_BYTES = 24
-MOST_FORMER = 20
-"""Certificates of an identity that are named when somebody still uses them."""
 
 _keep = functools.partial(put, durable=True)
 """A certificate that was handed out must not be unknown after a power cut."""
-
-
-class Identity(Config):
-    """Who may connect, and by which certificate."""
-
-    role: Role
-    generation: Annotated[int, Field(ge=1)]
-    """Raised whenever the certificate is made anew: the router knows the newest only."""
-    state: Literal["valid", "revoked", "removed"] = "valid"
-    valid_from: dt.datetime
-    valid_until: dt.datetime
-    fingerprint: str = ""
-
-
-class SiteState(Config):
-    """What `site.json` holds."""
-
-    site: str
-    hosts: tuple[str, ...]
-    port: Annotated[int, Field(ge=1, le=65535)]
-    days: float
-    password: bool
-    dashboard_rate_hz: float
-    identities: Mapping[str, Identity]
-    """By name; those that were removed stay, so that their generations are never used again."""
 
 
 class SiteFolder:
@@ -155,7 +128,7 @@ class SiteFolder:
             state = self.state()
             if hosts:
                 state = state.model_copy(update={"hosts": tuple(dict.fromkeys((*state.hosts, *hosts)))})
-            return self._issue(state, {name: _known(state, name).role for name in names}, now)
+            return self._issue(state, {name: state.known(name).role for name in names}, now)
 
     def revoke(self, name: str) -> SiteState:
         """Take every right from an identity.
@@ -182,7 +155,7 @@ class SiteFolder:
         Raises:
             ConfigError: as `state`.
         """
-        return _routed(self.state(), f"{(self.path / ROUTER).absolute()}/", uplinks)
+        return self.state().routed(f"{(self.path / ROUTER).absolute()}/", uplinks)
 
     def router_files(self) -> tuple[Path, ...]:
         """Return the files whose change a router of this site must follow."""
@@ -196,7 +169,7 @@ class SiteFolder:
     def _end(self, name: str, how: Literal["revoked", "removed"]) -> SiteState:
         with locked(self.path):
             state = self.state()
-            known = _known(state, name)
+            known = state.known(name)
             if known.role == "router":
                 raise ConfigError(
                     "the router cannot be without a certificate; `pointit site renew router` makes a new one"
@@ -223,7 +196,7 @@ class SiteFolder:
                 raise ConfigError(f"{name}: only the router is called {ROUTER}")
             before = state.identities.get(name)
             generation = 1 if before is None else before.generation + 1
-            hosts = _names_of(state) if role == "router" else ()
+            hosts = state.router_hosts() if role == "router" else ()
             issued: Issued = authority.certify(
                 common_name(state.site, name, generation), now, state.days, hosts
             )
@@ -256,31 +229,20 @@ class SiteFolder:
             _keep(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode())
         if identity.role == "router":
             return
-        protocol = "quic" if identity.role == "dashboard" and state.dashboard_rate_hz else "tls"
-        link = LinkFile(
-            site=state.site,
-            name=name,
-            role=identity.role,
-            generation=identity.generation,
-            endpoints=tuple(f"{protocol}/{_bracketed(host)}:{state.port}" for host in state.hosts),
-            password=state.password,
-            valid_from=identity.valid_from,
-            valid_until=identity.valid_until,
-        )
-        _keep(folder / LINK, (link.model_dump_json(indent=1) + "\n").encode(), mode=0o644)
+        _keep(folder / LINK, (state.link_file(name).model_dump_json(indent=1) + "\n").encode(), mode=0o644)
 
     def _write(self, state: SiteState) -> None:
         """Write the state, and what a router goes by that has no more than its own folder."""
         if state.password:
             lines = [
                 f"{member.common_name}:{read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
-                for member in _routed(state, "").members
+                for member in state.routed("").members
                 if member.role != "router"
             ]
             _keep(self.path / ROUTER / USERS, "".join(lines).encode())
         kept = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
         _keep(self.path / STATE, kept.encode(), mode=0o644)
-        configuration = router_configuration.text([_routed(state, "")])
+        configuration = router_configuration.text([state.routed("")])
         _keep(self.path / ROUTER / CONFIGURATION, configuration.encode())
 
 
@@ -293,51 +255,3 @@ def _certifying() -> ModuleType:
             "certificates need a package that is not installed; get it with `pip install 'pointit[site]'`"
         ) from error
     return authority
-
-
-def _routed(state: SiteState, folder: str, uplinks: tuple[str, ...] = ()) -> Routed:
-    return Routed(
-        site=state.site,
-        port=state.port,
-        members=[
-            Member(
-                name=name, role=identity.role, common_name=common_name(state.site, name, identity.generation)
-            )
-            for name, identity in state.identities.items()
-            if identity.state == "valid"
-        ],
-        former=_former(state),
-        folder=folder,
-        password=state.password,
-        dashboard_rate_hz=state.dashboard_rate_hz,
-        uplinks=uplinks,
-    )
-
-
-def _former(state: SiteState) -> list[str]:
-    """Return the newest common names of certificates that are worth nothing any more."""
-    found: list[str] = []
-    for name, identity in state.identities.items():
-        newest = identity.generation - (identity.state == "valid")
-        found += [
-            common_name(state.site, name, generation)
-            for generation in range(max(newest - MOST_FORMER, 0) + 1, newest + 1)
-        ]
-    return found
-
-
-def _known(state: SiteState, name: str) -> Identity:
-    known = state.identities.get(name)
-    if known is None or known.state == "removed":
-        names = ", ".join(each for each, one in state.identities.items() if one.state != "removed")
-        raise ConfigError(f"site {state.site} has no {name}; it has {names}")
-    return known
-
-
-def _names_of(state: SiteState) -> tuple[str, ...]:
-    """Return by which names and addresses the router is reached; on its own machine always."""
-    return tuple(dict.fromkeys((*state.hosts, "localhost", "127.0.0.1", "::1")))
-
-
-def _bracketed(host: str) -> str:
-    return f"[{host}]" if ":" in host else host

@@ -7,7 +7,8 @@ from typing import Any
 
 from rich.text import Text
 
-from pointit.access.site_folder import STATE, Identity, SiteFolder, SiteState
+from pointit.access.site_folder import STATE, SiteFolder
+from pointit.access.site_state import Identity, SiteState
 from pointit.cli.output import Row, Section
 from pointit.runtime.credentials import SOON, Credentials
 from pointit.runtime.errors import ConfigError

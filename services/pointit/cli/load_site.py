@@ -3,7 +3,8 @@
 import datetime as dt
 from pathlib import Path
 
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder
+from pointit.access.site_state import SiteState
 from pointit.runtime.credentials import Credentials, read_credentials
 
 NAME = "load"

@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 import click
 
 from pointit.access.rights import Role
-from pointit.access.site_folder import ROUTER, SiteFolder, SiteState
+from pointit.access.site_folder import ROUTER, SiteFolder
+from pointit.access.site_state import SiteState
 from pointit.cli import identities
 from pointit.cli.finite import Finite
 from pointit.cli.output import json_option, print_json

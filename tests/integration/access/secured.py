@@ -21,7 +21,8 @@ from zenoh.handlers import Callback
 from pointit.access.rights import Role
 from pointit.access.router_configuration import Routed
 from pointit.access.router_configuration import configuration as router_configuration
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder
+from pointit.access.site_state import SiteState
 from pointit.runtime.credentials import Credentials, read_credentials
 from pointit.runtime.router import parsed
 from pointit.runtime.zenoh_session import Link, configuration

@@ -12,7 +12,8 @@ from cryptography import x509
 from pointit.access.authority import Authority, found
 from pointit.access.files import locked
 from pointit.access.rights import Role
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder
+from pointit.access.site_state import SiteState
 from pointit.runtime.credentials import read_credentials
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder
+from pointit.access.site_state import SiteState
 from pointit.cli.identities import ending, rows_of, section, seen_from
 from pointit.runtime import ConfigError
 from pointit.runtime.credentials import read_credentials

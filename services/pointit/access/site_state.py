@@ -1,0 +1,113 @@
+"""Who there is on a site: what `site.json` holds, and what its router and its identities are told of it."""
+
+import datetime as dt
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pointit.access.rights import Role
+from pointit.access.router_configuration import Member, Routed, common_name
+from pointit.runtime.config import Config
+from pointit.runtime.credentials import LinkFile
+from pointit.runtime.errors import ConfigError
+
+MOST_FORMER = 20
+"""Certificates of an identity that are named when somebody still uses them."""
+
+
+class Identity(Config):
+    """Who may connect, and by which certificate."""
+
+    role: Role
+    generation: Annotated[int, Field(ge=1)]
+    """Raised whenever the certificate is made anew: the router knows the newest only."""
+    state: Literal["valid", "revoked", "removed"] = "valid"
+    valid_from: dt.datetime
+    valid_until: dt.datetime
+    fingerprint: str = ""
+
+
+class SiteState(Config):
+    """What `site.json` holds."""
+
+    site: str
+    hosts: tuple[str, ...]
+    port: Annotated[int, Field(ge=1, le=65535)]
+    days: float
+    password: bool
+    dashboard_rate_hz: float
+    identities: Mapping[str, Identity]
+    """By name; those that were removed stay, so that their generations are never used again."""
+
+    def known(self, name: str) -> Identity:
+        """Return the identity `name`, valid or revoked.
+
+        Raises:
+            ConfigError: it is not there, or was removed.
+        """
+        known = self.identities.get(name)
+        if known is None or known.state == "removed":
+            names = ", ".join(each for each, one in self.identities.items() if one.state != "removed")
+            raise ConfigError(f"site {self.site} has no {name}; it has {names}")
+        return known
+
+    def router_hosts(self) -> tuple[str, ...]:
+        """Return by which names and addresses the router is reached; on its own machine always."""
+        return tuple(dict.fromkeys((*self.hosts, "localhost", "127.0.0.1", "::1")))
+
+    def routed(self, folder: str, uplinks: tuple[str, ...] = ()) -> Routed:
+        """Return the site as its router sees it.
+
+        Args:
+            folder: where the router's own files are: nothing (its own folder), or a path with `/` behind.
+            uplinks: addresses of other routers of the site, that it joins.
+        """
+        return Routed(
+            site=self.site,
+            port=self.port,
+            members=[
+                Member(
+                    name=name,
+                    role=identity.role,
+                    common_name=common_name(self.site, name, identity.generation),
+                )
+                for name, identity in self.identities.items()
+                if identity.state == "valid"
+            ],
+            former=self._former(),
+            folder=folder,
+            password=self.password,
+            dashboard_rate_hz=self.dashboard_rate_hz,
+            uplinks=uplinks,
+        )
+
+    def link_file(self, name: str) -> LinkFile:
+        """Return how the identity `name`, which is not the router, joins the site."""
+        identity = self.identities[name]
+        protocol = "quic" if identity.role == "dashboard" and self.dashboard_rate_hz else "tls"
+        return LinkFile(
+            site=self.site,
+            name=name,
+            role=identity.role,
+            generation=identity.generation,
+            endpoints=tuple(f"{protocol}/{_bracketed(host)}:{self.port}" for host in self.hosts),
+            password=self.password,
+            valid_from=identity.valid_from,
+            valid_until=identity.valid_until,
+        )
+
+    def _former(self) -> list[str]:
+        """Return the newest common names of certificates that are worth nothing any more."""
+        found: list[str] = []
+        for name, identity in self.identities.items():
+            newest = identity.generation - (identity.state == "valid")
+            found += [
+                common_name(self.site, name, generation)
+                for generation in range(max(newest - MOST_FORMER, 0) + 1, newest + 1)
+            ]
+        return found
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

@@ -37,6 +37,9 @@ HANDSHAKE_S = 1.0
 
 SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
 
+PASSWORDS = re.compile(rb"[A-Za-z0-9_-]+")
+"""What one is made of."""
+
 X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
 """OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
 
@@ -113,7 +116,7 @@ class Credentials:
         }
         if self.link.password:
             settings["transport/auth/usrpwd/user"] = self.user
-            settings["transport/auth/usrpwd/password"] = _read(self.folder / PASSWORD).decode().strip()
+            settings["transport/auth/usrpwd/password"] = _password(self.folder)
         else:
             settings[f"{tls}/enable_mtls"] = True
             settings[f"{tls}/connect_certificate"] = str(self.folder / CERTIFICATE)
@@ -130,7 +133,8 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
     """Return the credentials in `folder`, looked over as far as that goes without a router.
 
     Raises:
-        ConfigError: a file is missing, others can read a secret, or they are not valid now.
+        ConfigError: a file is missing or holds something else, others can read a secret, or they are not
+            valid now.
     """
     folder = folder.absolute()
     file = folder / LINK
@@ -147,6 +151,8 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
         raise ConfigError(
             f"{path}: others can read it, so it proves nothing; make it yours alone with `chmod 600 {path}`"
         )
+    if link.password:
+        _password(folder)
     again = f"have it made anew with `pointit site renew {link.name}` and carry the folder here"
     if not link.password and now < link.valid_from:
         raise ConfigError(
@@ -246,6 +252,17 @@ def _read(path: Path) -> bytes:
         ) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def _password(folder: Path) -> str:
+    """Return what stands in the file of the password; what is wrong with it is told without it."""
+    path = folder / PASSWORD
+    password = _read(path).strip()
+    if not PASSWORDS.fullmatch(password):
+        raise ConfigError(
+            f"{path}: holds no password as `pointit site` makes them; carry the folder here once more"
+        )
+    return password.decode()
 
 
 def _words(error: Exception) -> str:

@@ -8,6 +8,9 @@ from pointit.schemas import Feedback, Hover, Selection, SelectionEvent
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """What a person did that changed something."""
 
+Action = Literal["", "select", "deselect", "refuse"]
+"""What staying on an object would do."""
+
 TOLD_AGAIN = "told again after a restart of the selector"
 """Reason of an event that readers may have seen: same object, event, stamp and number."""
 

@@ -1,34 +1,20 @@
 """Selecting, whole: what is pointed at goes in; hovers, the selection, its events and cues come out."""
 
-import dataclasses
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
 
-from pointit.schemas import (
-    ButtonEvent,
-    Cursor,
-    Environment,
-    Hover,
-    Selection,
-    TrackedObjects,
-)
+from pointit.schemas import ButtonEvent, Cursor, Environment, Selection, TrackedObjects
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.cues import cue
 from pointit.services.selector.departures import OWN, Departures
 from pointit.services.selector.ledger import Ledger
-from pointit.services.selector.outputs import Cause, Output, Owned, Record, event_of
+from pointit.services.selector.outputs import Action, Cause, Output, Owned, Record
 from pointit.services.selector.pointer import Pointed, Pointer
 from pointit.services.selector.presences import Presences
 from pointit.services.selector.reservations import Reservations
 from pointit.services.selector.scene import Scene
+from pointit.services.selector.telling import Telling
 from pointit.services.selector.view import View
 from pointit.services.selector.whereabouts import Whereabouts
-
-__all__ = ["Output", "Selecting"]
-
-Action = Literal["", "select", "deselect", "refuse"]
 
 
 class Selecting:
@@ -41,9 +27,7 @@ class Selecting:
     def __init__(self, config: SelectorConfig, record: Callable[[Record], None] | None = None) -> None:
         """Begin with nothing selected, nobody there, an empty room."""
         self._config = config
-        self._record = record
         self._is_by_metres = config.method != "gauge"
-        self._snap_rad = math.radians(config.gauge.snap_deg)
         self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
         self._whereabouts = Whereabouts(
             margin_m=config.margin_m,
@@ -65,20 +49,20 @@ class Selecting:
         self._reservations = Reservations(config.reserve_s)
         self._departures = Departures(config.left_after_s, config.unseen_after_s)
         self._people: dict[str, Pointer] = {}
-        self._sent: Counter[tuple[str, str]] = Counter()
-        """Messages by kind and person."""
+        self._telling = Telling(record, method=config.method, snap_rad=math.radians(config.gauge.snap_deg))
 
     def use(self, config: SelectorConfig) -> None:
         """Take another method, or other times of it; what is selected and reserved stays as it is."""
         self._config = config
         self._is_by_metres = config.method != "gauge"
+        self._telling.method = config.method
         for pointer in self._people.values():
             pointer.use(config)
 
     def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
         """Take up what was selected before a restart, and go on counting from `events`."""
         self._ledger.restore(entries)
-        self._sent["event", ""] = events
+        self._telling.go_on(events)
         for entry in entries.values():
             self._presences.hear(entry.user, now_ns)
         self._departures.await_(entries, now_ns)
@@ -90,12 +74,7 @@ class Selecting:
 
     def selection(self, now_ns: int) -> Selection:
         """Return what is selected and reserved now."""
-        return Selection(
-            stamp_ns=now_ns,
-            seq=self._count("selection"),
-            objects=self._ledger.objects(),
-            reserved=self._reservations.objects(),
-        )
+        return self._telling.selection(now_ns, self._ledger.objects(), self._reservations.objects())
 
     def silent(self, now_ns: int) -> list[str]:
         """Return the trackers that have not been heard of for so long that nothing of theirs is hovered."""
@@ -134,7 +113,12 @@ class Selecting:
         action, taken_by = self._standing(user, pointer, pointed, now_ns)
         if pointed.is_shown and pointed.object_id and action in ("select", "deselect"):
             is_news |= self._reservations.reserve(pointed.object_id, user, now_ns)
-        outputs = [Output(user, self._hover(user, cursor, view, pointed, action=action, taken_by=taken_by))]
+        is_selected = pointed.object_id in self._ledger.entries
+        outputs = [
+            self._telling.hover(
+                user, cursor, view, pointed, action=action, taken_by=taken_by, is_selected=is_selected
+            )
+        ]
         if pointed.fired is not None:
             outputs += self._act(user, pointed.fired, now_ns, "dwell", view)
         if is_news and not any(isinstance(output.message, Selection) for output in outputs):
@@ -173,7 +157,7 @@ class Selecting:
         """Take back `user`'s last step; refused with a cue when there is none."""
         records = self._ledger.undo(user, now_ns, self._whereabouts.kinds)
         if not records:
-            return [self._refusal(user, "there is nothing to take back", now_ns)]
+            return [self._telling.cue(user, "refused", "there is nothing to take back", now_ns)]
         return self._tell(user, records, now_ns)
 
     def clear(self, user: str, now_ns: int) -> list[Output]:
@@ -189,13 +173,12 @@ class Selecting:
         records = self._ledger.release(object_id, user, now_ns, take_over=take_over)
         if entry is None or not records:
             why = "is not selected" if entry is None else "is yours already"
-            return [self._refusal(user, f"object {object_id} {why}", now_ns)]
+            return [self._telling.cue(user, "refused", f"object {object_id} {why}", now_ns)]
         outputs = self._tell(user, records, now_ns)
         if entry.user != user:
             done = "taken over" if take_over else "released"
             text = f"{entry.kind or 'object'} was {done} by {user}"
-            seq = self._count("cue", entry.user)
-            outputs.append(Output(entry.user, cue("deselected", text, now_ns, seq)))
+            outputs.append(self._telling.cue(entry.user, "deselected", text, now_ns))
         return outputs
 
     def _action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
@@ -218,34 +201,6 @@ class Selecting:
         action, taken_by = self._action(user, object_id, now_ns)
         is_done = pointer.is_latched(object_id) and pointed.progress == 0.0
         return ("", taken_by) if is_done else (action, taken_by)
-
-    def _hover(
-        self,
-        user: str,
-        cursor: Cursor,
-        view: View | None,
-        pointed: Pointed,
-        *,
-        action: Action,
-        taken_by: str,
-    ) -> Hover:
-        seq = self._count("hover", user)
-        object_id = pointed.object_id
-        if object_id is None:
-            return Hover(stamp_ns=cursor.stamp_ns, seq=seq)
-        snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
-        return Hover(
-            stamp_ns=cursor.stamp_ns,
-            seq=seq,
-            object_id=object_id,
-            progress=pointed.progress,
-            action=action,
-            taken_by=taken_by,
-            is_selected=object_id in self._ledger.entries,
-            snapped_m=None if snapped is None else snapped[0],
-            snapped_position_m=None if snapped is None else snapped[1],
-            miss_rad=None if view is None else view.miss_rad(object_id, cursor),
-        )
 
     def _act(self, user: str, object_id: str, now_ns: int, cause: Cause, view: View | None) -> list[Output]:
         """Do what staying on an object, or pressing, means."""
@@ -282,7 +237,7 @@ class Selecting:
             return []
         for record in self._ledger.drop(left, now_ns):
             self._reservations.free(record.object_id)
-            self._write(record)
+            self._telling.write(record)
         return [Output("", self.selection(now_ns))]
 
     def _tell(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
@@ -291,39 +246,13 @@ class Selecting:
         if any(record.event != "refused" for record in records):
             outputs.append(Output("", self.selection(now_ns)))
         for record in records:
-            outputs += self._event(record)
+            outputs += self._telling.event(record)
             if record.cause not in ("dwell", "button"):
                 self._latch(record.object_id)
-        outputs += self._cues(user, records, now_ns)
-        return outputs
-
-    def _cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
-        outputs: list[Output] = []
-        for record in records:
-            if record.event != "left":
-                text = record.reason or f"{record.kind or 'object'} {record.event}"
-                outputs.append(Output(user, cue(record.event, text, now_ns, self._count("cue", user))))
-        return outputs
-
-    def _refusal(self, user: str, sentence: str, now_ns: int) -> Output:
-        return Output(user, cue("refused", sentence, now_ns, self._count("cue", user)))
-
-    def _event(self, record: Record) -> list[Output]:
-        seq = self._count("event")
-        self._write(record, seq)
-        message = event_of(record, seq)
-        return [] if message is None else [Output("", message)]
-
-    def _write(self, record: Record, seq: int | None = None) -> None:
-        if self._record is not None:
-            self._record(dataclasses.replace(record, seq=seq, method=self._config.method))
+        return outputs + self._telling.cues(user, records, now_ns)
 
     def _latch(self, object_id: str) -> None:
         """Keep those who rest on an object from changing it again without wanting to."""
         for pointer in self._people.values():
             if pointer.hovered == object_id:
                 pointer.latch(object_id)
-
-    def _count(self, kind: str, user: str = "") -> int:
-        self._sent[kind, user] += 1
-        return self._sent[kind, user]

@@ -40,8 +40,8 @@ from pointit.schemas.topics import (
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal, Kept
 from pointit.services.selector.method import changed
-from pointit.services.selector.outputs import event_of
-from pointit.services.selector.selecting import Output, Selecting
+from pointit.services.selector.outputs import Output, event_of
+from pointit.services.selector.selecting import Selecting
 
 JUDGE_S = 0.5
 """How often it is looked what has come to an end without a message saying so."""

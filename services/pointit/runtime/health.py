@@ -9,7 +9,7 @@ import socket
 import time
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from pointit.runtime.bus import (
     REQUEST_TIMEOUT_S,
@@ -23,11 +23,10 @@ from pointit.runtime.bus import (
     Subscription,
 )
 from pointit.runtime.clock import Clock
-from pointit.runtime.lateness import Lateness
 from pointit.runtime.meter import Meter, Times
-from pointit.runtime.order import STREAMS, Order
-from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
-from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
+from pointit.runtime.metered import MeteredPublisher, metered
+from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
+from pointit.schemas.topics import ANY, HEALTH, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -49,33 +48,6 @@ class Warnings(Protocol):
     def clear(self, topic: str) -> None:
         """Take the warning back."""
         ...
-
-
-class MeteredPublisher(Generic[M]):
-    """Counts what goes out, and for *latest* how old the captured data are by then."""
-
-    def __init__(self, inner: Publisher[M], meter: Meter, latency: Times, clock: Clock) -> None:
-        self._inner = inner
-        self._meter = meter
-        self._latency = latency
-        self._clock = clock
-        self._timed = meter.topic.delivery is Delivery.LATEST
-
-    def put(self, message: M) -> None:
-        """Send `message`."""
-        self._inner.put(message)
-        self._meter.mark(time.monotonic())
-        if self._timed:
-            clock = self._clock
-            self._latency.add((clock.now_ns() - message.stamp_ns) / NS_PER_S / clock.speed)
-
-    def close(self) -> None:
-        """Undeclare."""
-        self._inner.close()
-
-    def retire(self) -> None:
-        """Close, where much else closes too."""
-        self._inner.retire()
 
 
 class ServiceBus:
@@ -140,29 +112,8 @@ class ServiceBus:
                 them: who acts on a stream must not act on what a bad link has held up; none: all are taken.
         """
         meter = self._meter(topic, "in")
-        steps = self._steps
-        order = Order() if topic in STREAMS else None
-        if order is not None:
-            meter.orders.append(order)
-        lateness = None if in_time is None else Lateness()
-        if lateness is not None:
-            meter.latenesses.append(lateness)
-        clock = self._clock
-
-        def timed(message: M, key_name: str) -> None:
-            began_s = time.monotonic()
-            if order is not None and not order.admits(key_name, message.stamp_ns, began_s):
-                return
-            if lateness is not None and in_time is not None and in_time(message):
-                # seconds of the wall; but where time is slow its own, as such a clock is coarse
-                age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S / max(1.0, clock.speed)
-                if not lateness.admits(key_name, age_s, began_s):
-                    return
-            meter.mark(began_s)
-            handler(message, key_name)
-            steps.add(time.monotonic() - began_s)
-
-        subscription = self._bus.subscribe(topic, timed, name, kept=kept)
+        counted = metered(handler, meter, self._steps, self._clock, in_time)
+        subscription = self._bus.subscribe(topic, counted, name, kept=kept)
         meter.traffics.append(subscription.traffic)
         self._declared.append(subscription)
         return subscription

@@ -32,6 +32,7 @@ def now_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now = [50.0]
     frozen = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
     monkeypatch.setattr("pointit.runtime.health.time", frozen)
+    monkeypatch.setattr("pointit.runtime.metered.time", frozen)
     return now
 
 

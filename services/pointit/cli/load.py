@@ -5,22 +5,19 @@ import os
 import socket
 import tempfile
 from collections.abc import AsyncGenerator, Generator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import click
 from click.core import ParameterSource
 
 from pointit.cli.finite import Finite
-from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.link import joined, quiet, site_options
 from pointit.cli.load_figures import Measured, Search
-from pointit.cli.load_rig import Group, rigged, router_process
+from pointit.cli.load_layout import Layout, Load, groups
+from pointit.cli.load_rig import rigged, router_process
 from pointit.cli.load_site import secured_site
 from pointit.cli.output import INTERRUPTED, Section, json_option, print_json, show
-from pointit.cli.scenario import read_scenario
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime import ConfigError
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.credentials import Credentials
 from pointit.runtime.ending import EXIT_FAILED, run_async
@@ -31,44 +28,10 @@ from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import USER_ALIVE
 
-Layout = Literal["one", "users", "services"]
-
-SCENARIO = "scenario_3"
-WITHOUT = ("user-sim", "supervisor", "imu-bridge")
-"""The person is driven from here; nobody presses a button."""
-
 WARM_UP_S = 1.0
 MOST_USERS = 1000
 FIRST = 5
 """People with whom a sweep begins."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Load:
-    """What was asked for."""
-
-    users: int
-    rate_hz: float
-    duration_s: float
-    layout: Layout
-    shards: int
-    router: bool
-    secured: bool
-    """The router wants certificates, and encrypts."""
-    site: str
-    connect: tuple[str, ...]
-    """Of a running site; empty: one of its own."""
-
-    @property
-    def name(self) -> str:
-        """Return the layout in words."""
-        words = {
-            "one": "one process",
-            "users": f"users in {self.shards} processes",
-            "services": "a process a service",
-        }
-        through = " through a secured router" if self.secured else " through a router" if self.router else ""
-        return words[self.layout] + through
 
 
 @click.command("load", params=site_options())
@@ -217,41 +180,6 @@ async def _measure(load: Load, count: int) -> Measured:
             await rig.measure(load.rate_hz, WARM_UP_S, load.name)
             _tell(f"  measuring for {load.duration_s:g} s …")
             return await rig.measure(load.rate_hz, load.duration_s, load.name)
-
-
-def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
-    """Return what runs in this process and what in others, for `count` people."""
-    scenario = read_scenario(SCENARIO)
-    choices = Choices()
-    site = [] if load.connect else site_launches(scenario, choices)
-    names = [f"load{index}" for index in range(count)]
-    people: list[list[Launch]] = [
-        [
-            launch
-            for launch in user_launches(scenario, choices, name, index)
-            if launch.service.NAME not in WITHOUT
-        ]
-        for index, name in enumerate(names)
-    ]
-    if load.layout == "one":
-        own = [launch for person in people for launch in person]
-        return Group(name="all", launches=[*site, *own], wrists=names), []
-    if load.layout == "users":
-        shards = min(load.shards, count)
-        parts = [
-            Group(
-                name=f"users {part + 1}",
-                launches=[launch for person in people[part::shards] for launch in person],
-                wrists=names[part::shards],
-            )
-            for part in range(shards)
-        ]
-        return Group(name="site" if site else "onlooker", launches=site), parts
-    by_service: dict[str, list[Launch]] = {}
-    for launch in (*site, *(launch for person in people for launch in person)):
-        by_service.setdefault(launch.service.NAME, []).append(launch)
-    each = [Group(name=name, launches=launches) for name, launches in by_service.items()]
-    return Group(name="wrists", wrists=names), each
 
 
 @contextlib.asynccontextmanager

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.load import Load, groups
 from pointit.cli.load_figures import Measured, Search, Usage, quantile_ms
+from pointit.cli.load_layout import Load, groups
 from pointit.cli.load_usage import taken
 
 

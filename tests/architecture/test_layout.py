@@ -29,6 +29,7 @@ DEVICES = {
         "answers.py",
         "app.py",
         "certificate.py",
+        "download.py",
         "guard.py",
         "lan.py",
         "pages.py",
@@ -37,6 +38,7 @@ DEVICES = {
         "phone_line.py",
         "serving.py",
         "session.py",
+        "wrist_motion.py",
     },
     "ros2": {
         "backends.py",

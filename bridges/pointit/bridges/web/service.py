@@ -3,13 +3,10 @@
 import asyncio
 import functools
 import importlib.metadata
-import io
 import logging
 import socket
 from typing import Any, ClassVar
 
-from starlette.requests import Request
-from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web import exposure
@@ -19,6 +16,7 @@ from pointit.bridges.web.app import application
 from pointit.bridges.web.belief import Belief
 from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.download import Downloads
 from pointit.bridges.web.hub import MOST_KEYS
 from pointit.bridges.web.lan import Lan
 from pointit.bridges.web.pages import Pages
@@ -26,12 +24,11 @@ from pointit.bridges.web.pairing import Pairing
 from pointit.bridges.web.people import People
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
-from pointit.bridges.web.recording import file_name
-from pointit.bridges.web.responses import Pieces
 from pointit.bridges.web.serving import Listener, bind, url
 from pointit.bridges.web.session import Session
 from pointit.bridges.web.slow_link import SlowLink
 from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
+from pointit.bridges.web.wrist_motion import WristMotion
 from pointit.bridges.web.wrists import Wrists
 from pointit.runtime import Context, RefusedError, Service, WallClock
 from pointit.runtime.service import Scope
@@ -77,12 +74,13 @@ class Web(Service[WebConfig]):
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([exposure.address(config, config.port)[0]])
         self._belief = Belief(self.NAME, config.record_s, self._now_s())
-        self._writing: asyncio.Task[tuple[str, bytes]] | None = None
-        """Writes a recording."""
+        self._downloads = Downloads(self._belief.last_minute, self.bus.site, self.clock)
         self._wrists = Wrists(config)
-        self._moving = asyncio.Event()
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
+        self._motion = WristMotion(
+            self._wrists, self._people, self.clock, rate_hz=config.wrist_rate_hz, ended=self._changed
+        )
         version = importlib.metadata.version("pointit")
         self._pages = Pages(
             self._belief.hub,
@@ -104,7 +102,7 @@ class Web(Service[WebConfig]):
             site=self.bus.site,
         )
         self._phones = Phones(host, self._pairing, bundle)
-        app = application(doors, bundle, self._open, self._download, self._phones.routes)
+        app = application(doors, bundle, self._open, self._downloads.answer, self._phones.routes)
         self._lan = Lan(config, self.bus.site, app)
         self._answers = Answers(
             self.bus,
@@ -138,10 +136,9 @@ class Web(Service[WebConfig]):
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick(), name="web tick")
-                group.create_task(self._move(), name="web wrists")
+                group.create_task(self._motion.run(), name="web wrists")
         finally:
-            if self._writing is not None:
-                self._writing.cancel()
+            self._downloads.close()
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
@@ -196,22 +193,6 @@ class Web(Service[WebConfig]):
 
     async def _answer_phone(self, page: str, ask: Ask) -> Answer:
         return await self._answers.answer(page, "wrist", ask)
-
-    async def _download(self, _request: Request) -> Response:
-        """Return the last minute as a file; who asks while one is being written gets that one."""
-        if self._writing is None or self._writing.done():
-            self._writing = self._loop.create_task(self._write(), name="web writes a recording")
-        name, content = await asyncio.shield(self._writing)
-        headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
-        return Pieces(content, headers=headers, media_type="application/octet-stream")
-
-    async def _write(self) -> tuple[str, bytes]:
-        """Return the name and the bytes of a recording; it is written in a thread."""
-        now_ns = self.clock.now_ns()
-        output = io.BytesIO()
-        recording = self._belief.last_minute.recording(self.bus.site, now_ns)
-        await asyncio.to_thread(recording.write, output)
-        return file_name(self.bus.site, now_ns), output.getvalue()
 
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
@@ -291,22 +272,9 @@ class Web(Service[WebConfig]):
             self._pages.measure()
             self._pages.tell_status()
 
-    async def _move(self) -> None:
-        """Move the wrists that pages have; people and their mice live by the wall's time."""
-        while True:
-            await self._moving.wait()
-            samples = self._wrists.step(self.clock.now_ns(), self.clock.speed)
-            for user, sample in samples:
-                self._people.move(user, sample)
-            if not any(self._wrists.holder(user)[0] for user in self._people.names):
-                self._moving.clear()
-                self._changed()
-            await asyncio.sleep(1.0 / self.config.wrist_rate_hz)
-
     def _changed(self) -> None:
         """Take that pages are to be told the status anew, and wrists may have begun to move."""
-        if any(self._wrists.holder(user)[0] for user in self._people.names):
-            self._moving.set()
+        self._motion.wake()
         self._pages.status_changed()
 
     def _now_s(self) -> float:

@@ -11,7 +11,7 @@ from pointit.cli.lazy import Entry, LazyGroup, from_module
 
 COMMANDS = (
     ("run", "start a scenario: its services, simulated people, a live view", "pointit.cli.run:run"),
-    ("user", "add one person's services to a running site", "pointit.cli.run:user"),
+    ("user", "add one person's services to a running site", "pointit.cli.user:command"),
     (
         "dashboard",
         "open the page of a site that runs elsewhere, in the browser",

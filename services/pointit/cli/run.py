@@ -1,7 +1,6 @@
-"""`pointit run` and `pointit user`: whole scenarios, or one person's part of one."""
+"""`pointit run`: a whole scenario."""
 
 import dataclasses
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,28 +10,22 @@ import click
 from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
-from pointit.cli.launches import PAGE, Choices, user_launches
-from pointit.cli.newcomer import USUAL, check_person, look_round
+from pointit.cli.launches import PAGE, Choices
+from pointit.cli.newcomer import USUAL
 from pointit.cli.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
 from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.plan import Plan
 from pointit.cli.program import Program, places, staged
-from pointit.cli.run_options import page_options, shared_options
+from pointit.cli.run_options import BESIDE_ROS, choices_of, joining, page_options, shared_options
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import check_settings
 from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
-from pointit.runtime.environment import check_environment
-from pointit.runtime.link_options import given_credentials, link_of, link_options
+from pointit.runtime.link_options import given_credentials, link_options
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
-from pointit.schemas.topics import check_name
-from pointit.services.registry import PROCESSES
-
-BESIDE_ROS = "tcp/127.0.0.1:7448"
-"""Where a run listens that is in a ROS graph too: ROS nodes take whoever listens at 7447 for their router."""
+from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
 
 
 def _check_people(choices: Choices, people: int) -> None:
@@ -153,7 +146,7 @@ def run(
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
     chosen = read_scenario(scenario)
-    choices = _choices(options, leds)
+    choices = choices_of(options, leds)
     people = 0 if site_only else users
     _check_people(choices, people)
     page, notes = _page(chosen, choices, options)
@@ -168,7 +161,7 @@ def run(
     plan = Plan(
         name=name,
         launches=launches,
-        link=_link(options),
+        link=joining(options),
         target_kinds=chosen.target_kinds,
         seed=choices.seed,
         duration_s=duration_s,
@@ -237,89 +230,7 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
     return page, notes
 
 
-@click.command("user")
-@click.argument("name")
-@shared_options
-@click.option("--scenario", help=f"whose parameters to use  [default: the one that runs there, or {USUAL}]")
-@click.option(
-    "--place",
-    type=click.IntRange(min=1),
-    help="which of its places, colours and patterns is theirs  [default: the first that is free]",
-)
-def user(name: str, scenario: str | None, place: int | None, **options: Any) -> int:
-    """Add the person NAME to a site that runs: their IMU, pointing, localizer and supervisor.
-
-    Works from any machine (--connect) and for any number of people; each has keys of their own. Ctrl-C ends
-    it; who vanishes otherwise is missed by `pointit doctor`: for a day, or until started again and ended by
-    Ctrl-C.
-
-    Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
-    """
-    check_name(name, "user")
-    check_person(name)
-    if scenario is None or place is None:
-        link = _link(options)
-        found = (USUAL, 1) if not link.connect else look_round(link.site, link.connect)
-        if found is None:
-            return 0
-        scenario, place = scenario or found[0], place or found[1]
-    chosen: Scenario = read_scenario(scenario)
-    choices = dataclasses.replace(_choices(options, ""), page=True)
-    for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
-        if len(given) > 1:
-            raise ConfigError(f"{option} is given {len(given)} times for one person")
-    launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
-    check_settings({launch.service.NAME for launch in launches}, choices)
-    plan = Plan(
-        name=name,
-        launches=launches,
-        link=_link(options),
-        duration_s=options["duration"],
-        is_limited=True,
-        processes=options["processes"],
-        scored=False,
-        view=not options["no_view"],
-        person=name,
-        notes=(
-            f"{name} takes part in {Path(scenario).stem}, place {place}; --scenario, --place say otherwise",
-            *assumed_places(launches, choices.of_one(place - 1), place - 1),
-        ),
-    )
-    return execute(plan, options["log_level"])
-
-
 for _parameter in link_options():
     if _parameter.name not in {known.name for known in run.params}:
         run.params.append(_parameter)
-    user.params.append(_parameter)
 run.params.append(log_option())
-user.params.append(log_option())
-
-
-def _choices(options: dict[str, Any], leds: str) -> Choices:
-    check_environment(os.environ, [row.name for row in PROCESSES])
-    return Choices(
-        seed=options["seed"],
-        localize=options["localize"],
-        targets=options["targets"],
-        poses=options["poses"],
-        method=options.get("method"),
-        hand=options["hand"] or "",
-        stature_m=options["stature_m"],
-        imu=options["imu"],
-        leds=leds,
-        ros2=options.get("ros2", False),
-        files=options["files"],
-        settings=options["settings"],
-    )
-
-
-def _link(options: dict[str, Any]) -> Link:
-    listen, connect = tuple(options["listen"]), tuple(options["connect"])
-    if not listen and not connect:
-        credentials = given_credentials()
-        if credentials is None:
-            listen = (BESIDE_ROS if options.get("ros2") else DEFAULT_ENDPOINT,)
-        else:
-            connect = credentials.link.endpoints
-    return link_of(options["site"], () if listen else connect, listen)

@@ -1,5 +1,6 @@
-"""Options that several of the commands that start services share."""
+"""Options that several of the commands that start services share, and what is chosen by them."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -7,8 +8,16 @@ from typing import Any
 import click
 
 from pointit.cli.finite import Finite
+from pointit.cli.launches import Choices
 from pointit.cli.page import PORT
 from pointit.cli.person_options import PERSON_OPTIONS
+from pointit.runtime.environment import check_environment
+from pointit.runtime.link_options import given_credentials, link_of
+from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
+from pointit.services.registry import PROCESSES
+
+BESIDE_ROS = "tcp/127.0.0.1:7448"
+"""Where a run listens that is in a ROS graph too: ROS nodes take whoever listens at 7447 for their router."""
 
 NEW_LINK = (
     "give the page new links; those from before open nothing any more  [default: the site's links, which "
@@ -95,3 +104,42 @@ def page_options(function: Any) -> Any:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
+    """Return what `run` or `user` is to start differently, by its options and `--leds`.
+
+    Raises:
+        ConfigError: a variable of the environment is meant for a service, but for none that there is.
+    """
+    check_environment(os.environ, [row.name for row in PROCESSES])
+    return Choices(
+        seed=options["seed"],
+        localize=options["localize"],
+        targets=options["targets"],
+        poses=options["poses"],
+        method=options.get("method"),
+        hand=options["hand"] or "",
+        stature_m=options["stature_m"],
+        imu=options["imu"],
+        leds=leds,
+        ros2=options.get("ros2", False),
+        files=options["files"],
+        settings=options["settings"],
+    )
+
+
+def joining(options: dict[str, Any]) -> Link:
+    """Return how `run` or `user` joins the network, by its options or the credentials that are given.
+
+    Raises:
+        ConfigError: as `link_of`.
+    """
+    listen, connect = tuple(options["listen"]), tuple(options["connect"])
+    if not listen and not connect:
+        credentials = given_credentials()
+        if credentials is None:
+            listen = (BESIDE_ROS if options.get("ros2") else DEFAULT_ENDPOINT,)
+        else:
+            connect = credentials.link.endpoints
+    return link_of(options["site"], () if listen else connect, listen)

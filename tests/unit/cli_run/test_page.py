@@ -285,7 +285,7 @@ def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest
     def look_round(*_: object) -> None:
         raise AssertionError("looked for the site")
 
-    monkeypatch.setattr("pointit.cli.run.look_round", look_round)
+    monkeypatch.setattr("pointit.cli.user.look_round", look_round)
     error = invoke(monkeypatch, "user", "anna/x", "--connect", "tcp/127.0.0.1:1")
     assert isinstance(error, KeyNameError)
     assert str(error).startswith("user 'anna/x'")

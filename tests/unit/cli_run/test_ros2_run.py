@@ -6,6 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli import run as run_command
+from pointit.cli import run_options
 from pointit.cli.plan import Plan
 
 SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
@@ -33,9 +34,10 @@ def test_where_a_run_listens_is_told_if_it_does(
         return 0
 
     monkeypatch.setattr(run_command, "execute", execute)
-    monkeypatch.setattr(run_command, "given_credentials", lambda: credentials)
+    for module in (run_command, run_options):
+        monkeypatch.setattr(module, "given_credentials", lambda: credentials)
     result = CliRunner().invoke(run_command.run, ["--ros2", "--no-web", *arguments])
     assert result.exception is None, result.output
     assert plans[0].link.connect == connect
-    assert plans[0].link.listen == (() if connect else (run_command.BESIDE_ROS,))
-    assert any(f"--connect {run_command.BESIDE_ROS}" in note for note in plans[0].notes) == is_told
+    assert plans[0].link.listen == (() if connect else (run_options.BESIDE_ROS,))
+    assert any(f"--connect {run_options.BESIDE_ROS}" in note for note in plans[0].notes) == is_told

@@ -21,7 +21,7 @@ import zenoh
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.router_account import RouterAccount
-from pointit.runtime.tcp_silence import end_silence
+from pointit.runtime.tcp_silence import end_lingering, end_silence
 from pointit.runtime.zenoh_session import (
     CLOSE_PATIENCE_S,
     LEASE_MS,
@@ -135,6 +135,7 @@ class Router:
         """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
         while True:
             await asyncio.sleep(LOOK_S)
+            end_lingering(ports_of(self._listens))
             stamp = self._look()
             if stamp == self._stamp:
                 continue

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.tcp_silence import end_silence, tcp_sockets
+from pointit.runtime.tcp_silence import LINGER, end_lingering, end_silence, tcp_sockets
 from pointit.runtime.zenoh_session import LEASE_MS, Link, close_session, open_session, ports_of
 from tests.support.buses import free_port
 
@@ -37,6 +37,23 @@ def test_who_listens_hands_it_on_and_who_connects_has_it(listening: socket.socke
         assert waits_ms(client) == 0
         assert end_silence({port}, AFTER_MS) == 3
         assert waits_ms(client) == AFTER_MS
+
+
+def test_connections_close_without_lingering(listening: socket.socket) -> None:
+    def lingers(of: socket.socket) -> bool:
+        is_on, _ = LINGER.unpack(of.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
+        return bool(is_on)
+
+    port = listening.getsockname()[1]
+    with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
+        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
+        assert end_lingering({free_port()}) == 0
+        assert lingers(accepted)
+        assert end_lingering({port}) == 1
+        assert not lingers(accepted)
+        accepted.sendall(b"what was written")
+        accepted.close()
+        assert client.recv(100) == b"what was written"
 
 
 def test_others_are_left_alone(listening: socket.socket) -> None:

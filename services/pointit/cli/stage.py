@@ -15,7 +15,7 @@ from pointit.cli.score import Score
 from pointit.runtime import Clock, ConfigError, Launch
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_topics import UNDECLARE_S
+from pointit.runtime.zenoh_writers import UNDECLARE_S
 from pointit.schemas.topics import USER_ALIVE
 
 log = logging.getLogger(__name__)

@@ -32,9 +32,10 @@ from pointit.runtime.self_test import SelfTest
 from pointit.runtime.waiting_line import TurnedAway
 from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
 from pointit.runtime.zenoh_presence import ZenohWatcher
+from pointit.runtime.zenoh_readers import LatestInlet, Parcel, ZenohSubscription
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
 from pointit.runtime.zenoh_session import Link, close_session, open_session
-from pointit.runtime.zenoh_topics import LatestInlet, Parcel, ZenohPublisher, ZenohSubscription
+from pointit.runtime.zenoh_writers import ZenohPublisher
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
 

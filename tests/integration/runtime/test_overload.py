@@ -8,8 +8,8 @@ import psutil
 
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_readers import ZenohSubscription
 from pointit.runtime.zenoh_session import Link
-from pointit.runtime.zenoh_topics import ZenohSubscription
 from pointit.schemas import ButtonEvent, ImuSample
 from pointit.schemas.topics import BUTTON, IMU
 from tests.support.bench import until

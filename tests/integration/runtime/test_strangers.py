@@ -145,7 +145,7 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
         decoded.append(arguments)
         return inner(*arguments)
 
-    monkeypatch.setattr("pointit.runtime.zenoh_topics.decoded", counted)
+    monkeypatch.setattr("pointit.runtime.zenoh_readers.decoded", counted)
     sinks = [Sink() for _ in range(3)]
     subscriptions = [bus.subscribe(IMU, sink) for sink in sinks]
     key = SITE + IMU.at("anna")

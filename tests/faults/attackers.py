@@ -27,6 +27,7 @@ from tests.faults.memory import Memory
 from tests.faults.site import PEOPLE, Site
 from tests.faults.witness import Witness, witness
 from tests.integration.access.secured import Member
+from tests.support.bench import until
 from tests.support.commands import Command
 
 PATIENCE_S = 20.0
@@ -118,15 +119,21 @@ class Besieged:
         delays = [delay_s for who, delay_s in self._heard if who == user]
         return statistics.median(delays) if delays else float("inf")
 
+    def longest_silence_s(self) -> float:
+        """Return for how long nobody's cursor came, at most, since the attack began, s."""
+        came_ns = [came_ns for _, _, came_ns in self.seen.arrivals if came_ns >= self.began_ns]
+        return max(after - before for before, after in itertools.pairwise([self.began_ns, *came_ns])) / 1e9
+
     def growth_mb(self) -> float:
         """Return by how much the process that grew most has grown, MB."""
         return Memory.now(self.memory.of).growth_mb(self.memory)
 
     def row(self, account: Account, name: str, noticed_s: float | None, by: str, lost: str = "") -> None:
         """Put the attack into the table."""
+        by_password = self.site.folder.state().password
         account.add(
             Fault(
-                name=name,
+                name=f"{name} (site by passwords)" if by_password else name,
                 noticed_s=noticed_s,
                 by=by,
                 recovered_s=None,
@@ -146,6 +153,14 @@ async def besieged(site: Site) -> AsyncGenerator[Besieged]:
         await seen.begins(site)
         await seen.hears(ROUTER)
         yield Besieged(site, seen)
+
+
+@contextlib.asynccontextmanager
+async def new_rules(site: Site) -> AsyncGenerator[None]:
+    """Wait at the end until the router goes by what was changed inside."""
+    count = site.router.err.count("that there are now")
+    yield
+    await until(lambda: site.router.err.count("that there are now") > count, 10, "the router's new rules")
 
 
 @contextlib.contextmanager

@@ -1,6 +1,8 @@
 """The fault suite: real processes, and a table of what each fault did at the end (`pytest tests/faults`)."""
 
-from collections.abc import Iterator
+import contextlib
+from collections.abc import Generator, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -20,16 +22,35 @@ def account(pytestconfig: pytest.Config) -> Account:
 @pytest.fixture(scope="session")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """Return the secured site of tests that leave it as they have found it; it begins when asked to."""
-    path = tmp_path_factory.mktemp("shared")
+    with _running(tmp_path_factory.mktemp("shared")) as shared, shared.on_small_disk():
+        yield shared
+
+
+@pytest.fixture(scope="module")
+def password_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Return the same that goes by passwords; for one module, as two at a time are much for one machine."""
+    with _running(tmp_path_factory.mktemp("passwords"), password=True) as shared:
+        yield shared
+
+
+@pytest.fixture(
+    params=["site", pytest.param("password_site", marks=pytest.mark.long)], ids=["certificates", "passwords"]
+)
+def either_site(request: pytest.FixtureRequest) -> Site:
+    """Return each kind of site in turn."""
+    found: Site = request.getfixturevalue(request.param)
+    return found
+
+
+@contextlib.contextmanager
+def _running(path: Path, *, password: bool = False) -> Generator[Site]:
     folder = path / "printed"
     folder.mkdir()
     started = Commands(folder)
-    shared = Site(path, started)
-    with shared.on_small_disk():
-        try:
-            yield shared
-        finally:
-            started.kill_all()
+    try:
+        yield Site(path, started, password=password)
+    finally:
+        started.kill_all()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

@@ -36,6 +36,7 @@ conveyor-sim:
       length_m: 0.4
 """
 """More to select than people would have."""
+DASHBOARD_HZ = 20.0
 DISK_BYTES = 32 * 1024 * 1024
 AGAIN = " start it again with: "
 
@@ -43,11 +44,22 @@ AGAIN = " start it again with: "
 class Site:
     """The processes of the site, which can be killed, stopped and started again."""
 
-    def __init__(self, path: Path, commands: Commands, users: int = len(PEOPLE)) -> None:
-        """Start the router and, once it listens, the run; its state is kept in `path / "state"`."""
+    def __init__(
+        self, path: Path, commands: Commands, users: int = len(PEOPLE), *, password: bool = False
+    ) -> None:
+        """Start the router and, once it listens, the run; its state is kept in `path / "state"`.
+
+        Args:
+            path: folder for all of it.
+            commands: start the processes.
+            users: how many people.
+            password: the site goes by passwords instead of by certificates; dashboards come by QUIC then.
+        """
         self.path = path
         self.commands = commands
-        self.folder: SiteFolder = make_site(path / "site", SITE)
+        self.folder: SiteFolder = make_site(
+            path / "site", SITE, password=password, dashboard_rate_hz=DASHBOARD_HZ if password else 0.0
+        )
         self.state = path / "state"
         self.state.mkdir(exist_ok=True)
         self.has_small_disk = False

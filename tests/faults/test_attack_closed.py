@@ -19,12 +19,12 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 ADMIN = ("@/**", "@/*/router", "@/*/router/**", "@/*/session/**", "**/@/**")
 
 
-async def test_the_admin_space_is_closed_and_who_tries_is_named(site: Site, account: Account) -> None:
+async def test_the_admin_space_is_closed_and_who_tries_is_named(either_site: Site, account: Account) -> None:
     """Without our client's prefix of every key, as an attacker would ask."""
-    config = configuration(link_of(site.folder, "anna"))
+    config = configuration(link_of(either_site.folder, "anna"))
     config.insert_json5("namespace", "null")
-    async with besieged(site) as attacked:
-        with member(site, "anna") as evil, zenoh.open(config) as bare:
+    async with besieged(either_site) as attacked:
+        with member(either_site, "anna") as evil, zenoh.open(config) as bare:
             attacked.begin()
             attack(evil, ["@/*/router/config/access_control"])
             bare.put("@/*/router/config/access_control/enabled", b"false")
@@ -37,11 +37,11 @@ async def test_the_admin_space_is_closed_and_who_tries_is_named(site: Site, acco
         attacked.row(account, "admin space asked and written", noticed_s, "doctor: router; its log")
 
 
-async def test_neither_scouting_nor_gossip_find_anybody(site: Site, account: Account) -> None:
+async def test_neither_scouting_nor_gossip_find_anybody(either_site: Site, account: Account) -> None:
     """A stranger's scouting, and a person's session that joins as a peer and takes all gossip there is."""
     config = zenoh.Config()
     config.insert_json5("scouting/multicast/enabled", "true")
-    peer = configuration(link_of(site.folder, "anna"))
+    peer = configuration(link_of(either_site.folder, "anna"))
     for key, value in {
         "mode": "peer",
         "scouting/gossip/enabled": True,
@@ -49,8 +49,8 @@ async def test_neither_scouting_nor_gossip_find_anybody(site: Site, account: Acc
         "scouting/multicast/enabled": True,
     }.items():
         peer.insert_json5(key, json.dumps(value))
-    port = str(site.folder.state().port)
-    async with besieged(site) as attacked:
+    port = str(either_site.folder.state().port)
+    async with besieged(either_site) as attacked:
         attacked.begin()
         scout = zenoh.scout(what="router|peer|client", config=config)
         with zenoh.open(peer) as evil:

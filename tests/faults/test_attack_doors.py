@@ -1,11 +1,10 @@
 """Strangers at the router's port, and identities that are worth nothing any more."""
 
-import contextlib
 import datetime as dt
 import os
 import shutil
 import socket
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,10 +14,9 @@ from pointit.access.site_folder import SiteFolder
 from pointit.runtime.credentials import read_credentials, refusal
 from pointit.runtime.zenoh_session import Link, configuration
 from tests.faults.account import Account
-from tests.faults.attackers import attack, besieged, keys_of
+from tests.faults.attackers import attack, besieged, keys_of, new_rules
 from tests.faults.site import SITE, Site
 from tests.integration.access.secured import Member, endpoint_of, make_site, now, open_with
-from tests.support.bench import until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 
@@ -87,10 +85,10 @@ async def test_strangers_are_not_let_in_and_told_of(site: Site, account: Account
 
 async def test_the_revoked_may_do_nothing_and_are_named(site: Site, account: Account) -> None:
     async with besieged(site) as attacked:
-        async with _new_rules(site):
+        async with new_rules(site):
             site.folder.add({"mallory": "user"}, now())
         with Member(site.folder, "mallory") as evil:
-            async with _new_rules(site):
+            async with new_rules(site):
                 site.folder.revoke("mallory")
             await attacked.seen.flows()
             attacked.begin()
@@ -100,11 +98,3 @@ async def test_the_revoked_may_do_nothing_and_are_named(site: Site, account: Acc
             assert evil.answered("selector/method") == set()
         await attacked.unharmed()
         attacked.row(account, "a revoked identity that is still connected", noticed_s, BY)
-
-
-@contextlib.asynccontextmanager
-async def _new_rules(site: Site) -> AsyncGenerator[None]:
-    """Wait at the end until the router goes by what was changed inside."""
-    count = site.router.err.count("that there are now")
-    yield
-    await until(lambda: site.router.err.count("that there are now") > count, 10, "the router's new rules")

@@ -31,16 +31,16 @@ VICTIM = "user1"
 BY = "doctor: router; the router's log"
 
 
-async def test_who_writes_as_another_is_refused_and_named(site: Site, account: Account) -> None:
+async def test_who_writes_as_another_is_refused_and_named(either_site: Site, account: Account) -> None:
     alien = {key for key in keys_of(VICTIM) if "thing/color" not in key}
     keys = sorted(
         {*alien, SELECTION.at(), HEALTH.at("pui"), HEALTH.at(ROUTER), "surprise", "users/*/pose", "**"}
     )
-    async with besieged(site) as attacked:
+    async with besieged(either_site) as attacked:
         with (
-            member(site, "supervisor") as ally,
-            member(site, EVIL) as evil,
-            member(site, "dashboard1") as viewer,
+            member(either_site, "supervisor") as ally,
+            member(either_site, EVIL) as evil,
+            member(either_site, "dashboard1") as viewer,
         ):
             with overhearing(ally, "**", "**/@adv/**") as heard, ally.listening("**/@may/**") as ear:
                 ally.settle(evil)
@@ -53,7 +53,7 @@ async def test_who_writes_as_another_is_refused_and_named(site: Site, account: A
                 ear.hears(evil.mark())
                 ear.hears(viewer.mark())
             assert heard == []
-        told = await site.start("doctor", name="operator").end()
+        told = await either_site.start("doctor", name="operator").end()
         assert told.code == 1
         assert f"router: plant/{EVIL} may not write" in " ".join(told.out.split())
         count = 2 * len(keys)
@@ -62,11 +62,11 @@ async def test_who_writes_as_another_is_refused_and_named(site: Site, account: A
         attacked.row(account, "every key written by who may not: another person, a dashboard", noticed_s, BY)
 
 
-async def test_history_is_written_and_read_by_whom_it_belongs_to(site: Site, account: Account) -> None:
+async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Site, account: Account) -> None:
     """Below `@adv` writers keep what late joiners ask for: neither is had or given behind the key."""
     late = [f"{topic.at(VICTIM)}/@adv/pub/1/2/_" for topic in (POSE, INTERACTION)]
-    async with besieged(site) as attacked:
-        with member(site, "supervisor") as ally, member(site, EVIL) as evil:
+    async with besieged(either_site) as attacked:
+        with member(either_site, "supervisor") as ally, member(either_site, EVIL) as evil:
             with overhearing(ally, "**", "**/@adv/**") as heard, ally.listening("**/@may/**") as ear:
                 ally.settle(evil)
                 attacked.begin()
@@ -89,7 +89,7 @@ async def test_history_is_written_and_read_by_whom_it_belongs_to(site: Site, acc
 
 
 async def test_who_answers_or_is_present_as_another_is_refused_and_named(
-    site: Site, account: Account
+    either_site: Site, account: Account
 ) -> None:
     requests = [SET_BRIGHTNESS.at(), SET_METHOD.at(), SET_POSE.at(VICTIM)]
     names = [
@@ -98,9 +98,9 @@ async def test_who_answers_or_is_present_as_another_is_refused_and_named(
         SERVICE_ALIVE.at("selector"),
         SERVICE_ALIVE.at("pui.x"),
     ]
-    async with besieged(site) as attacked:
+    async with besieged(either_site) as attacked:
         present = set(attacked.seen.present), set(attacked.seen.people)
-        with member(site, "operator") as ally, member(site, EVIL) as evil:
+        with member(either_site, "operator") as ally, member(either_site, EVIL) as evil:
             attacked.begin()
             with evil.serving(*requests) as asked, evil.present(*names):
                 for key in requests:
@@ -112,11 +112,11 @@ async def test_who_answers_or_is_present_as_another_is_refused_and_named(
         attacked.row(account, "requests answered and presence told in another's name", noticed_s, BY)
 
 
-async def test_who_reads_how_others_move_is_refused_and_named(site: Site, account: Account) -> None:
+async def test_who_reads_how_others_move_is_refused_and_named(either_site: Site, account: Account) -> None:
     private = [topic.at(name) for topic in (IMU, WRIST, RAY) for name in (VICTIM, ANY)]
-    async with besieged(site) as attacked:
+    async with besieged(either_site) as attacked:
         for name in (EVIL, "dashboard1"):
-            with member(site, name) as evil, member(site, "supervisor") as speaker:
+            with member(either_site, name) as evil, member(either_site, "supervisor") as speaker:
                 attacked.begin()
                 with evil.listening(*private, "**", "users/**", "users/*/*", CURSOR.at(ANY)) as ear:
                     noticed_s = await attacked.is_told(f"plant/{name} may not ", "read ")

@@ -1,0 +1,262 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""A site by passwords: who has none, a wrong one, an old one, and where a password must never be seen."""
+
+import contextlib
+import json
+import shutil
+import socket
+import ssl
+import threading
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime.credentials import refusal
+from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import Link, configuration
+from pointit.schemas.topics import CURSOR, IMU, POSE, RAY, SET_METHOD, USER_ALIVE
+from tests.faults.account import Account
+from tests.faults.attackers import attack, besieged, keys_of, member, new_rules
+from tests.faults.site import Site
+from tests.integration.access.secured import Member, credentials_of, link_of, make_site, now, routed, wait
+from tests.support.bench import until
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+BY = "doctor: router; the router's log"
+USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
+EVIL, VICTIM = "anna", "user1"
+SILENT = 150
+"""More than Zenoh lets wait at its door unless told otherwise."""
+KNOCK_MS = 300
+"""For how long somebody tries who is not let in; who is, is so within 10 ms."""
+LATE_S = 1.0
+"""As long as nobody's cursor may stand still, on a machine that is busy with other things."""
+
+
+def refused(folder: SiteFolder, name: str, **settings: object) -> None:
+    """Have somebody come with other settings than theirs; fail if that is let in."""
+    config = configuration(link_of(folder, name))
+    for key, value in settings.items():
+        config.insert_json5({"user": USER, "password": PASSWORD}[key], json.dumps(value))
+    _is_not_let_in(config)
+
+
+def behind_tls(folder: SiteFolder) -> ssl.SSLSocket:
+    """Return a connection of somebody who has nothing but the authority's certificate, which is no secret."""
+    context = ssl.create_default_context(cafile=folder.identity_folder(EVIL) / "ca.pem")
+    plain = socket.create_connection(("127.0.0.1", folder.state().port), timeout=10)
+    return context.wrap_socket(plain, server_hostname="127.0.0.1")
+
+
+def garbage(folder: SiteFolder) -> None:
+    with behind_tls(folder) as stranger:
+        stranger.sendall(b"\x05\x00hello")
+        with contextlib.suppress(OSError):
+            stranger.recv(1)  # until it is thrown out
+
+
+def plain(folder: SiteFolder) -> None:
+    _is_not_let_in(configuration(Link(connect=(f"tcp/127.0.0.1:{folder.state().port}",))))
+
+
+def _is_not_let_in(config: zenoh.Config) -> None:
+    config.insert_json5("connect/timeout_ms", str(KNOCK_MS))
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(config)
+
+
+STRANGERS: dict[str, tuple[Callable[[SiteFolder], None], str]] = {
+    "a wrong password": (
+        lambda folder: refused(folder, EVIL, password="wrong"),  # noqa: S106
+        "a wrong password for plant/anna from 127.0.0.1",
+    ),
+    "a wrong password by QUIC": (
+        lambda folder: refused(folder, "dashboard1", password="wrong"),  # noqa: S106
+        "a wrong password for plant/dashboard1 from 127.0.0.1",
+    ),
+    "the own password with another's name": (
+        lambda folder: refused(folder, EVIL, user="plant/ben/1"),
+        "a wrong password for plant/ben from 127.0.0.1",
+    ),
+    "an unknown name": (
+        lambda folder: refused(folder, EVIL, user="plant/mallory/1"),
+        "an unknown or former password for plant/mallory from 127.0.0.1",
+    ),
+    "no password": (
+        lambda folder: refused(folder, EVIL, user=None, password=None),
+        "came without a password from 127.0.0.1",
+    ),
+    "garbage behind TLS": (garbage, "came by TLS and spoke no Zenoh from 127.0.0.1"),
+    "plain tcp": (plain, "by plain TCP instead of TLS"),
+}
+
+
+async def test_who_has_no_password_is_not_let_in_and_told_of(password_site: Site, account: Account) -> None:
+    async with besieged(password_site) as attacked:
+        assert attacked.shown() == ""  # nobody who was let in is told of, by however many connections
+        for what, (knock, words) in STRANGERS.items():
+            attacked.begin()
+            knock(password_site.folder)
+            noticed_s = await attacked.is_told("somebody was not let in", words)
+            attacked.row(account, f"at the router's port: {what}", noticed_s, BY)
+        await attacked.unharmed()
+
+
+@pytest.mark.long
+async def test_who_says_nothing_at_the_door_keeps_nobody_out(password_site: Site, account: Account) -> None:
+    async with besieged(password_site) as attacked:
+        attacked.begin()
+        with contextlib.ExitStack() as stack:
+            for _ in range(SILENT):
+                stack.enter_context(behind_tls(password_site.folder))
+            stack.enter_context(member(password_site, "ben"))
+            noticed_s = await attacked.is_told("somebody was not let in", "came by TLS and said nothing")
+            await attacked.unharmed()
+        assert attacked.longest_silence_s() < LATE_S  # 3 s where closing each of them is waited for
+        attacked.row(account, f"at the router's port: {SILENT} who say nothing", noticed_s, BY)
+
+
+async def test_a_right_password_opens_nobody_elses_door(password_site: Site, account: Account) -> None:
+    """The rules are those of certificates; all attacks on them are made where there is more time."""
+    late = f"{POSE.at(VICTIM)}/@adv/pub/1/2/_"
+    async with besieged(password_site) as attacked:
+        with (
+            member(password_site, EVIL) as evil,
+            member(password_site, EVIL) as twin,
+            member(password_site, "dashboard1") as viewer,
+        ):
+            attacked.begin()
+            for who in (evil, viewer):
+                attack(who, [*keys_of(VICTIM), late])
+                assert who.answered(SET_METHOD.at()) == set()
+            with (
+                evil.present(USER_ALIVE.at(VICTIM)),
+                viewer.listening(IMU.at(VICTIM), RAY.at(VICTIM), CURSOR.at(VICTIM)) as ear,
+                twin.listening(f"users/{EVIL}/pose") as twins,
+            ):
+                noticed_s = await attacked.is_told(
+                    f"plant/{EVIL} may not write ",
+                    "be present as ",
+                    "plant/dashboard1 may not write ",
+                    "read ",
+                )
+                ear.hears(CURSOR.at(VICTIM))
+                assert set(ear.keys) == {CURSOR.at(VICTIM)}
+                # who has the same name beside them is them, and is harmed as little
+                twins.hears(POSE.at(EVIL), lambda: evil.put(POSE.at(EVIL)))
+        await attacked.unharmed()
+        attacked.row(account, "a right password and others' keys; twice at a time", noticed_s, BY)
+
+
+async def test_an_old_password_is_worth_nothing_and_told_of(
+    password_site: Site, account: Account, tmp_path: Path
+) -> None:
+    folder = password_site.folder
+    async with besieged(password_site) as attacked:
+        async with new_rules(password_site):
+            folder.add({"mallory": "user"}, now())
+        old = SiteFolder(tmp_path / "old")
+        shutil.copytree(folder.path, old.path)
+        bus = await ZenohBus.open(link_of(folder, "mallory"), patience_s=20)
+        attacked.begin()
+        async with new_rules(password_site):
+            folder.renew(["mallory"], now())
+        noticed_s = await attacked.is_told("an unknown or former password for plant/mallory")
+        attacked.row(account, "a replaced password, by who was connected", noticed_s, BY)
+        await until(lambda: "refuses mallory's password" in bus.trouble, 10, "the process to know why")
+        refused(old, "mallory")
+        with Member(folder, "mallory") as evil:
+            attacked.begin()
+            async with new_rules(password_site):
+                folder.remove("mallory")
+            noticed_s = await attacked.is_told("an unknown or former password for plant/mallory")
+            assert list(evil.session.info.routers_zid()) == []
+        refused(old, "mallory")
+        await bus.close()
+        await attacked.unharmed()
+        attacked.row(account, "a removed person's password, by who was connected", noticed_s, BY)
+
+
+async def test_no_password_is_seen_where_it_does_not_belong(password_site: Site) -> None:
+    """In nothing that is printed, logged or kept, in no process's arguments or variables."""
+    site = password_site
+    lines = (site.folder.path / "router" / "users.txt").read_text().splitlines()
+    secrets = [line.rpartition(":")[2].encode() for line in lines]
+    assert all(len(secret) > 30 for secret in secrets)
+    async with besieged(site):
+        operator = {**site.environment("operator"), "RUST_LOG": "trace"}
+        commands = [
+            site.commands.start(*arguments, environment=operator)
+            for arguments in (
+                ("doctor", "--json"),
+                ("site", "show", "--json", "--folder", str(site.folder.path)),
+            )
+        ]
+        for command in commands:
+            assert (await command.end()).out
+        assert site.run is not None
+        family = [*site.run.family(), *site.router.family()]
+        seen = {f"{process.pid}: {process.cmdline()}": str(process.cmdline()).encode() for process in family}
+        seen |= {f"{process.pid}: variables": str(process.environ()).encode() for process in family}
+        for file in site.path.rglob("*"):
+            if file.is_file() and site.folder.path not in file.parents:
+                seen[str(file)] = file.read_bytes()
+        for file in site.folder.path.rglob("*"):
+            if file.is_file() and file.name not in ("password", "users.txt"):
+                seen[str(file)] = file.read_bytes()
+    assert len(family) > 10
+    assert [where for where, what in seen.items() if any(secret in what for secret in secrets)] == []
+
+
+@contextlib.contextmanager
+def pretending(folder: SiteFolder) -> Generator[tuple[int, list[bytes]]]:
+    """Listen as a router with a certificate of another site; yields the port and what anybody said to it."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    router = folder.path / "router"
+    context.load_cert_chain(router / "cert.pem", router / "key.pem")
+    heard: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with contextlib.suppress(OSError):  # the end
+                while True:
+                    came, _ = server.accept()
+                    came.settimeout(5)
+                    with came:
+                        try:
+                            with context.wrap_socket(came, server_side=True) as trusting:
+                                heard.append(trusting.recv(1000))
+                        except ssl.SSLError as error:
+                            heard.append(str(error.reason).encode())
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield server.getsockname()[1], heard
+        server.shutdown(socket.SHUT_RDWR)
+        thread.join()
+
+
+def test_who_pretends_to_be_the_router_is_told_no_password(tmp_path: Path) -> None:
+    """By TCP, and by QUIC, where a router of another authority even knows all passwords."""
+    folder = make_site(tmp_path / "lab", password=True, dashboard_rate_hz=20.0)
+    other = make_site(tmp_path / "other" / "lab", password=True, dashboard_rate_hz=20.0)
+    shutil.copy(folder.path / "router" / "users.txt", other.path / "router" / "users.txt")
+    with pretending(other) as (port, heard):
+        _connects_to(folder, EVIL, f"tls/127.0.0.1:{port}")
+        wait(lambda: len(heard) > 1, "somebody to come")
+        told = refusal(credentials_of(folder, EVIL), f"tls/127.0.0.1:{port}")
+        assert "another authority certified it" in told
+    assert {what for what in heard if b"ALERT" not in what} == set(), heard
+    with routed(other):
+        _connects_to(folder, "dashboard1", f"quic/127.0.0.1:{other.state().port}")
+        _connects_to(folder, EVIL, f"tls/127.0.0.1:{other.state().port}")
+
+
+def _connects_to(folder: SiteFolder, name: str, endpoint: str) -> None:
+    link = Link(site="lab", connect=(endpoint,), credentials=credentials_of(folder, name))
+    _is_not_let_in(configuration(link))

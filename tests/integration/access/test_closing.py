@@ -1,0 +1,38 @@
+"""A router that throws somebody out does not wait for them."""
+
+import asyncio
+import json
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from pointit.access.router_configuration import configuration
+from pointit.runtime.router import Router
+from pointit.runtime.tcp_silence import LINGER, tcp_sockets
+from tests.integration.access.secured import Member, make_site
+from tests.support.bench import until
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nobody finds the sockets of Zenoh")
+async def test_no_connection_that_was_accepted_lingers(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", password=True)
+    port = folder.state().port
+    router = Router(lambda: json.dumps(configuration([folder.routed()], ["127.0.0.1"])), Path(), [])
+
+    def lingering() -> list[bool]:
+        return [
+            bool(LINGER.unpack(found.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))[0])
+            for found in tcp_sockets()
+            if found.getsockname()[1] == port
+            and not found.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+        ]
+
+    await router.open()
+    following = asyncio.create_task(router.follow(), name="router")
+    with Member(folder, "anna"):
+        assert lingering() == [True], "Zenoh does as it did: else nothing of this is needed"
+        await until(lambda: lingering() == [False], what="the router to let go")
+    following.cancel()
+    await router.close()

@@ -15,10 +15,11 @@ from pointit.cli.lazy import Mistake
 from pointit.cli.link import quiet
 from pointit.cli.map_check import examined, print_findings
 from pointit.cli.output import INTERRUPTED
-from pointit.runtime.config import Layers, Leaf, leaves
+from pointit.runtime.config import Layers
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.files import put
+from pointit.runtime.parameters import Leaf, leaves
 from pointit.services.pui.map_file import parse_map_file
 
 PARAMETER = "map"

@@ -4,17 +4,13 @@ Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variab
 """
 
 import datetime as dt
-import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
-from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
 from pointit.runtime.complaint import complaint
 from pointit.runtime.errors import ConfigError
@@ -22,58 +18,17 @@ from pointit.runtime.yaml_loader import MAX_YAML_DEPTH, Loader, refuse_depth
 
 C = TypeVar("C", bound="Config")
 
-
-class Config(BaseModel):
-    """Base of every configuration: frozen, and a field that does not exist is an error."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """One parameter of a configuration tree."""
-
-    path: tuple[str, ...]
-    field: FieldInfo
-
-    @property
-    def option(self) -> str:
-        """Return the command-line option, `--body.arm-m`."""
-        return "--" + ".".join(self.path).replace("_", "-")
-
-    @property
-    def default(self) -> str:
-        """Return the default as text."""
-        value: Any = self.field.get_default(call_default_factory=True)
-        if value is PydanticUndefined:
-            return "required"
-        if isinstance(value, BaseModel):
-            return str(value.model_dump(mode="json"))
-        if isinstance(value, tuple):
-            return str(list(typing.cast("tuple[object, ...]", value)))
-        return "none" if value is None else str(value)
-
-    @property
-    def type_name(self) -> str:
-        """Return the type for people: `float`, `text`, `one of a, b`."""
-        return _type_name(self.field.annotation)
-
-
-def leaves(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[Leaf]:
-    """Yield the parameters of `kind`, nested trees flattened."""
-    for name, field in kind.model_fields.items():
-        annotation = field.annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            yield from leaves(annotation, (*prefix, name))
-        else:
-            yield Leaf((*prefix, name), field)
-
-
 MERGE = "tag:yaml.org,2002:merge"
 MAX_YAML_UNFOLDED = 200_000
 """Values that stand in a file only as aliases; to check so many takes a second."""
 MAX_YAML_BYTES = 4 * 1024 * 1024
 """Of a file that is read; the C loader takes some seconds for it."""
+
+
+class Config(BaseModel):
+    """Base of every configuration: frozen, and a field that does not exist is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -255,23 +210,3 @@ class Layers:
             if source is not None:
                 return source
         return "configuration"
-
-
-def _type_name(annotation: Any) -> str:
-    origin = typing.get_origin(annotation)
-    if origin is typing.Annotated:
-        return _type_name(typing.get_args(annotation)[0])
-    if origin is typing.Literal:
-        return "one of " + ", ".join(str(value) for value in typing.get_args(annotation))
-    if origin in (typing.Union, types.UnionType):
-        kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
-        return " or ".join(_type_name(kind) for kind in kinds)
-    if origin is tuple:
-        inner = [arg for arg in typing.get_args(annotation) if arg is not Ellipsis]
-        return "list of " + _type_name(inner[0]) if inner else "list"
-    if origin is dict:
-        key, value = typing.get_args(annotation)
-        return f"mapping of {_type_name(key)} to {_type_name(value)}"
-    if annotation is str:
-        return "text"
-    return getattr(annotation, "__name__", str(annotation))

@@ -11,13 +11,14 @@ from typing import Any, NoReturn
 import click
 
 from pointit.runtime.clock import Clock, SiteClock, WallClock
-from pointit.runtime.config import Config, Layers, leaves, read_yaml
+from pointit.runtime.config import Config, Layers, read_yaml
 from pointit.runtime.daemon_thread import is_left, leave
 from pointit.runtime.ending import EXIT_FAILED, end_with_parent, run_async
 from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.link_options import link_of, link_options
 from pointit.runtime.log import setup_logging
+from pointit.runtime.parameters import leaves
 from pointit.runtime.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus

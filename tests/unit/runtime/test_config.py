@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from pydantic import AfterValidator, Field
 
 from pointit.runtime import Config, ConfigError
-from pointit.runtime.config import Layers, leaves, read_yaml
+from pointit.runtime.config import Layers, read_yaml
+from pointit.runtime.parameters import leaves
 
 
 def refuse(_value: object) -> object:

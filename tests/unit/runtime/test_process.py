@@ -24,8 +24,8 @@ from pointit.runtime import (
     Service,
     process,
 )
-from pointit.runtime.config import leaves
 from pointit.runtime.ending import run_async
+from pointit.runtime.parameters import leaves
 from pointit.runtime.process import (
     ASKED_CLOCK_PATIENCE_S,
     CLOCK_PATIENCE_S,

@@ -1,0 +1,71 @@
+"""The parameters of a configuration as people see them: the option, the type and the default of each."""
+
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One parameter of a configuration tree."""
+
+    path: tuple[str, ...]
+    field: FieldInfo
+
+    @property
+    def option(self) -> str:
+        """Return the command-line option, `--body.arm-m`."""
+        return "--" + ".".join(self.path).replace("_", "-")
+
+    @property
+    def default(self) -> str:
+        """Return the default as text."""
+        value: Any = self.field.get_default(call_default_factory=True)
+        if value is PydanticUndefined:
+            return "required"
+        if isinstance(value, BaseModel):
+            return str(value.model_dump(mode="json"))
+        if isinstance(value, tuple):
+            return str(list(typing.cast("tuple[object, ...]", value)))
+        return "none" if value is None else str(value)
+
+    @property
+    def type_name(self) -> str:
+        """Return the type for people: `float`, `text`, `one of a, b`."""
+        return _type_name(self.field.annotation)
+
+
+def leaves(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[Leaf]:
+    """Yield the parameters of `kind`, nested trees flattened."""
+    for name, field in kind.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            yield from leaves(annotation, (*prefix, name))
+        else:
+            yield Leaf((*prefix, name), field)
+
+
+def _type_name(annotation: Any) -> str:
+    origin = typing.get_origin(annotation)
+    if origin is typing.Annotated:
+        return _type_name(typing.get_args(annotation)[0])
+    if origin is typing.Literal:
+        return "one of " + ", ".join(str(value) for value in typing.get_args(annotation))
+    if origin in (typing.Union, types.UnionType):
+        kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
+        return " or ".join(_type_name(kind) for kind in kinds)
+    if origin is tuple:
+        inner = [arg for arg in typing.get_args(annotation) if arg is not Ellipsis]
+        return "list of " + _type_name(inner[0]) if inner else "list"
+    if origin is dict:
+        key, value = typing.get_args(annotation)
+        return f"mapping of {_type_name(key)} to {_type_name(value)}"
+    if annotation is str:
+        return "text"
+    return getattr(annotation, "__name__", str(annotation))

@@ -10,9 +10,9 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.bridges.ros2.backend import LATCHED, SENSOR, Qos
+from pointit.bridges.ros2.backend import LATCHED, ROSOUT, SENSOR, Qos
 from pointit.runtime import BusClosedError
-from tests.integration.ros2.nodes import BOOL, POSE, RELIABLE, arrives, cdr_of, graphs, met, number_of
+from tests.integration.ros2.nodes import BOOL, POSE, RELIABLE, Node, arrives, cdr_of, graphs, met, number_of
 from tests.support.bench import until
 
 MODES = [("peer", "peer"), ("peer", "client"), ("client", "client"), ("router", "peer")]
@@ -74,6 +74,35 @@ async def test_who_comes_late_gets_what_was_kept_once(modes: tuple[str, str]) ->
         first.put(cdr_of(6))
         later.put(cdr_of(9))
         await until(lambda: (state, early) == ([5, 6], [8, 9]))
+
+
+@pytest.mark.parametrize("kind", ["rmw_zenoh", "ros2dds"])
+async def test_of_what_has_a_lifespan_who_comes_late_hears_what_is_said_from_then_on(kind: str) -> None:
+    async with graphs() as at:
+        a = await at.node("/a", "router", kind=kind)
+        log = a.backend.advertise("/rosout", POSE, ROSOUT)
+        state = a.backend.advertise("/state", BOOL, LATCHED)
+        for writer in (log, state):
+            writer.put(cdr_of(1))
+        b = await at.node("/b", kind=kind)
+        latched, plain = b.hears("/rosout", POSE, ROSOUT), b.hears("/rosout", POSE, Qos(depth=1000))
+        kept = b.hears("/state", BOOL, LATCHED)
+        await until(lambda: kept == [1], what="what is kept to have been asked for")
+        for seen in (latched, plain):
+            await arrives(lambda: log.put(cdr_of(2)), seen)
+        log.put(cdr_of(3))
+        await until(lambda: latched[-1] == plain[-1] == 3)
+        assert set(latched) == set(plain) == {2, 3}
+
+        def is_latched_to(node: Node) -> bool:
+            ends = {(end.kind, end.name, end.qos and end.qos.latched) for end in node.graph.endpoints}
+            return ("publisher", "/rosout", True) in ends
+
+        await until(
+            lambda: is_latched_to(a) and is_latched_to(b), what="it to be called latched all the same"
+        )
+        assert not a.shown.ever
+        assert not b.shown.ever
 
 
 async def test_what_we_publish_never_comes_back() -> None:

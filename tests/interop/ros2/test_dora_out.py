@@ -1,5 +1,7 @@
 """What a site is to an independent ROS node: every route with its name, type, hash, QoS and values."""
 
+import asyncio
+import contextlib
 import itertools
 import math
 import time
@@ -11,12 +13,12 @@ from typing import Any, NamedTuple
 import pytest
 import pytest_asyncio
 
-from pointit.bridges.ros2.backend import LATCHED, SENSOR, Qos
+from pointit.bridges.ros2.backend import LATCHED, ROSOUT, SENSOR, Qos
 from pointit.bridges.ros2.routes import routes
 from pointit.bridges.ros2.rows import Inward, Outward, Served
 from pointit.geometry import rotation
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.schemas import ConveyorState, Goal, Interaction, LampColor, Message
+from pointit.schemas import ConveyorState, Goal, Health, Interaction, LampColor, Message
 from pointit.schemas import topics as ours
 from pointit.schemas.topics import Topic
 from tests.interop.ros2.ament import hash_of
@@ -35,6 +37,7 @@ QOS = {
     Qos(depth=100, latched=True): ":1:,100:,:,:,,",
     LATCHED: ":1:,1:,:,:,,",
     SENSOR: "2::,5:,:,:,,",
+    ROSOUT: ":1:,1000:,:10,0:,,",
 }
 """As genuine rmw_zenoh writes them: nothing of ours has made these texts."""
 CODES = {Outward: "MP", Inward: "MS", Served: "SS"}
@@ -48,6 +51,10 @@ LOOKED_AT: tuple[Topic[Any], ...] = (
     ours.STRIPS_FRAME,
     ours.MAP,
 )
+COLD = "the oven is cold: light it"
+INFO, WARN = 20, 30
+HEARD_S = 5.0
+"""Within which a warning is in ROS's log, however busy the machine."""
 GOAL = Goal(
     stamp_ns=1,
     position_m=(1.0, 2.0, 0.5),
@@ -204,6 +211,7 @@ CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
     "is_pointing": lambda value, _: value == {"data": True},
     "clock": lambda value, _: _is_now(value["clock"]),
     "diagnostics": lambda value, _: value["status"][0]["name"].startswith("pointit: "),
+    "rosout": lambda value, _: (value["level"], value["msg"]) == (INFO, f"over: {COLD}"),
     "markers": lambda value, _: "user1/ray" in {each["ns"] for each in value["markers"]},
     "map_markers": lambda value, _: value["markers"][0]["action"] == 3 and len(value["markers"]) > 10,
     "pointing_ray": _is_ray,
@@ -220,6 +228,27 @@ CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
     "lamp_color": lambda value, _: tuple(value.values()) == pytest.approx((0.2, 0.4, 1.0, 1.0)),
     "step_number": lambda value, _: value == {"data": 3},
 }
+
+
+@contextlib.asynccontextmanager
+async def _reports(bus: ZenohBus, *warnings: str) -> AsyncGenerator[None]:
+    """Be a service that says this of itself."""
+    writer = bus.publisher(ours.HEALTH, "oven")
+
+    async def report() -> None:
+        for seq in itertools.count(1):
+            stamp_ns = time.time_ns()
+            writer.put(
+                Health(stamp_ns=stamp_ns, seq=seq, service="oven", instance="oven", pid=1, warnings=warnings)
+            )
+            await asyncio.sleep(0.5)
+
+    reporting = asyncio.create_task(report())
+    try:
+        yield
+    finally:
+        reporting.cancel()
+        writer.close()
 
 
 async def _provoke(dora: Dora, seen: Seen) -> None:
@@ -239,8 +268,15 @@ async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, se
         await place.dora.do("listen", topic=name_of(row), type=row.type, latched=latched, depth=depth)
     await until(lambda: len(seen.by_stamp[ours.RAY.key]) > 10, 20, "rays of user1")
     await _provoke(place.dora, seen)
-    for row in rows:
-        await place.dora.hears(name_of(row), partial(_fits, row.name, seen))
+    async with _reports(seen.bus, COLD):
+        began_s = time.monotonic()
+        line = await place.dora.hears("/rosout", lambda line: line["name"] == "pointit.oven")
+        assert time.monotonic() - began_s < HEARD_S
+    assert (line["level"], line["msg"], line["file"], line["line"]) == (WARN, COLD, "", 0)
+    assert _is_now(line["stamp"])
+    async with _reports(seen.bus):
+        for row in rows:
+            await place.dora.hears(name_of(row), partial(_fits, row.name, seen))
 
 
 def _fits(route: str, seen: Seen, value: Any) -> bool:

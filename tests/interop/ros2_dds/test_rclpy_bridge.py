@@ -73,6 +73,12 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
             10,
             "warnings",
         )
+        await theirs.do("listen", topic="/rosout", type="rcl_interfaces/msg/Log", latched=True, depth=1000)
+        heard = await theirs.until(
+            "heard", lambda lines: any("conveyor_msgs" in line["msg"] for line in lines), topic="/rosout"
+        )
+        (line,) = [each for each in heard if "conveyor_msgs" in each["msg"] and each["name"] != "robot"]
+        assert (line["name"], line["level"]) == ("pointit.ros2", 30)
         bridge.terminate()
         assert bridge.wait(10) == 0, said.read_text()
         assert "Traceback" not in said.read_text()

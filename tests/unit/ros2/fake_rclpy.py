@@ -35,6 +35,12 @@ class Profile:
     depth: int
     reliability: Reliability
     durability: Durability
+    lifespan: object = None
+
+
+@dataclass
+class Duration:
+    nanoseconds: int
 
 
 class Value:
@@ -304,6 +310,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, *, has_info: bool = True) -> Wire
     modules: dict[str, dict[str, Any]] = {
         "rclpy": {},
         "rclpy.context": {"Context": lambda: Context(wire)},
+        "rclpy.duration": {"Duration": Duration},
         "rclpy.executors": {"SingleThreadedExecutor": Executor},
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.backend import LATCHED, SENSOR, SERVICE, Qos
+from pointit.bridges.ros2.backend import LATCHED, ROSOUT, SENSOR, SERVICE, Qos
 from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
 
 
@@ -17,6 +17,7 @@ from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
         (Qos(depth=100), "::,100:,:,:,,"),
         (Qos(depth=100, latched=True), ":1:,100:,:,:,,"),
         (Qos(depth=42), "::,:,:,:,,"),
+        (ROSOUT, ":1:,1000:,:10,0:,,"),
     ],
 )
 def test_as_a_running_node_writes_it(qos: Qos, text: str) -> None:
@@ -24,14 +25,23 @@ def test_as_a_running_node_writes_it(qos: Qos, text: str) -> None:
     assert qos_of(text) == qos
 
 
-@given(st.builds(Qos, depth=st.integers(0, 10**17), reliable=st.booleans(), latched=st.booleans()))
+@given(
+    st.builds(
+        Qos,
+        depth=st.integers(0, 10**17),
+        reliable=st.booleans(),
+        latched=st.booleans(),
+        lifespan_ns=st.none() | st.integers(0, 2**63 - 2),
+    )
+)
 def test_there_and_back(qos: Qos) -> None:
     assert qos_of(qos_text(qos)) == qos
 
 
 def test_defaults_that_are_written_out_and_what_the_bridge_has_no_use_for() -> None:
-    assert qos_of("1:2:1,10:5,0:10,0:1,3,0") == Qos(depth=10)
-    assert qos_of(":1:,1000:,:10,0:,,") == Qos(depth=1000, latched=True)
+    assert qos_of("1:2:1,10:5,0:,:1,3,0") == Qos(depth=10)
+    assert qos_of("1:2:1,10:5,0:9223372036,854775807:1,3,0") == Qos(depth=10)
+    assert qos_of("::,10") == Qos(depth=10)
     assert qos_of("::2,:,:,:,,") == Qos(depth=42)
 
 
@@ -48,6 +58,9 @@ def test_defaults_that_are_written_out_and_what_the_bridge_has_no_use_for() -> N
         "::,\u00b2:,:,:,,",
         "::1:,:,:,,",
         "::,1,1:,:,:,,",
+        "::,1:,:-1,0:,,",
+        "::,1:,:1:,,",
+        "::,1:,:ten,0:,,",
         f"::,{'9' * 5000}:,:,:,,",
         "reliable:volatile:,1:,:,:,,",
     ],

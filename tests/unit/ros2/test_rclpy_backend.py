@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.backend import LATCHED, RosType
+from pointit.bridges.ros2.backend import LATCHED, ROSOUT, RosType
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.runtime.errors import BusClosedError, ConfigError
+from pointit.schemas import NS_PER_S
 from tests.support.bench import until
 from tests.unit.ros2 import fake_rclpy
 from tests.unit.ros2.fake_rclpy import SetBool, Wire
@@ -257,3 +258,20 @@ async def test_what_is_closed_does_nothing_more(wire: Wire) -> None:
 def refuses(use: Callable[[], Any]) -> None:
     with pytest.raises(BusClosedError):
         use()
+
+
+async def test_a_log_has_the_lifespan_of_a_genuine_nodes_and_is_the_only_one_of_ours(wire: Wire) -> None:
+    async with node_of_ours() as ours:
+        (node,) = [each for each in wire.nodes if each.name == "pointit"]
+        assert node.options["enable_rosout"] is False, "or there would be two"
+        ours.backend.advertise("/rosout", BOOL, ROSOUT)
+        ours.backend.advertise("/state", BOOL, LATCHED)
+        log, state = wire.ends["publisher"]
+        assert log.profile == fake_rclpy.Profile(
+            1000,
+            fake_rclpy.Reliability.RELIABLE,
+            fake_rclpy.Durability.TRANSIENT_LOCAL,
+            fake_rclpy.Duration(10 * NS_PER_S),
+        )
+        assert state.profile is not None
+        assert state.profile.lifespan is None

@@ -83,7 +83,7 @@ def test_a_file_changes_routes(tmp_path: Path) -> None:
     assert not rows["rotation_in"].enabled
     assert rows["rotation"].enabled
     assert rows["packages"].ros == "/site1/packages"
-    assert rows["tf"].ros == "/tf"
+    assert (rows["tf"].ros, rows["rosout"].ros) == ("/tf", "/rosout")
     assert scene.kinds.kind(0) == "box"
 
 

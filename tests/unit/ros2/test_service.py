@@ -8,7 +8,7 @@ from pointit.bridges.ros2 import service
 from pointit.bridges.ros2.attendance import MOST_PEOPLE, Attendance
 from pointit.bridges.ros2.service import Ros2
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
-from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, USER_ALIVE
+from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import START_NS, Bench, memory_bench, until
 from tests.unit.ros2.graph_of_one import FakeBackend, graph
 
@@ -115,3 +115,20 @@ def test_only_so_many_are_remembered() -> None:
     assert not attendance.admits(IMU, HELD, "user1")
     assert attendance.come("user0") == ()
     assert attendance.come("user1") == ((POSE, PLACE),)
+
+
+async def test_what_goes_wrong_is_logged_in_ros_and_anew_by_who_comes_back(
+    bench: Bench, backend: FakeBackend
+) -> None:
+    backend.watchers[0](graph(("subscriber", "/rosout")))
+    ill = Health(stamp_ns=START_NS, service="pui", instance="pui", pid=1, warnings=("no map",))
+    sent = backend.sent["/rosout"]
+
+    def told(count: int) -> bool:
+        bench.put(HEALTH, ill, "pui")
+        return len(sent) == count
+
+    here = bench.bus.announce(SERVICE_ALIVE, "pui")
+    await until(lambda: told(1))
+    here.close()
+    await until(lambda: told(2), what="it to be said of the next one of the name")

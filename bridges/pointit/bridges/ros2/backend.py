@@ -26,11 +26,20 @@ class Qos:
     reliable: bool = True
     latched: bool = False
     """Late joiners get the last `depth` messages (ROS: transient local)."""
+    lifespan_ns: int | None = None
+    """What is older is of use to nobody, and late joiners do not get it; none: it lasts."""
+
+    @property
+    def lasts(self) -> bool:
+        """Return whether late joiners get what was said, however long ago."""
+        return self.latched and self.lifespan_ns is None
 
 
 SENSOR = Qos(depth=5, reliable=False)
 LATCHED = Qos(depth=1, latched=True)
 SERVICE = Qos(depth=10)
+ROSOUT = Qos(depth=1000, latched=True, lifespan_ns=10_000_000_000)
+"""Of every genuine node's log."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,6 +82,8 @@ class _Line:
 
     def forget(self, name: str) -> None:
         """Say nothing of `name` any more."""
+        if self.route.forgets is not None:
+            self.route.forgets(name)
         self._last.pop(name, None)
         if self.route.is_each:
             self._waiting.pop(name, None)
@@ -134,7 +136,7 @@ class _Line:
     @property
     def _keeps(self) -> bool:
         """Return whether what is sent now matters to who comes later."""
-        return self.route.qos.latched or self.route.on_change
+        return self.route.qos.lasts or self.route.on_change
 
     def _put(self, cdr: bytes) -> None:
         if self._writer is not None:
@@ -202,18 +204,26 @@ class Outbox:
         for route, name in tuple(self._lines):
             if name == user and "{user}" in self._lines[route, name].route.ros:
                 self._lines.pop((route, name)).close()
-        for line in self._lines.values():
-            line.forget(user)
+        self._forget(user, "user")
         if len(self._lines) < MOST_LINES:
             self._site.bus.clear("names")
+
+    def end(self, instance: str) -> None:
+        """Say nothing any more of a service that has gone."""
+        self._forget(instance, "service")
 
     def look(self, graph: Graph) -> None:
         """Take up who reads, and leave to others what they publish."""
         others = [each for each in graph.endpoints if not each.is_ours]
-        self._read = frozenset(each.name for each in others if each.kind == "subscriber")
+        read_before, self._read = (
+            self._read,
+            frozenset(each.name for each in others if each.kind == "subscriber"),
+        )
         self._given = frozenset(each.name for each in others if each.kind == "publisher")
         for line in self._lines.values():
             self._yield(line)
+            if line.route.begins is not None and line.ros in self._read - read_before:
+                line.route.begins()
 
     def close(self) -> None:
         """End."""
@@ -234,6 +244,11 @@ class Outbox:
             line = self._lines[key] = _Line(route, ros, self._site, self._is_wanted)
             self._yield(line)
         return line
+
+    def _forget(self, name: str, placeholder: str) -> None:
+        for line in self._lines.values():
+            if any(topic.placeholder == placeholder for topic in line.route.reads):
+                line.forget(name)
 
     def _yield(self, line: _Line) -> None:
         if line.route.yields:

@@ -30,7 +30,7 @@ from pointit.runtime.errors import ConfigError
 
 Row = TypeVar("Row", Outward, Inward, Served)
 
-UNPREFIXED = ("/tf", "/tf_static", "/clock", "/diagnostics")
+UNPREFIXED = ("/tf", "/tf_static", "/clock", "/diagnostics", "/rosout")
 """ROS knows these by their names."""
 
 MOST_NAME = 150

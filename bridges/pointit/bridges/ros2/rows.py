@@ -92,6 +92,10 @@ class Outward(_Route):
     """Of a name, not sent again while it stays byte by byte the same."""
     is_theirs: bool = False
     """Said in ROS by a guest's own nodes, and then not by us."""
+    begins: Callable[[], None] | None = None
+    """Told when somebody reads where nobody did."""
+    forgets: Callable[[str], None] | None = None
+    """Told who leaves, or which service has gone, of those whom its messages are about."""
     apart_s: float = 0.0
     """Between the values of one message: a button is down for so long."""
 

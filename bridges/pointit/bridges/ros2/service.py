@@ -96,7 +96,7 @@ class Ros2(Service[Ros2Config]):
                 stack.callback(hearing.close)  # before the graph is left, which takes a while
             meeting = self.bus.watch(USER_ALIVE, functools.partial(self._meet, outbox, inbox))
             stack.callback(meeting.close)
-            minding = self.bus.watch(SERVICE_ALIVE, guests.meet)
+            minding = self.bus.watch(SERVICE_ALIVE, functools.partial(self._mind, outbox, guests))
             stack.callback(minding.close)
             self.bus.call_later(NOTED_S, functools.partial(_note, backend))
             await asyncio.Event().wait()
@@ -129,6 +129,11 @@ class Ros2(Service[Ros2Config]):
             outbox.leave(user)
             inbox.leave(user)
             self._scene.forget(user)
+
+    def _mind(self, outbox: Outbox, guests: Guests, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
+        guests.meet(instance, present)
+        if not present:
+            outbox.end(instance)
 
 
 def _note(backend: Backend) -> None:

@@ -1,10 +1,11 @@
 """What is published in ROS: standard types first, then the ROS toolkit's messages under its names."""
 
-from pointit.bridges.ros2.backend import LATCHED, Qos
+from pointit.bridges.ros2.backend import LATCHED, ROSOUT, Qos
 from pointit.bridges.ros2.frames import ARM, PERSON
 from pointit.bridges.ros2.outward import conveyor, person, room
 from pointit.bridges.ros2.outward.map_markers import map_markers
 from pointit.bridges.ros2.outward.markers import Markers
+from pointit.bridges.ros2.outward.rosout import Rosout
 from pointit.bridges.ros2.rows import Outward
 from pointit.schemas import topics
 
@@ -14,6 +15,8 @@ DRAWN_HZ = 20.0
 """Of what is looked at only."""
 TF_HZ = 10.0
 """A transform is repeated so often: listeners forget it, and want one that is not older than their data."""
+LOG_HZ = 2.0
+"""Of one service's reports so many are read, which come once a second: no writer floods ROS's log."""
 CLOCK_HZ = 50.0
 CLOCK_S = 10.0
 """A clock that was silent for so long has ended, for the site itself too (`runtime.clock.SILENT_NS`)."""
@@ -30,6 +33,7 @@ def outward() -> tuple[Outward, ...]:
 
 
 def _standard() -> tuple[Outward, ...]:
+    rosout = Rosout()
     return (
         Outward(
             name="pose",
@@ -132,6 +136,19 @@ def _standard() -> tuple[Outward, ...]:
             is_each=True,
             qos=_STREAM,
             about="health of every service",
+        ),
+        Outward(
+            name="rosout",
+            ros="/rosout",
+            type="rcl_interfaces/msg/Log",
+            reads=(topics.HEALTH,),
+            by=rosout,
+            is_each=True,
+            qos=ROSOUT,
+            rate_hz=LOG_HZ,
+            begins=rosout.begin,
+            forgets=rosout.forget,
+            about="what goes wrong with a service, once, and when it is over",
         ),
         Outward(
             name="markers",

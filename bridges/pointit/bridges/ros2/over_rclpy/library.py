@@ -20,6 +20,7 @@ class Rclpy:
     new_node: Callable[..., Node]
     new_executor: Callable[..., Executor]
     new_profile: Callable[..., Profile]
+    new_duration: Callable[..., object]
     reliability: Any
     """Enumeration of policies."""
     durability: Any
@@ -30,14 +31,16 @@ class Rclpy:
 
     def profile(self, qos: Qos) -> Profile:
         """Return `qos` as rclpy takes it."""
+        ends = {} if qos.lifespan_ns is None else {"lifespan": self.new_duration(nanoseconds=qos.lifespan_ns)}
         return self.new_profile(
+            **ends,
             depth=qos.depth,
             reliability=self.reliability.RELIABLE if qos.reliable else self.reliability.BEST_EFFORT,
             durability=self.durability.TRANSIENT_LOCAL if qos.latched else self.durability.VOLATILE,
         )
 
     def qos(self, profile: Profile) -> Qos:
-        """Return what `profile` says; DDS does not tell the depth of others."""
+        """Return what `profile` says; DDS does not tell the depth of others, and we ask for no lifespan."""
         return Qos(
             depth=profile.depth,
             reliable=profile.reliability == self.reliability.RELIABLE,
@@ -59,6 +62,7 @@ def loaded() -> Rclpy:
             new_node=importlib.import_module("rclpy.node").Node,
             new_executor=importlib.import_module("rclpy.executors").SingleThreadedExecutor,
             new_profile=qos.QoSProfile,
+            new_duration=importlib.import_module("rclpy.duration").Duration,
             reliability=qos.ReliabilityPolicy,
             durability=qos.DurabilityPolicy,
             serialize=serialization.serialize_message,

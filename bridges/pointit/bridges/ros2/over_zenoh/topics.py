@@ -22,8 +22,10 @@ class TopicWriter:
         """Declare; the presence token comes last: who sees it finds a writer."""
         token = seat.dialect.endpoint_token("publisher", topic, kind, qos)
         self._seat = seat
+        # Zenoh's caches know no age: of what has a lifespan nothing is kept, rather than all of it for ever.
+        # Who subscribes as to a latched topic hears all the same what is said from then on.
         self._writer = seat.session.writer(
-            seat.dialect.key(topic, kind), kept=qos.depth if qos.latched else 0, reliable=qos.reliable
+            seat.dialect.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
         )
         self._sender = Sender(seat, token)
         self._token = seat.announce(token)

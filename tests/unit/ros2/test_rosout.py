@@ -1,0 +1,297 @@
+"""The log of ROS: what goes wrong is said once, and when it is over; what flaps does not flood."""
+
+import itertools
+from typing import Any
+
+import pytest
+
+from pointit.bridges.ros2.backend import ROSOUT
+from pointit.bridges.ros2.outward import rosout
+from pointit.bridges.ros2.outward.rosout import (
+    ERROR,
+    INFO,
+    MOST_AT_ONCE,
+    MOST_SERVICES,
+    MOST_TOLD,
+    OVER_REPORTS,
+    REPORTS_PER_LINE,
+    WARN,
+    Rosout,
+)
+from pointit.bridges.ros2.outward.values import MOST_TEXT
+from pointit.bridges.ros2.routes import routes
+from pointit.bridges.ros2.rows import Outward
+from pointit.schemas import NS_PER_S, Health, KeyHealth
+from pointit.schemas.topics import HEALTH
+from tests.support.bench import START_NS, until
+from tests.unit.ros2.graph_of_one import Bench, bench
+from tests.unit.ros2.scenes import NOW_NS, furnished, jazzy, out, sent
+
+ROS, TYPE = "/rosout", "rcl_interfaces/msg/Log"
+NO_MAP = "no map: start pui"
+NO_WRIST = "no wrist: charge it"
+Said = tuple[int, str]
+
+
+def health(*warnings: str, instance: str = "pui", **fields: Any) -> Health:
+    values: dict[str, Any] = {"stamp_ns": NOW_NS, "pid": 1, "host": "site"} | fields
+    values |= {"service": instance, "instance": instance, "warnings": warnings}
+    return Health(status="degraded" if warnings else "ok", **values)
+
+
+class Log:
+    """The route, and what it has said of whom."""
+
+    def __init__(self) -> None:
+        self.row: Outward = out(routes(), "rosout")
+        self.scene = furnished()
+
+    def lines(self, report: Health) -> list[Any]:
+        return sent(self.row, report, self.scene, report.instance)
+
+    def says(self, report: Health, times: int = 1) -> list[Said]:
+        """Return what is said by so many of the same report in a row."""
+        values = [value for _ in range(times) for value in self.lines(report)]
+        assert {value.name for value in values} <= {f"pointit.{report.instance}"}
+        return [(value.level, value.msg) for value in values]
+
+    def end(self, instance: str) -> None:
+        assert self.row.forgets is not None
+        self.row.forgets(instance)
+
+    def begin(self) -> None:
+        assert self.row.begins is not None
+        self.row.begins()
+
+
+@pytest.fixture
+def log() -> Log:
+    return Log()
+
+
+def test_it_is_as_a_genuine_nodes(log: Log) -> None:
+    assert (log.row.ros, log.row.type, log.row.qos, log.row.enabled) == (ROS, TYPE, ROSOUT, True)
+    assert jazzy().kind(TYPE).hash.startswith("RIHS01_e28ce254"), "what the captured node has in its token"
+    made = jazzy().make(TYPE)
+    assert (INFO, WARN, ERROR) == (made.INFO, made.WARN, made.ERROR)
+
+
+def test_a_warning_is_a_line_with_its_stamp_and_who_says_it(log: Log) -> None:
+    (line,) = log.lines(health(NO_MAP, instance="selector.anna", stamp_ns=7 * NS_PER_S + 5))
+    assert (line.stamp.sec, line.stamp.nanosec) == (7, 5)
+    assert (line.level, line.name, line.msg) == (WARN, "pointit.selector.anna", NO_MAP)
+    assert (line.file, line.function, line.line) == ("", "", 0)
+
+
+def test_it_is_said_once_and_when_it_is_over(log: Log) -> None:
+    assert log.says(health(), 3) == []
+    assert log.says(health(NO_MAP), 100) == [(WARN, NO_MAP)]
+    assert log.says(health(), OVER_REPORTS - 1) == []
+    assert log.says(health()) == [(INFO, f"over: {NO_MAP}")]
+    assert log.says(health(), 100) == []
+    assert log.says(health(NO_MAP)) == [(WARN, NO_MAP)], "it is new again"
+
+
+def test_one_more_and_one_worded_anew_are_said(log: Log) -> None:
+    late = "no IMU: is it charged?"
+    log.says(health(NO_MAP))
+    assert log.says(health(NO_MAP, late), 2) == [(WARN, late)]
+    assert log.says(health("no map: pui has ended", late)) == [(WARN, "no map: pui has ended")]
+    assert log.says(health("no map: pui has ended", late), OVER_REPORTS) == [(INFO, f"over: {NO_MAP}")]
+
+
+def test_counts_that_grow_are_nothing_new_and_what_is_over_is_told_as_it_was_worded_last(log: Log) -> None:
+    def lost(count: int) -> str:
+        return f"{count} messages of user1 came {count / 10} s late: look at the link"
+
+    assert log.says(health(lost(1))) == [(WARN, lost(1))]
+    assert [log.says(health(lost(count))) for count in range(2, 50)] == [[]] * 48
+    assert log.says(health(), OVER_REPORTS) == [(INFO, f"over: {lost(49)}")]
+
+
+def test_names_with_digits_are_names_and_what_two_say_alike_is_said_of_both(log: Log) -> None:
+    both = ("user1 points, no pose is known: localize", "user2 points, no pose is known: localize")
+    assert log.says(health(*both)) == [(WARN, each) for each in both]
+    strips = ("strip 3 cannot be drawn: correct the map", "strip 4 cannot be drawn: correct the map")
+    assert log.says(health(*both, *strips), 2) == [(WARN, each) for each in strips]
+    assert log.says(health(*both, strips[1]), OVER_REPORTS) == [(INFO, f"over: {strips[0]}")]
+
+
+def test_calls_that_fail_are_an_error_while_they_do(log: Log) -> None:
+    assert log.says(health(errors=3)) == [], "before we looked"
+    ((level, said),) = log.says(health(errors=4))
+    assert level == ERROR
+    assert said.startswith("4 of its handlers' calls failed, and it goes on; its log has")
+    assert log.says(health(errors=5)) == []
+    ((level, said),) = log.says(health(errors=5), OVER_REPORTS)
+    assert (level, said.split(" ")[:3]) == (INFO, ["over:", "5", "of"])
+
+
+def test_events_that_are_lost_are_an_error(log: Log) -> None:
+    def lost(count: int) -> Health:
+        key = KeyHealth(key="users/{user}/button", direction="in", rate_hz=0.0, lost=count)
+        return health(keys=(key,))
+
+    log.says(lost(0))
+    ((level, said),) = log.says(lost(2))
+    assert (level, "never arrived" in said) == (ERROR, True)
+
+
+def test_another_process_of_the_name_has_counts_of_its_own(log: Log) -> None:
+    log.says(health(errors=3, pid=1))
+    assert log.says(health(errors=9, pid=2)) == []
+
+
+def test_a_service_that_does_not_say_why_is_told_of_too(log: Log) -> None:
+    degraded = health().model_copy(update={"status": "degraded"})
+    assert log.says(degraded, 9) == [(WARN, "calls itself degraded without saying why; look at its log")]
+
+
+def test_a_router_alone_is_nothing_wrong(log: Log) -> None:
+    assert log.says(health(instance="router"), 9) == []
+
+
+def test_what_flaps_is_said_once(log: Log) -> None:
+    said = [log.says(health(*((NO_MAP,) if count % OVER_REPORTS else ()))) for count in range(500)]
+    assert [line for lines in said for line in lines] == [(WARN, NO_MAP)]
+
+
+def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Log) -> None:
+    reports = 1000
+    most = MOST_AT_ONCE + reports // REPORTS_PER_LINE
+    slowly = itertools.cycle([True] * OVER_REPORTS + [False] * OVER_REPORTS)
+    told = sum(
+        len(log.says(health(*(f"{name} is gone" for name in "abcd" if on), instance="one")))
+        for on in itertools.islice(slowly, reports)
+    )
+    assert most // 2 < told <= most
+    words = (chr(ord("a") + count % 26) * (count // 26 + 1) for count in range(reports))
+    told = sum(len(log.says(health(f"{word} is odd", instance="two"))) for word in words)
+    assert most // 2 < told <= most
+
+
+def test_who_has_much_to_say_says_it_bit_by_bit(log: Log) -> None:
+    names = [chr(ord("a") + count) for count in range(MOST_AT_ONCE + 4)]
+    report = health(*(f"{name} is gone" for name in names))
+    assert len(log.says(report)) == MOST_AT_ONCE
+    assert len(log.says(report, 4 * REPORTS_PER_LINE)) == 4
+    assert log.says(report, 100) == []
+
+
+def test_what_is_not_over_is_bounded(log: Log) -> None:
+    names = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
+    assert len(names) > MOST_TOLD
+    report = health(*(f"{name} is gone" for name in names))
+    assert len(log.says(report, MOST_TOLD * REPORTS_PER_LINE * 2)) == MOST_TOLD
+    assert len(log.says(health(f"{names[0]} is gone"), OVER_REPORTS + 10)) > 0, "and goes on"
+
+
+def test_one_service_keeps_no_other_from_being_heard(log: Log) -> None:
+    noisy = health(*(f"{chr(ord('a') + count)} is gone" for count in range(26)))
+    log.says(noisy, 9)
+    assert log.says(health(NO_MAP, instance="led-driver")) == [(WARN, NO_MAP)]
+
+
+def test_who_is_gone_is_forgotten_and_who_comes_back_says_it_again_but_no_more_often(log: Log) -> None:
+    log.says(health(NO_MAP))
+    log.end("pui")
+    assert log.says(health()) == [], "nothing to be over"
+    lives = 200
+    told = 0
+    for _ in range(lives):
+        told += len(log.says(health(NO_MAP, instance="crash"), 2))
+        log.end("crash")
+    assert 0 < told <= MOST_AT_ONCE + 2 * lives // REPORTS_PER_LINE
+
+
+def test_services_are_bounded_gone_ones_too(monkeypatch: pytest.MonkeyPatch, log: Log) -> None:
+    assert MOST_SERVICES >= 1000
+    monkeypatch.setattr(rosout, "MOST_SERVICES", 3)
+    names = ["a", "b", "c", "d"]
+    assert [bool(log.says(health(NO_MAP, instance=name))) for name in names] == [True, True, True, False]
+    log.end("b")
+    assert log.says(health(NO_MAP, instance="d")) == [(WARN, NO_MAP)]
+    converter = log.row.by
+    assert isinstance(converter, Rosout)
+    for count in range(20):
+        log.end("d")
+        log.says(health(NO_MAP, instance=f"x{count}"))
+        log.end(f"x{count}")
+    assert (len(converter._services), len(converter._gone)) == (2, 3)
+
+
+def test_who_begins_to_read_hears_what_is_wrong_and_not_what_was(log: Log) -> None:
+    gone = NO_WRIST
+    log.says(health(NO_MAP, gone))
+    log.begin()
+    assert log.says(health(NO_MAP), 2 * OVER_REPORTS) == [(WARN, NO_MAP)]
+
+
+def test_no_text_is_longer_than_ros_needs(log: Log) -> None:
+    ((_, said),) = log.says(health("w\0" * 5000, instance="pui"))
+    assert said == "w" * MOST_TEXT
+    assert log.says(health("w\0" * 5000), 9) == []
+
+
+def reports(bridge: Bench, *warnings: str, instance: str = "pui") -> None:
+    topic: Any = HEALTH
+    report = health(*warnings, instance=instance, stamp_ns=START_NS)
+    bridge.scene.take(instance, report, bridge.clock.now_ns())
+    bridge.outbox.take(topic, report, instance)
+
+
+def heard(bridge: Bench) -> list[tuple[str, str]]:
+    return [(each.name, each.msg) for each in bridge.heard(ROS, TYPE)]
+
+
+async def test_it_goes_out_while_somebody_reads_and_who_begins_hears_what_is_wrong() -> None:
+    told = ("pointit.pui", NO_MAP)
+    async with bench(jazzy()) as bridge:
+        assert bridge.backend.writers[ROS] == (jazzy().kind(TYPE), ROSOUT)
+        reports(bridge, NO_MAP)
+        assert heard(bridge) == []
+        bridge.look(("subscriber", ROS))
+        reports(bridge, NO_MAP)
+        await until(lambda: heard(bridge) == [told])
+        bridge.look(("subscriber", ROS), ("subscriber", "/tf"))
+        reports(bridge, NO_MAP, NO_WRIST)
+        await until(lambda: heard(bridge)[1:] == [("pointit.pui", NO_WRIST)])
+        bridge.look()
+        bridge.look(("subscriber", ROS))
+        reports(bridge, NO_MAP)
+        await until(lambda: heard(bridge)[2:] == [told])
+
+
+async def test_all_services_are_heard_however_fast_one_reports() -> None:
+    names = ["selector.anna", "keeper", "pui"]
+    async with bench(jazzy(), unread=True) as bridge:
+        for count in range(50):
+            reports(bridge, f"{'a' * (count + 1)} is odd", instance="noisy")
+        for name in names:
+            reports(bridge, NO_MAP, instance=name)
+        await until(lambda: {(f"pointit.{name}", NO_MAP) for name in names} <= {*heard(bridge)})
+        assert len([name for name, _ in heard(bridge) if name == "pointit.noisy"]) == 2, "first and newest"
+
+
+async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_name() -> None:
+    async with bench(jazzy(), unread=True) as bridge:
+        reports(bridge, NO_MAP)
+        await until(lambda: len(heard(bridge)) == 1)
+        bridge.outbox.leave("pui")
+        reports(bridge, NO_MAP)
+        reports(bridge, NO_MAP, instance="keeper")
+        await until(lambda: ("pointit.keeper", NO_MAP) in heard(bridge), what="the reports to be read")
+        assert len(heard(bridge)) == 2
+        bridge.outbox.end("pui")
+        reports(bridge, NO_MAP)
+        await until(lambda: heard(bridge)[2:] == [("pointit.pui", NO_MAP)])
+
+
+async def test_what_waits_of_a_service_that_has_gone_is_not_sent() -> None:
+    async with bench(jazzy(), unread=True) as bridge:
+        reports(bridge, NO_MAP, instance="keeper")
+        reports(bridge, NO_MAP)
+        bridge.outbox.end("pui")
+        reports(bridge, NO_WRIST, instance="keeper")
+        await until(lambda: ("pointit.keeper", NO_WRIST) in heard(bridge))
+        assert {name for name, _ in heard(bridge)} == {"pointit.keeper"}

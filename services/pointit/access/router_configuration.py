@@ -25,9 +25,9 @@ of the key it is about; the router drops it then without a word."""
 MOST_SESSIONS = 1000
 LEASE_MS = 3000
 ACCEPT_MS = 3000
-MOST_NEWCOMERS = 1000
+MOST_NEWCOMERS = 500
 """Where TLS lets in who has no certificate, so many may say nothing for so long before others have to wait;
-as Zenoh would have it, 100 for 10 s."""
+as Zenoh would have it, 100 for 10 s. Half of the files that a process may have open, mostly."""
 
 HEADER = """\
 // Made by `pointit site`; changes by hand are lost. For `pointit router --config` and for zenohd alike, which

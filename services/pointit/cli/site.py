@@ -13,7 +13,6 @@ from pointit.access.site_state import SiteState
 from pointit.cli import identities
 from pointit.cli.finite import Finite
 from pointit.cli.output import json_option, print_json
-from pointit.runtime.credentials import SOON
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.topics import check_name
 
@@ -84,7 +83,12 @@ def command() -> None:
 @click.option(
     "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="how long certificates last"
 )
-@click.option("--password", is_flag=True, help="people prove who they are by passwords, not by certificates")
+@click.option(
+    "--password",
+    is_flag=True,
+    help="all but the router prove who they are by passwords, which do not end, instead of by certificates; "
+    "keeps strangers out less well (deploy/README.md)",
+)
 @click.option(
     "--dashboard-rate",
     default=DASHBOARD_HZ,
@@ -205,15 +209,16 @@ def list_people(folder: Path, *, as_json: bool) -> None:
 def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
     """Make new certificates for NAMES, or for all that end within 30 days; carry them to their machines.
 
-    What they replace is worth nothing from then on; a revoked identity comes back.
+    What they replace is worth nothing from then on; a revoked identity comes back. Where people have
+    passwords, which do not end, those who are named get new ones.
 
     Example: pointit site renew anna --folder lab
     """
     site = SiteFolder(folder)
     now = _now()
+    state = site.state()
     if not names:
-        ending = site.state().identities.items()
-        names = tuple(name for name, one in ending if one.state == "valid" and one.valid_until - now < SOON)
+        names = tuple(identities.ending(identities.rows_of(state, identities.present(state), now)))
         if hosts:
             names = tuple(dict.fromkeys((ROUTER, *names)))
     if not names:
@@ -221,7 +226,8 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
         return
     site.renew(names, now, hosts)
     for name in names:
-        click.echo(f"{name} has a new certificate: carry {site.identity_folder(name)} to its machine")
+        proof = "password" if state.password and name != ROUTER else "certificate"
+        click.echo(f"{name} has a new {proof}: carry {site.identity_folder(name)} to its machine")
 
 
 @command.command("revoke")

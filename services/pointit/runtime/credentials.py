@@ -197,8 +197,8 @@ def refusal(credentials: Credentials, endpoint: str) -> str:
             )
     if credentials.link.password:
         return (
-            f"the router at {endpoint} refuses {name}'s password; "
-            f"have it made anew with `pointit site renew {name}`"
+            f"the router at {endpoint} refuses {name}'s password, or is too busy to take it; if that stays "
+            f"so, have it made anew with `pointit site renew {name}` and carry the folder here"
         )
     return ""
 

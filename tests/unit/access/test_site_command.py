@@ -91,6 +91,19 @@ def test_what_ends_soon_is_warned_of(tmp_path: Path) -> None:
     assert "router has a new certificate" in site("renew", "--folder", path).output
 
 
+def test_passwords_which_do_not_end_are_kept_when_certificates_are_renewed(tmp_path: Path) -> None:
+    path = str(tmp_path / "lab")
+    site("init", "lab", "--folder", path, "--days", "20", "--guests", "0", "--users", "anna", "--password")
+    users = tmp_path / "lab" / "router" / "users.txt"
+    before = users.read_text()
+    said = site("renew", "--folder", path).output
+    assert said.startswith("router has a new certificate")
+    assert said.count("\n") == 1
+    assert users.read_text() == before
+    assert "anna has a new password: carry" in site("renew", "anna", "--folder", path).output
+    assert users.read_text() != before
+
+
 def test_all_is_well_is_exit_code_0(folder: str) -> None:
     assert site("show", "--folder", folder).exit_code == 0
     assert "valid for 30 days and more" in site("renew", "--folder", folder).output
@@ -100,6 +113,17 @@ def test_revoked_is_shown(folder: str) -> None:
     assert "may do nothing any more" in site("revoke", "anna", "--folder", folder).output
     rows = json.loads(site("show", "--folder", folder, "--json").output)["identities"]
     assert [row["state"] for row in rows if row["name"] == "anna"] == ["revoked"]
+
+
+def test_no_password_is_printed(tmp_path: Path) -> None:
+    path = str(tmp_path / "lab")
+    said = [site("init", "lab", "--folder", path, "--users", "anna,ben", "--password").output]
+    for arguments in (["show"], ["show", "--json"], ["user", "list"], ["renew", "anna"], ["revoke", "ben"]):
+        lines = (tmp_path / "lab" / "router" / "users.txt").read_text().splitlines()
+        said.append(site(*arguments, "--folder", path).output)
+        lines += (tmp_path / "lab" / "router" / "users.txt").read_text().splitlines()
+        for line in lines:
+            assert line.rpartition(":")[2] not in "".join(said)
 
 
 def test_no_secret_is_printed(folder: str) -> None:

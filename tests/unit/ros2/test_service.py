@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from pointit.bridges.ros2 import service
-from pointit.bridges.ros2.attendance import MOST_PEOPLE, Attendance
+from pointit.bridges.ros2.attendance import MOST_REMEMBERED, Attendance
 from pointit.bridges.ros2.service import Ros2
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, SERVICE_ALIVE, USER_ALIVE
@@ -107,8 +107,8 @@ def figures(reports: list[Health]) -> tuple[Figure, ...]:
 
 
 def test_only_so_many_are_remembered() -> None:
-    attendance = Attendance()
-    for count in range(MOST_PEOPLE + 1):
+    attendance = Attendance("user")
+    for count in range(MOST_REMEMBERED + 1):
         assert attendance.admits(POSE, PLACE, f"user{count}")
         attendance.go(f"user{count}")
     assert attendance.admits(IMU, HELD, "user0")
@@ -128,7 +128,16 @@ async def test_what_goes_wrong_is_logged_in_ros_and_anew_by_who_comes_back(
         bench.put(HEALTH, ill, "pui")
         return len(sent) == count
 
+    gone: list[str] = []
     here = bench.bus.announce(SERVICE_ALIVE, "pui")
+    bench.bus.watch(SERVICE_ALIVE, lambda name, present: None if present else gone.append(name))
     await until(lambda: told(1))
     here.close()
-    await until(lambda: told(2), what="it to be said of the next one of the name")
+    await until(lambda: gone == ["pui"])
+    bench.put(HEALTH, ill, "pui")  # its last one, held up on its way
+    bench.put(HEALTH, ill, "selector")
+    await until(lambda: len(sent) > 1)
+    assert len(sent) == 2
+    assert b"pointit.selector" in sent[1]
+    bench.bus.announce(SERVICE_ALIVE, "pui")
+    await until(lambda: told(3), what="it to be said of the next one of the name")

@@ -46,7 +46,7 @@ class Ros2(Service[Ros2Config]):
         types.prepare(*{route.type for route in self._table.all})
         file = self._table.file
         self._scene = Scene(types, world=file.world, person=file.person, kinds=file.kinds)
-        self._attendance = Attendance()
+        self._people, self._services = Attendance("user"), Attendance("service")
 
     @classmethod
     def check(cls, config: Ros2Config) -> None:
@@ -110,7 +110,7 @@ class Ros2(Service[Ros2Config]):
         guests.look(here)
 
     def _hear(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
-        if self._attendance.admits(topic, message, name):
+        if all(each.admits(topic, message, name) for each in (self._people, self._services)):
             self._show(outbox, topic, message, name)
 
     def _show(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
@@ -122,17 +122,20 @@ class Ros2(Service[Ros2Config]):
             self._scene.person(user)  # whose frame is known from now on
             outbox.join(user)
             inbox.join(user)
-            for topic, message in self._attendance.come(user):
+            for topic, message in self._people.come(user):
                 self._show(outbox, topic, message, user)
         else:
-            self._attendance.go(user)
+            self._people.go(user)
             outbox.leave(user)
             inbox.leave(user)
             self._scene.forget(user)
 
     def _mind(self, outbox: Outbox, guests: Guests, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
         guests.meet(instance, present)
-        if not present:
+        if present:
+            self._services.come(instance)  # its next report says all
+        else:
+            self._services.go(instance)
             outbox.end(instance)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment, StripsFrame, UserProfile
 from pointit.services.user_sim.colors import DARKEST, OwnColor
-from pointit.services.user_sim.looks import Kinds, Looks
+from pointit.services.user_sim.looks import Looks, UsualLooks
 from pointit.services.user_sim.pixels import Key, Kind, Pixels, ShownLine
 
 LEVEL_SHARE = 0.8
@@ -81,7 +81,7 @@ class Eyes:
         """The same."""
         self._brightness = 1.0
         """Of cursors, as lately seen."""
-        self._kinds = Kinds()
+        self._usual_looks = UsualLooks()
         self.set_profile(UserProfile(stamp_ns=0))
 
     def learn(self, room: Environment) -> None:
@@ -171,7 +171,7 @@ class Eyes:
             shown.pop(0)
         if len(shown) < 3:
             return None
-        return self._kinds.judge(kind, shown, self._own, self._brightness)
+        return self._usual_looks.judge(kind, shown, self._own, self._brightness)
 
     def _runs(self, kind: Kind) -> list[_Run]:
         """Return runs of pixels that may be one's own cursor, those interleaved with others' as one."""

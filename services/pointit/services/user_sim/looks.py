@@ -29,7 +29,7 @@ class Looks(NamedTuple):
     """An end is in a colour that is neither one's own nor the thing's."""
 
 
-class Kinds:
+class UsualLooks:
     """Knows how things of each kind look that nobody selected, once one was seen."""
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""How long TCP waits for another end that has vanished without a word: no longer than Zenoh's lease.
+"""How long TCP waits: for who has vanished no longer than Zenoh's lease, for who is thrown out not at all.
 
 Zenoh gives a link up when nothing came for a lease, but first waits for a write that is under way (1.10). To
 an end that was cut off that write ends when TCP gives up, after 15 minutes: so long would a person who is out
@@ -65,10 +65,16 @@ def end_lingering(ports: Collection[int]) -> int:
 def tcp_sockets() -> Iterator[socket.socket]:
     """Yield this process's TCP sockets, Zenoh's too; each only for as long as it is looked at.
 
+    None where they cannot be listed: no /proc, or no descriptor left to read it by.
+
     No file is duplicated and closed again: closing any descriptor of a file gives up all locks that the
     process has on it (POSIX), such as those by which SQLite keeps other writers away.
     """
-    for entry in list(OPEN_FILES.iterdir()):
+    try:
+        entries = list(OPEN_FILES.iterdir())
+    except OSError:
+        return
+    for entry in entries:
         try:
             found = socket.socket(fileno=int(entry.name))
         except OSError:  # it is none, or closed meanwhile

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pointit.runtime import tcp_silence
 from pointit.runtime.tcp_silence import LINGER, end_lingering, end_silence, tcp_sockets
 from pointit.runtime.zenoh_session import LEASE_MS, Link, close_session, open_session, ports_of
 from tests.support.buses import free_port
@@ -17,6 +18,20 @@ from tests.support.buses import free_port
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")
 
 AFTER_MS = 2345
+
+LOOKS_WITHOUT_DESCRIPTORS = """
+import os, resource
+from pointit.runtime.tcp_silence import end_lingering, end_silence, tcp_sockets
+_, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
+taken = []
+try:
+    while True:
+        taken.append(os.open(os.devnull, os.O_RDONLY))
+except OSError:
+    print(list(tcp_sockets()), end_silence({1}, 1), end_lingering({1}))
+"""
+"""In a process of its own: it uses up what a process may open."""
 
 
 def waits_ms(of: socket.socket) -> int:
@@ -61,6 +76,18 @@ def test_others_are_left_alone(listening: socket.socket) -> None:
         other.bind(("127.0.0.1", 0))
         assert end_silence({other.getsockname()[1], free_port()}, AFTER_MS) == 0
     assert waits_ms(listening) == 0
+
+
+def test_nothing_is_found_where_no_descriptor_is_left() -> None:
+    looked = subprocess.run(
+        [sys.executable, "-c", LOOKS_WITHOUT_DESCRIPTORS], capture_output=True, text=True, check=False
+    )
+    assert (looked.stdout, looked.stderr) == ("[] 0 0\n", "")
+
+
+def test_nothing_is_found_where_there_is_no_proc(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(tcp_silence, "OPEN_FILES", tmp_path / "none")
+    assert list(tcp_sockets()) == []
 
 
 def test_no_setting_of_a_socket_is_changed_by_looking(listening: socket.socket) -> None:

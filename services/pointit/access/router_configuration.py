@@ -27,7 +27,8 @@ LEASE_MS = 3000
 ACCEPT_MS = 3000
 MOST_NEWCOMERS = 500
 """Where TLS lets in who has no certificate, so many may say nothing for so long before others have to wait;
-as Zenoh would have it, 100 for 10 s. Half of the files that a process may have open, mostly."""
+as Zenoh would have it, 100 for 10 s. Half of the files that a process may have open, mostly; `pointit router`
+takes what the system lets it, for `MOST_SESSIONS` beside them."""
 
 HEADER = """\
 // Made by `pointit site`; changes by hand are lost. For `pointit router --config` and for zenohd alike, which

@@ -15,6 +15,7 @@ from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
+from pointit.runtime.file_limit import raise_file_limit
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option
 from pointit.runtime.router import Router, routing
@@ -85,6 +86,7 @@ def command(
         raise ConfigError(
             "--uplink needs --site-folder: the router proves with the site's certificate who it is"
         )
+    raise_file_limit()
     if folders:
         return run_async(_guard(_of_sites(folders, uplinks)))
     if file is not None:

@@ -22,9 +22,11 @@ for line in sys.stdin:
 @pytest.fixture
 def echo(tmp_path: Path) -> Iterator[Told]:
     told = Told("echo", (sys.executable, "-c", ECHO), tmp_path / "stderr")
-    told.wait()
-    yield told
-    told.kill()
+    try:
+        told.wait()
+        yield told
+    finally:
+        told.kill()
 
 
 async def test_answers_go_to_who_asked(echo: Told) -> None:

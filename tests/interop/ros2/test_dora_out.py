@@ -53,8 +53,6 @@ LOOKED_AT: tuple[Topic[Any], ...] = (
 )
 COLD = "the oven is cold: light it"
 INFO, WARN = 20, 30
-HEARD_S = 5.0
-"""Within which a warning is in ROS's log, however busy the machine."""
 GOAL = Goal(
     stamp_ns=1,
     position_m=(1.0, 2.0, 0.5),
@@ -269,9 +267,7 @@ async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, se
     await until(lambda: len(seen.by_stamp[ours.RAY.key]) > 10, 20, "rays of user1")
     await _provoke(place.dora, seen)
     async with _reports(seen.bus, COLD):
-        began_s = time.monotonic()
         line = await place.dora.hears("/rosout", lambda line: line["name"] == "pointit.oven")
-        assert time.monotonic() - began_s < HEARD_S
     assert (line["level"], line["msg"], line["file"], line["line"]) == (WARN, COLD, "", 0)
     assert _is_now(line["stamp"])
     async with _reports(seen.bus):

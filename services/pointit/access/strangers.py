@@ -30,7 +30,9 @@ WITHOUT = "came without credentials, by plain TCP instead of TLS"
 
 ACCEPTS = r"^\S+ +\w+ +(?:\S+ )?ThreadId\(\d+\) zenoh_transport::unicast::establishment::accept: "
 KNOCKS = re.compile(rf"{ACCEPTS}Establishment Accept (?:Init|Open)Syn: \S+ => \w+/(\S+):\d+\. Received: ")
-CLAIMS = re.compile(r"ext_auth: Some\(.{0,100}?slices: \[\[42, ((?:[0-9a-f]{2}, )+)")
+MOST_CLAIMED = 300
+"""Bytes that are looked at of what a stranger says; a name and its lengths are shorter."""
+CLAIMS = re.compile(rf"ext_auth: Some\(.{{0,100}}?slices: \[\[42, ((?:[0-9a-f]{{2}}, ){{1,{MOST_CLAIMED}}})")
 """Length of the rest, length of the name, name, and the proof of the password; 42: by name and password."""
 PASSWORD = re.compile(rf"{ACCEPTS}UsrPwd extension - Recv \w+\. ([\w ]+)\.")
 NO_ZENOH = re.compile(rf"{ACCEPTS}(?:Decode error on|Read error from) link: \S+ => \w+/(\S+?):\d+:")
@@ -44,6 +46,8 @@ REASONS = {
 """By what Zenoh says of a password."""
 MORE = 0x80
 """Of a byte of a length: the next one belongs to it."""
+LONGEST_LENGTH = 9
+"""Bytes of a length, of 64 bits at most."""
 
 
 class Strangers:
@@ -98,14 +102,16 @@ def _claimed(line: str) -> str:
     _, rest = _length(bytes.fromhex(found[1].replace(",", "")))
     length, rest = _length(rest)
     user = rest[:length].decode(errors="replace")
-    name = re.sub(r"[^\w./-]", "?", user.rpartition("/")[0] or user, flags=re.ASCII)
+    if length <= len(rest):  # else the number is cut off, and what is before a slash is somebody else
+        user = user.rpartition("/")[0] or user
+    name = re.sub(r"[^\w./-]", "?", user, flags=re.ASCII)
     return name[:LONGEST_NAME] + ("…" if len(name) > LONGEST_NAME else "")
 
 
 def _length(raw: bytes) -> tuple[int, bytes]:
     """Return the number that `raw` begins with, seven bits in each byte, and what comes after it."""
     number = at = 0
-    for at, byte in enumerate(raw):
+    for at, byte in enumerate(raw[:LONGEST_LENGTH]):
         number |= (byte & ~MORE) << (7 * at)
         if not byte & MORE:
             break

@@ -5,7 +5,14 @@ from hypothesis import strategies as st
 
 from pointit.access.recent import MOST_SENTENCES, RECENT_S, Recent
 from pointit.access.refused import FLOOD_HZ, KINDS, LONGEST_KEY, Refused
-from pointit.access.strangers import LONGEST_NAME, MOST_REASONS, MOST_SHOWN
+from pointit.access.strangers import (
+    CLAIMS,
+    LONGEST_LENGTH,
+    LONGEST_NAME,
+    MOST_CLAIMED,
+    MOST_REASONS,
+    MOST_SHOWN,
+)
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
 HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
@@ -134,7 +141,12 @@ def knock(name: str, address: str = "10.0.0.5:39284", thread: str = "05") -> str
     """What Zenoh logs of a newcomer who says to be `name`."""
     user = name.encode()
     sizes = bytes((len(user) & 0x7F | 0x80, len(user) >> 7)) if len(user) > 127 else bytes((len(user),))
-    said = bytes((0x42, 0x2C)) + sizes + user + bytes(32)
+    return knock_by(bytes((0x2C,)) + sizes + user + bytes(32), address, thread)
+
+
+def knock_by(rest: bytes, address: str = "10.0.0.5:39284", thread: str = "05") -> str:
+    """What Zenoh logs of a newcomer who says `rest` after that it is by name and password."""
+    said = b"\x42" + rest
     value = f"ZBuf {{ slices: [[{', '.join(f'{byte:02x}' for byte in said)}]] }}"
     ext = f'ext_auth: Some(ZExtZBuf {{ Id: 3, Mandatory: false, Encoding: "ZBuf", Value: {value} }})'
     return (
@@ -185,6 +197,21 @@ def test_a_name_that_somebody_gives_themselves_says_nothing_else() -> None:
     assert told == f"somebody was not let in: a wrong password for {'x' * LONGEST_NAME}… from 10.0.0.5"
     forged = f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"
     assert sentences(f"{door('TRACE')}Establishment Accept InitSyn: {forged}") == []
+
+
+def test_however_much_a_stranger_says_little_of_it_is_looked_at() -> None:
+    line = knock_by(b"\xff" * 60_000)
+    claims = CLAIMS.search(line)
+    assert claims is not None
+    assert len(bytes.fromhex(claims[1].replace(",", ""))) == MOST_CLAIMED
+    (told,) = sentences(line, refusal("Invalid user"))
+    name = "?" * LONGEST_NAME
+    assert told == f"somebody was not let in: an unknown or former password for {name}… from 10.0.0.5"
+    endless = knock_by(b"\xff" * LONGEST_LENGTH + b"\x0alab/anna/1" + bytes(32))
+    (told,) = sentences(endless, refusal("Invalid user"))
+    assert told.endswith(" for lab/anna from 10.0.0.5"), "no length goes on for ever"
+    (told,) = sentences(knock(f"lab/{'x' * 1000}/1"), refusal("Invalid user"))
+    assert f" for lab/{'x' * (LONGEST_NAME - 4)}… from " in told, "nobody else's, for all that is cut off"
 
 
 def test_who_speaks_no_zenoh_behind_tls_or_nothing_is_told() -> None:

@@ -9,6 +9,7 @@ with a colour is the rest of a key, with which somebody wants to lay the blame o
 """
 
 import re
+import threading
 from collections import Counter, defaultdict
 
 from pointit.access import strangers
@@ -73,9 +74,11 @@ FILTER = f"off,zenoh::net::routing::interceptor=trace,{strangers.FILTER}"
 
 
 class Refused:
-    """Counts attempts that a router has refused, and who writes without measure."""
+    """Counts attempts that a router has refused, and who writes without measure; on any threads."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
+        """The log is read in a thread of its own."""
         self.total = 0
         """How many attempts there were so far."""
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
@@ -91,8 +94,20 @@ class Refused:
 
     def take(self, line: str) -> None:
         """Take one line of the log."""
-        if not line.startswith(OWN):
-            return
+        if line.startswith(OWN):
+            with self._lock:
+                self._take(line)
+
+    def take_sentences(self, elapsed_s: float) -> dict[str, str]:
+        """Return what was refused in the last `elapsed_s`, and who wrote too often, and forget it.
+
+        Returns:
+            A sentence by the identity it is about, `SITE/NAME`; by an empty name, of whom nobody knows.
+        """
+        with self._lock:
+            return self._take_sentences(elapsed_s)
+
+    def _take(self, line: str) -> None:
         at = line.find(THREAD) + len(THREAD)
         end = line.find(")", at)
         where = line[at:end]
@@ -114,12 +129,7 @@ class Refused:
             self._let_in[where] = line
             self._take_let_in(line)
 
-    def take_sentences(self, elapsed_s: float) -> dict[str, str]:
-        """Return what was refused in the last `elapsed_s`, and who wrote too often, and forget it.
-
-        Returns:
-            A sentence by the identity it is about, `SITE/NAME`; by an empty name, of whom nobody knows.
-        """
+    def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
         clauses: dict[str, list[str]] = defaultdict(list)
         for name, attempts in self._attempts.items():
             clauses[name].append(f"may not {_listed(attempts)}: refused")

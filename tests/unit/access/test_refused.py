@@ -1,5 +1,9 @@
 """What a router's log says of attempts, and what of it is none."""
 
+import pkgutil
+import threading
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +20,8 @@ from pointit.access.strangers import (
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
 HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
+MEANWHILE_S = 0.5
+"""For so long a thread may take a line that nothing keeps it from."""
 ANNA = "12ab on Interface(lo)+CertCommonName(lab/anna/2)+Transport(Tls)+12ab"
 
 
@@ -247,6 +253,32 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
     assert sentence == "lab/anna may not write x0, x1, x2 and 997 more: refused"
     assert len(sentence) < 200
     assert refused.take_sentences(1.0) == {}
+
+
+@pytest.mark.parametrize(
+    "during", ["pointit.access.refused._listed", "pointit.access.strangers.Strangers.take_sentence"]
+)
+def test_what_is_taken_while_it_is_told_is_told_the_next_time(
+    during: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The log is read in a thread of its own."""
+    refused = Refused()
+    attempt = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"
+    another = attempt.replace("lab/anna", "lab/ben").replace("12ab", "34cd")
+    taking = threading.Thread(target=refused.take, args=(another,))
+    original = pkgutil.resolve_name(during)
+
+    def interrupted(*arguments: object) -> object:
+        if taking.ident is None:
+            taking.start()
+            taking.join(MEANWHILE_S)
+        return original(*arguments)
+
+    monkeypatch.setattr(during, interrupted)
+    refused.take(attempt)
+    assert refused.take_sentences(1.0) == {"lab/anna": "lab/anna may not write map: refused"}
+    taking.join()
+    assert refused.take_sentences(1.0) == {"lab/ben": "lab/ben may not write map: refused"}
 
 
 @given(st.lists(st.text()))

@@ -118,12 +118,12 @@ async def _guard(router: Router) -> int:
     refused = Refused()
     with listening(FILTER, refused.take):
         await router.open()
-        telling = asyncio.create_task(_tell(router, refused), name="refused")
         try:
             click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
-            await router.follow()
+            async with asyncio.TaskGroup() as group:
+                group.create_task(_tell(router, refused), name="refused")
+                group.create_task(router.follow(), name="router")
         finally:
-            telling.cancel()
             await router.close()
     return 0
 

@@ -1,9 +1,15 @@
 """`pointit router`, without routing."""
 
+import asyncio
+import contextlib
 import subprocess
 import sys
 
 import pytest
+
+from pointit.cli import router
+
+PATIENCE_S = 5.0
 
 STARTS_WITH_FEW_FILES = """
 import resource
@@ -28,3 +34,43 @@ def test_it_may_have_as_many_files_open_as_the_system_lets_it() -> None:
         [sys.executable, "-c", STARTS_WITH_FEW_FILES], capture_output=True, text=True, check=False
     )
     assert (started.stdout, started.stderr) == ("True\n", "")
+
+
+class Routing:
+    """Of a router, as far as it matters here: it routes on, and fails to report how it is."""
+
+    listens = ("tls/127.0.0.1:7447",)
+    is_open = False
+
+    async def open(self) -> None:
+        self.is_open = True
+
+    async def follow(self) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await asyncio.Event().wait()
+
+    def report(self, *_: object) -> None:
+        raise UnexpectedError
+
+    async def close(self) -> None:
+        self.is_open = False
+
+
+class UnexpectedError(Exception):
+    pass
+
+
+def _deaf(*_: object) -> contextlib.nullcontext[None]:
+    return contextlib.nullcontext()
+
+
+async def test_a_router_that_cannot_tell_any_more_who_was_refused_ends_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(router, "listening", _deaf)
+    monkeypatch.setattr(router, "TELL_S", 0.0)
+    routing = Routing()
+    with pytest.raises(ExceptionGroup) as ended:
+        await router._guard(routing)  # type: ignore[arg-type]  # all that it needs of one
+    assert ended.group_contains(UnexpectedError)
+    assert not routing.is_open

@@ -21,14 +21,17 @@ MOST_REASONS = 1000
 """That are told apart at a time: who knocks chooses names."""
 LONGEST_NAME = 100
 
+THREAD = r"(?:\S+ )?ThreadId\(\d+\) "
+BEGINS = rf"^\S+ +\w+ +{THREAD}"
+"""Of a line: time, level, thread. What Zenoh says follows its target: there a stranger's words may stand."""
 HANDSHAKE = re.compile(
-    r"WARN .*zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
+    rf"^\S+ +WARN +{THREAD}zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
 )
 PLAIN_TCP = "received corrupt message of type InvalidContentType"
 """Of TLS's first message: it was none."""
 WITHOUT = "came without credentials, by plain TCP instead of TLS"
 
-ACCEPTS = r"^\S+ +\w+ +(?:\S+ )?ThreadId\(\d+\) zenoh_transport::unicast::establishment::accept: "
+ACCEPTS = rf"{BEGINS}zenoh_transport::unicast::establishment::accept: "
 KNOCKS = re.compile(rf"{ACCEPTS}Establishment Accept (?:Init|Open)Syn: \S+ => \w+/(\S+):\d+\. Received: ")
 MOST_CLAIMED = 300
 """Bytes that are looked at of what a stranger says; a name and its lengths are shorter."""
@@ -36,14 +39,14 @@ CLAIMS = re.compile(rf"ext_auth: Some\(.{{0,100}}?slices: \[\[42, ((?:[0-9a-f]{{
 """Length of the rest, length of the name, name, and the proof of the password; 42: by name and password."""
 PASSWORD = re.compile(rf"{ACCEPTS}UsrPwd extension - Recv \w+\. ([\w ]+)\.")
 NO_ZENOH = re.compile(rf"{ACCEPTS}(?:Decode error on|Read error from) link: \S+ => \w+/(\S+?):\d+:")
-SILENT = "zenoh_transport::unicast::manager: Failed to accept link before deadline"
+SILENT = re.compile(rf"{BEGINS}zenoh_transport::unicast::manager: Failed to accept link before deadline")
 
 REASONS = {
-    "Invalid password": "a wrong password for {name}",
-    "Invalid user": "an unknown or former password for {name}",
+    "Invalid password": "a wrong password{of}",
+    "Invalid user": "an unknown or former password{of}",
     "Expected extension": "came without a password",
 }
-"""By what Zenoh says of a password."""
+"""By what Zenoh says of a password; of whom, where that is known."""
 MORE = 0x80
 """Of a byte of a length: the next one belongs to it."""
 LONGEST_LENGTH = 9
@@ -83,13 +86,13 @@ class Strangers:
     def _reason(self, line: str, where: str) -> str:
         if found := PASSWORD.match(line):
             address, name = self._knocks.pop(where, ("", ""))
-            reason = REASONS.get(found[1], found[1]).format(name=name or "nobody")
+            reason = REASONS.get(found[1], found[1]).format(of=f" for {name}" if name else "")
             return f"{reason} from {address}" if address else reason
         if found := NO_ZENOH.match(line):
             return f"came by TLS and spoke no Zenoh from {found[1]}"
-        if SILENT in line:
+        if SILENT.match(line):
             return "came by TLS and said nothing"
-        if found := HANDSHAKE.search(line):
+        if found := HANDSHAKE.match(line):
             return WITHOUT if found[1].startswith(PLAIN_TCP) else found[1]
         return ""
 

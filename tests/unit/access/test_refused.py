@@ -190,7 +190,7 @@ def test_who_was_let_in_is_not_blamed_for_who_was_not() -> None:
     """Newcomers are told apart by threads, and one reason is of one of them."""
     wrong = refusal("Invalid password")
     assert sentences(knock("lab/anna/1"), knock("lab/ben/1", thread="06"), wrong, wrong) == [
-        "somebody was not let in: a wrong password for lab/anna from 10.0.0.5, a wrong password for nobody"
+        "somebody was not let in: a wrong password for lab/anna from 10.0.0.5, a wrong password"
     ]
     assert sentences(knock("lab/anna/1"), f"{door('DEBUG')}New transport link accepted from 12 to 34") == []
 
@@ -201,8 +201,14 @@ def test_a_name_that_somebody_gives_themselves_says_nothing_else() -> None:
     assert told == "somebody was not let in: a wrong password for lab/a??ben??9?times????0m from 10.0.0.5"
     (told,) = sentences(knock("x" * 1000 + "/1"), wrong)
     assert told == f"somebody was not let in: a wrong password for {'x' * LONGEST_NAME}… from 10.0.0.5"
-    forged = f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"
-    assert sentences(f"{door('TRACE')}Establishment Accept InitSyn: {forged}") == []
+    for forged in (
+        f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map",
+        "zenoh_transport::unicast::manager: Failed to accept link before deadline (3000ms)",
+        "WARN acc-0 ThreadId(05) zenoh_link_tls::unicast: invalid peer certificate: UnknownIssuer.",
+        "ThreadId(05) zenoh_transport::unicast::establishment::accept: UsrPwd extension - Recv x. Invalid.",
+    ):
+        assert sentences(f"{door('TRACE')}Establishment Accept InitSyn: {forged}") == []
+        assert sentences(f"{HEAD}Something of {forged}") == []
 
 
 def test_however_much_a_stranger_says_little_of_it_is_looked_at() -> None:

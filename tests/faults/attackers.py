@@ -100,7 +100,7 @@ class Besieged:
 
         ended_s = time.monotonic() + PATIENCE_S
         while not is_shown():
-            again()
+            await asyncio.to_thread(again)  # the loop, on which all is heard and timed, goes on meanwhile
             await asyncio.sleep(0.05)
             assert time.monotonic() < ended_s, f"{missing} are not shown, but {self.shown(instance)!r}"
         noticed_s = time.monotonic() - self.began_s

@@ -37,7 +37,7 @@ HANDSHAKE_S = 1.0
 
 SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
 
-PASSWORDS = re.compile(rb"[A-Za-z0-9_-]+")
+PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
 """What one is made of."""
 
 X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
@@ -258,7 +258,7 @@ def _password(folder: Path) -> str:
     """Return what stands in the file of the password; what is wrong with it is told without it."""
     path = folder / PASSWORD
     password = _read(path).strip()
-    if not PASSWORDS.fullmatch(password):
+    if not PASSWORD_FORM.fullmatch(password):
         raise ConfigError(
             f"{path}: holds no password as `pointit site` makes them; carry the folder here once more"
         )

@@ -16,8 +16,7 @@ from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import MailboxSubscription
 from pointit.runtime.names import Names
-from pointit.runtime.zenoh_wire import check_size, decoded, name_in
-from pointit.runtime.zenoh_writers import PRIORITY
+from pointit.runtime.zenoh_wire import PRIORITY, check_size, decoded, name_in
 from pointit.schemas import DecodeError, Message, SchemaError
 from pointit.schemas.topics import Delivery
 

@@ -9,6 +9,9 @@ from pointit.schemas import DecodeError, Message, Query, decode
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import Presence, Request, check_name
 
+PRIORITY = zenoh.Priority.DATA_HIGH
+"""Of states and events as they are put; what is fetched again from a writer's cache has another one."""
+
 
 def encoding_of(kind: type[Message] | type[Query]) -> zenoh.Encoding:
     """Return the encoding that says which message in which version the bytes are."""

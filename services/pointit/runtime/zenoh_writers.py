@@ -12,7 +12,7 @@ from zenoh.handlers import RingChannel
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import MemoryPublisher
-from pointit.runtime.zenoh_wire import encoding_of
+from pointit.runtime.zenoh_wire import PRIORITY, encoding_of
 from pointit.schemas import Message, encode
 from pointit.schemas.topics import Delivery, Topic
 
@@ -26,9 +26,6 @@ HEARTBEAT_S = 0.2
 
 UNDECLARE_S = 0.25
 """How long a retired writer is still known elsewhere, unless its session is closed before."""
-
-PRIORITY = zenoh.Priority.DATA_HIGH
-"""Of states and events as they are put; what is fetched again from a writer's cache has another one."""
 
 
 class _LatestWriter:

@@ -20,6 +20,7 @@ from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import Keeping
 from pointit.runtime.names import limit_of
 from pointit.runtime.waiting_line import TurnedAway, WaitingLine
+from pointit.runtime.zenoh_asking import kept_samples
 from pointit.runtime.zenoh_wire import decoded, encoding_of, name_in
 from pointit.schemas import SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE
@@ -158,42 +159,15 @@ class Recollection:
         items = list(due.items())
         for first in range(0, len(items), AT_ONCE):
             batch = items[first : first + AT_ONCE]
-            answers = await asyncio.gather(*(self._get(key) for key, _ in batch))
+            answers = await asyncio.gather(
+                *(kept_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
+            )
             for (key, topic), replies in zip(batch, answers, strict=True):
                 if replies:
                     self._hand_over(topic, replies)
                 else:
                     left[key] = topic
         return left
-
-    async def _get(self, key: str) -> list[zenoh.Sample]:
-        done = asyncio.Event()
-        replies: list[zenoh.Sample] = []
-
-        def take(reply: zenoh.Reply) -> None:  # on Zenoh's thread
-            if reply.ok is not None and reply.ok.kind == zenoh.SampleKind.PUT:
-                replies.append(reply.ok)
-
-        def finish() -> None:  # on Zenoh's thread
-            with contextlib.suppress(RuntimeError):  # the loop is gone
-                self._loop.call_soon_threadsafe(done.set)
-
-        token = zenoh.CancellationToken()
-        self._session.get(
-            key,
-            Callback(take, finish, indirect=False),
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=TIMEOUT_S,
-            allowed_destination=zenoh.Locality.REMOTE,
-            cancellation_token=token,
-        )
-        try:
-            await done.wait()
-        except asyncio.CancelledError:
-            self._loop.run_in_executor(None, token.cancel)
-            raise
-        return replies
 
     def _hand_over(self, topic: AnyTopic, replies: Sequence[zenoh.Sample]) -> None:
         mailboxes = [(name, box) for row, name, box in self._readers if row is topic and box.takes_kept]

@@ -16,6 +16,7 @@ from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import MailboxSubscription
 from pointit.runtime.names import Names
+from pointit.runtime.zenoh_arrears import Arrears
 from pointit.runtime.zenoh_wire import PRIORITY, check_size, decoded, name_in
 from pointit.schemas import DecodeError, Message, SchemaError
 from pointit.schemas.topics import Delivery
@@ -99,32 +100,28 @@ class LatestInlet(_Inlet):
 class _KeptInlet(_Inlet):
     """What one reader of states or events has for itself: each begins with a history of its own."""
 
-    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, mailbox: Mailbox) -> None:
+    def __init__(
+        self, bus: MemoryBus, session: zenoh.Session, topic: AnyTopic, key: str, mailbox: Mailbox
+    ) -> None:
         super().__init__(topic)
         self.mailboxes = (mailbox,)
         self._zid = session.info.zid()
         self._began = session.new_timestamp()
-        self._remotes: list[_Undeclarable] = []
         is_event = topic.delivery is Delivery.EVENT
-        subscriber = ext.declare_advanced_subscriber(
+        self._arrears = Arrears(bus, session, self._on_event, mailbox.lose) if is_event else None
+        self._subscriber: _Undeclarable = ext.declare_advanced_subscriber(
             session,
             key,
-            Callback(self._on_event if is_event else self._on_state, indirect=False),
+            Callback(self._on_state if self._arrears is None else self._arrears.take, indirect=False),
             history=None if is_event else ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             allowed_origin=zenoh.Locality.REMOTE,
         )
-        self._remotes.append(subscriber)
-        if is_event:
-
-            def on_miss(miss: ext.Miss) -> None:
-                mailbox.lose(miss.nb)
-
-            self._remotes.insert(0, subscriber.sample_miss_listener(Callback(on_miss, indirect=False)))
 
     def undeclare(self) -> None:
-        for remote in self._remotes:
-            remote.undeclare()
+        self._subscriber.undeclare()
+        if self._arrears is not None:
+            self._arrears.close()
 
     def _on_state(self, sample: zenoh.Sample) -> None:
         source = sample.source_info
@@ -160,7 +157,7 @@ class ZenohSubscription(MailboxSubscription):
         self._inlets = inlets
         self._inlet: LatestInlet | _KeptInlet
         if topic.delivery is not Delivery.LATEST:
-            self._inlet = _KeptInlet(session, topic, self._key, mailbox)
+            self._inlet = _KeptInlet(bus, session, topic, self._key, mailbox)
             return
         shared = inlets.get(self._key)
         if shared is None:

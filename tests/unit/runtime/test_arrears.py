@@ -1,0 +1,185 @@
+"""What a lost link has swallowed is asked for until its writer answers; what came since waits for it."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+import zenoh
+
+from pointit.runtime import Exchange, MemoryBus, zenoh_arrears, zenoh_asking
+from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.zenoh_arrears import MOST_WRITERS, Arrears
+from tests.support.bench import until
+
+
+@dataclass(frozen=True)
+class Id:
+    zid: str = "a1"
+    eid: int = 7
+
+
+@dataclass(frozen=True)
+class Source:
+    source_sn: int
+    source_id: Id = Id()
+
+
+@dataclass(frozen=True)
+class Heard:
+    """A sample, as far as it is looked at."""
+
+    source_info: Source | None
+    key_expr: str = "pointit/lab/selection/events"
+
+    @property
+    def kind(self) -> zenoh.SampleKind:
+        return zenoh.SampleKind.PUT
+
+    @property
+    def ok(self) -> "Heard":
+        return self
+
+
+@dataclass
+class Writer:
+    """Answers questions with what it keeps, in place of a session, where the link is up."""
+
+    kept: range = range(0)
+    cut: int = 0
+    """So many questions are lost with the link."""
+    after: int = 0
+    """Of the next one so many answers still come."""
+    asked: list[str] = field(default_factory=list[str])
+
+    def get(self, selector: str, callback: Any, **_: Any) -> None:
+        self.asked.append(selector)
+        first, last = selector.partition("_sn=")[2].split("..")
+        answers = [each for each in self.kept if int(first) <= each <= int(last)]
+        if self.cut:
+            self.cut -= 1
+            answers = answers[: self.after]
+        for each in answers:
+            callback.call(Heard(Source(each)))
+        callback.drop()
+
+
+@dataclass
+class Called:
+    call: Any
+    drop: Any
+    indirect: bool
+
+
+@dataclass
+class Reader:
+    """What one reader is told."""
+
+    arrears: Arrears
+    writer: Writer
+    got: list[int]
+    lost: list[int]
+
+    def hear(self, *numbers: int, of: Id = Id()) -> None:
+        for number in numbers:
+            self.arrears.take(Heard(Source(number, of)))  # type: ignore[arg-type]  # as far as it is looked at
+
+
+@pytest.fixture
+async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
+    monkeypatch.setattr(zenoh_arrears, "WAITS_S", (0.0, *[0.001] * 5))
+    monkeypatch.setattr(zenoh_asking, "Callback", Called)
+    bus, writer, got, lost = MemoryBus(Exchange()), Writer(), list[int](), list[int]()
+
+    def hand_on(sample: Any) -> None:
+        got.append(-1 if sample.source_info is None else sample.source_info.source_sn)
+
+    yield Reader(Arrears(bus, writer, hand_on, lost.append), writer, got, lost)  # type: ignore[arg-type]  # Writer
+    await bus.close()
+
+
+async def test_what_comes_without_gaps_is_handed_on_at_once(reader: Reader) -> None:
+    reader.hear(3, 4, 5)
+    reader.hear(11, 12, of=Id(eid=8))
+    reader.arrears.take(Heard(None))  # type: ignore[arg-type]  # as far as it is looked at
+    assert reader.got == [3, 4, 5, 11, 12, -1]
+    assert not reader.writer.asked
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+async def test_who_does_not_answer_is_asked_again_and_nothing_comes_out_of_order(
+    reader: Reader, after: int
+) -> None:
+    reader.writer.kept, reader.writer.cut, reader.writer.after = range(20), 3, after
+    reader.hear(1, 5, 6)
+    reader.hear(1, of=Id(eid=8))
+    assert reader.got == [1, 1], "another writer's waited, or what came since did not"
+    await until(lambda: len(reader.got) == 7)
+    assert reader.got == [1, 1, 2, 3, 4, 5, 6]
+    reader.hear(7)
+    assert reader.got[-1] == 7
+    assert not reader.lost
+    assert reader.writer.asked[0] == "pointit/lab/selection/events/@adv/pub/a1/7/**?_sn=2..5"
+
+
+async def test_a_second_gap_is_closed_with_the_first(reader: Reader) -> None:
+    reader.writer.kept = range(20)
+    reader.hear(1, 3, 6)
+    await until(lambda: len(reader.got) == 6)
+    assert reader.got == [1, 2, 3, 4, 5, 6]
+    assert not reader.lost
+
+
+async def test_what_the_writer_no_longer_has_is_lost_and_not_waited_for(reader: Reader) -> None:
+    reader.writer.kept = range(4, 20)
+    reader.hear(1, 6)
+    await until(lambda: bool(reader.lost))
+    assert reader.lost == [2]
+    assert reader.got == [1, 4, 5, 6]
+    assert len(reader.writer.asked) == 1
+
+
+async def test_who_never_answers_is_not_waited_for_for_ever(reader: Reader) -> None:
+    reader.hear(1, 4)
+    await until(lambda: bool(reader.lost))
+    assert reader.lost == [2]
+    assert reader.got == [1, 4]
+    assert len(reader.writer.asked) == 6
+
+
+async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zenoh_arrears, "WAITS_S", (60.0,))
+    reader.hear(1, *range(3, 3 + EVENT_CAPACITY))
+    assert reader.got == [1, *range(3, 3 + EVENT_CAPACITY)]
+    assert reader.lost == [1]
+    reader.hear(3 + EVENT_CAPACITY)
+    assert reader.got[-1] == 3 + EVENT_CAPACITY
+
+
+async def test_more_than_anybody_keeps_is_lost_without_being_asked_for(reader: Reader) -> None:
+    far = 10 * EVENT_CAPACITY
+    reader.writer.kept = range(far + 1)
+    reader.hear(0, far)
+    await until(lambda: bool(reader.lost))
+    assert reader.lost == [far - 1 - EVENT_CAPACITY]
+    assert reader.got == [0, *range(far - EVENT_CAPACITY, far + 1)]
+
+
+async def test_only_so_many_writers_are_remembered(reader: Reader) -> None:
+    for eid in range(MOST_WRITERS + 1):
+        reader.hear(1, of=Id(eid=eid))
+    reader.hear(9, of=Id(eid=0))
+    assert reader.got[-1] == 9
+    reader.hear(9, of=Id(eid=MOST_WRITERS))
+    await asyncio.sleep(0)
+    assert len(reader.got) == MOST_WRITERS + 2
+
+
+async def test_who_has_closed_hears_nothing_more(reader: Reader) -> None:
+    reader.writer.kept = range(20)
+    reader.hear(1, 4)
+    reader.arrears.close()
+    await asyncio.sleep(0.05)
+    assert reader.got == [1]
+    assert not reader.writer.asked

@@ -152,9 +152,12 @@ class Site:
                 return time.monotonic() - began_s
             assert time.monotonic() - began_s < patience_s, f"doctor still finds {found}"
 
+    @property
+    def journal(self) -> Path:
+        """The selector's."""
+        return self.state / SITE / "selector" / FILE
+
     def told(self) -> list[tuple[int, str, str]]:
         """Return number, object and event of what the selector's journal says it has told."""
-        path = self.state / SITE / "selector" / FILE
-        return [
-            (record.seq, record.object_id, record.event) for record in audit(path) if record.seq is not None
-        ]
+        records = audit(self.journal)
+        return [(each.seq, each.object_id, each.event) for each in records if each.seq is not None]

@@ -1,12 +1,39 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Asking other processes for samples that they have kept."""
+"""Asking other processes, and waiting for what they answer without holding anything up."""
 
 import asyncio
 import contextlib
+from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
+
+
+async def replies_to(session: zenoh.Session, selector: str, **asked: Any) -> list[zenoh.Reply]:
+    """Return all that others answer, as it comes; a task that is cancelled waits for nothing more.
+
+    Args:
+        session: asks.
+        selector: what for.
+        asked: what else `zenoh.Session.get` takes.
+    """
+    loop = asyncio.get_running_loop()
+    done = asyncio.Event()
+    replies: list[zenoh.Reply] = []
+
+    def finish() -> None:  # on Zenoh's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            loop.call_soon_threadsafe(done.set)
+
+    token = zenoh.CancellationToken()
+    session.get(selector, Callback(replies.append, finish, indirect=False), cancellation_token=token, **asked)
+    try:
+        await done.wait()
+    except asyncio.CancelledError:
+        loop.run_in_executor(None, token.cancel)
+        raise
+    return replies
 
 
 async def kept_samples(
@@ -20,32 +47,13 @@ async def kept_samples(
         timeout_s: who answers later is not waited for.
         under_any_key: answers may be about other keys than the one that is asked for.
     """
-    loop = asyncio.get_running_loop()
-    done = asyncio.Event()
-    samples: list[zenoh.Sample] = []
-
-    def take(reply: zenoh.Reply) -> None:  # on Zenoh's thread
-        if reply.ok is not None and reply.ok.kind == zenoh.SampleKind.PUT:
-            samples.append(reply.ok)
-
-    def finish() -> None:  # on Zenoh's thread
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(done.set)
-
-    token = zenoh.CancellationToken()
-    session.get(
+    replies = await replies_to(
+        session,
         selector,
-        Callback(take, finish, indirect=False),
         target=zenoh.QueryTarget.ALL,
         consolidation=zenoh.ConsolidationMode.NONE,
         timeout=timeout_s,
         allowed_destination=zenoh.Locality.REMOTE,
-        cancellation_token=token,
         accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
     )
-    try:
-        await done.wait()
-    except asyncio.CancelledError:
-        loop.run_in_executor(None, token.cancel)
-        raise
-    return samples
+    return [each.ok for each in replies if each.ok is not None and each.ok.kind == zenoh.SampleKind.PUT]

@@ -3,7 +3,6 @@
 """Asking and answering over Zenoh."""
 
 import asyncio
-import contextlib
 import functools
 from collections.abc import Iterable
 from typing import TypeVar
@@ -17,6 +16,7 @@ from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_desk import Desk
 from pointit.runtime.unanswered import no_answer, shutting_down
 from pointit.runtime.waiting_line import MAX_WAITING, TurnedAway, WaitingLine
+from pointit.runtime.zenoh_asking import replies_to
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.topics import Request
@@ -105,7 +105,8 @@ async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q
         RequestError: as `Bus.call`.
     """
     for wait_s in (*EMPTY_RETRY_S, None):
-        for reply in await _get(session, key, query, timeout_s):
+        asked = {"payload": encode(query), "encoding": encoding_of(type(query)), "timeout": timeout_s}
+        for reply in await replies_to(session, key, **asked):
             if reply.ok is not None:
                 try:
                     result: R = decoded(request.reply, reply.ok.payload, reply.ok.encoding)
@@ -119,29 +120,3 @@ async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q
         if wait_s is not None:
             await asyncio.sleep(wait_s)
     raise no_answer(request, key)
-
-
-async def _get(session: zenoh.Session, key: str, query: Query, timeout_s: float) -> list[zenoh.Reply]:
-    loop = asyncio.get_running_loop()
-    done = asyncio.Event()
-    replies: list[zenoh.Reply] = []
-
-    def finish() -> None:  # on Zenoh's thread
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(done.set)
-
-    token = zenoh.CancellationToken()
-    session.get(
-        key,
-        Callback(replies.append, finish, indirect=False),
-        payload=encode(query),
-        encoding=encoding_of(type(query)),
-        timeout=timeout_s,
-        cancellation_token=token,
-    )
-    try:
-        await done.wait()
-    except asyncio.CancelledError:
-        loop.run_in_executor(None, token.cancel)
-        raise
-    return replies

@@ -67,11 +67,9 @@ class Arrears:
         self._lock = threading.Lock()
         self._last: collections.OrderedDict[Writer, int] = collections.OrderedDict()
         self._gaps: dict[Writer, _Gap] = {}
-        self._closed = False
 
     def close(self) -> None:
         """Hand on nothing that is held, and ask no more."""
-        self._closed = True
         with self._lock:
             self._gaps.clear()
 
@@ -105,7 +103,7 @@ class Arrears:
 
     def _begin(self, writer: Writer, gap: _Gap) -> None:
         def ask() -> None:
-            if not (self._closed or self._bus.is_closed):
+            if not self._bus.is_closed:
                 self._bus.spawn(self._ask(writer, gap), f"asking for {gap.about}")
 
         with contextlib.suppress(RuntimeError):  # the loop is gone

@@ -64,21 +64,32 @@ make_venv() {
     die ".venv could not be made; what was said stands above"
 }
 
-install() {
-    local target=$1 sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..."
+# Takes what pip takes; an environment that uv has made has no pip, and uv has options of the same names.
+pip_install() {
+    local sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..."
     if command -v uv >/dev/null; then
-        quietly "$sentence" uv pip install --quiet --python "$PYTHON" -e "$target"
+        quietly "$sentence" uv pip install --quiet --python "$PYTHON" "$@"
     else
-        # an environment that uv made has no pip
         "$PYTHON" -m pip --version >/dev/null 2>&1 || "$PYTHON" -m ensurepip >/dev/null 2>&1 || true
-        quietly "$sentence" "$PYTHON" -m pip install --quiet --disable-pip-version-check -e "$target"
+        quietly "$sentence" "$PYTHON" -m pip install --quiet --disable-pip-version-check "$@"
     fi
 }
 
-# ensure_venv [web|dev]: .venv is there, with PointIt and what the page (web) or tests and checks too (dev) need.
+# install EXTRAS, with commas between them: from what the index has now, or, with LOCKED set, exactly what
+# requirements/ci.txt names, by hash.
+install() {
+    if [ -z "${LOCKED:-}" ]; then
+        pip_install -e "$ROOT${1:+[$1]}"
+    else
+        pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
+            pip_install --no-deps --no-build-isolation -e "$ROOT"
+    fi
+}
+
+# ensure_venv [EXTRAS]: .venv is there, with PointIt and what it needs for them; `dev` has all of them.
 ensure_venv() {
     local extra=${1:-} stamp wanted
-    wanted="$ROOT $(cksum <"$ROOT/pyproject.toml")"
+    wanted="$ROOT $(cksum <"$ROOT/pyproject.toml")${LOCKED:+ $(cksum <"$ROOT/requirements/ci.txt")}"
     for stamp in "$VENV/.installed${extra:+-$extra}" "$VENV/.installed-dev"; do
         if [ -x "$PYTHON" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then return; fi
     done
@@ -87,7 +98,7 @@ ensure_venv() {
         rm -rf "$VENV"
     fi
     if [ ! -e "$VENV" ]; then make_venv; fi
-    if ! install "$ROOT${extra:+[$extra]}"; then
+    if ! install "$extra"; then
         tail -n 20 "$LOG" >&2
         die "PointIt could not be installed into .venv; what was said stands above"
     fi

@@ -1,8 +1,10 @@
 """The scripts on machines that lack something; stand-ins for Python and uv write down what is asked."""
 
 import os
+import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,22 @@ from tests.architecture.sources import ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
 
-TOOLS = ("bash", "env", "dirname", "cksum", "cat", "rm", "mktemp", "sleep", "grep", "tail", "chmod", "mkdir")
+TOOLS = (
+    "bash",
+    "env",
+    "dirname",
+    "cksum",
+    "cat",
+    "rm",
+    "mktemp",
+    "sleep",
+    "grep",
+    "tail",
+    "chmod",
+    "mkdir",
+    "sed",
+    "tr",
+)
 
 PYTHON = """#!/bin/sh
 echo "python $*" >> "$CALLS"
@@ -86,7 +103,7 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo", "test", "check"])
+@pytest.mark.parametrize("script", ["demo", "test", "check", "setup"])
 def test_without_a_python_one_sentence_says_so(machine: Machine, script: str) -> None:
     done = machine.run(script)
     assert done.returncode == 1
@@ -147,6 +164,7 @@ def test_tests_need_more_than_the_demo_and_the_demo_less(machine: Machine) -> No
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
     machine.run("test")
+    assert machine.calls[-1] == "python -m pytest -q -n 2 --dist loadfile -m not slow and not long"
     machine.run("demo")
     assert machine.calls == ["pointit run scenario_4"]
 
@@ -171,6 +189,51 @@ def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
     ]
 
 
+@pytest.mark.parametrize("uv", [False, True])
+def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv: bool) -> None:
+    machine.add("python3", PYTHON)
+    if uv:
+        machine.add("uv", UV)
+    machine.run("demo")
+    done = machine.run("setup", "ros2", "plot")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == "PointIt with ros2 plot is in .venv: source .venv/bin/activate\n"
+    pip = (
+        f"uv pip install --quiet --python {machine.root}/.venv/bin/python"
+        if uv
+        else "python -m pip install --quiet --disable-pip-version-check"
+    )
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
+    machine.run("setup", "ros2", "plot")
+    assert machine.calls == []
+    assert machine.run("setup", "dev").returncode == 0
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[dev]"
+
+
+def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    done = machine.run("setup", "web", "ros")
+    assert done.returncode == 1
+    assert done.stderr == "setup: there is no extra 'ros'; there are: plot web site foxglove ros2 dev\n"
+    assert machine.calls == []
+
+
+def test_what_people_read_names_one_way_to_an_extra() -> None:
+    """An environment made by uv has no pip, and a pip found elsewhere installs into another Python."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    files = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    files += [path for room in ("services", "bridges") for path in (ROOT / room).rglob("*.py")]
+    named = set[str]()
+    for path in files:
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"(?<!/)\bpip install|pointit\[", text), path
+        named.update(re.findall(r"scripts/setup (\w+)", text))
+    assert named >= {"foxglove", "plot", "ros2", "site", "web"}
+    assert named <= set(extras)
+
+
 def test_debian_without_its_venv_package_is_told_what_to_install(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("demo", NO_VENV="The virtual environment was not created: ensurepip is not available.")
@@ -191,7 +254,7 @@ def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) ->
 
 
 def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:
-    machine.add("python3", PYTHON.replace('"-m pip")', '"-m pip") [ "$3" = install ] && sleep 2.5;'))
+    machine.add("python3", PYTHON.replace('"-m pip")', '"-m pip") [ "$3" = install ] && sleep 5;'))
     assert "Installing PointIt into .venv" in machine.run("demo").stderr
     assert machine.run("demo").stderr == ""
 
@@ -225,24 +288,77 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert machine.calls == ["pointit schema --check"]
 
 
-@pytest.mark.parametrize("browser", ["", "google-chrome"])
-def test_ci_says_when_there_is_no_browser(machine: Machine, browser: str) -> None:
+@pytest.mark.parametrize("there", [False, True])
+def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, *, there: bool) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    for script in ("test", "check"):
-        (machine.root / "scripts" / script).write_text("#!/bin/sh\n", encoding="utf-8")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "test"):
+        path = machine.root / "scripts" / script
+        path.write_text(f'#!/bin/sh\necho "{path.name} $LOCKED $*" >> "$CALLS"\n', encoding="utf-8")
     machine.add("id", "#!/bin/sh\necho 0\n")
     machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
-    if browser:
-        machine.add(browser, "#!/bin/sh\n")
+    needed = [
+        "ip",
+        "tc",
+        "nft",
+        "unshare",
+        "sysctl",
+        "script",
+        "podman",
+        "podman-compose",
+        "runc",
+        "catatonit",
+        "debootstrap",
+    ]
+    for tool in (*needed, "google-chrome") if there else ():
+        machine.add(tool, "#!/bin/sh\n")
     done = machine.run("../.ci/run")
-    assert done.returncode == 0
-    assert machine.calls == ([] if browser else ["apt-get update"])
-    warnings = [line for line in done.stderr.splitlines() if "IN A BROWSER ARE SKIPPED" in line]
-    assert len(warnings) == (0 if browser else 2)  # before the tests and after them
-    assert ("E: no net" in done.stderr) == (not browser)
+    assert done.returncode == 0  # without what is missing tests are skipped, for reasons that are not listed
+    assert ("apt-get update" in machine.calls) == (not there)
+    told = f"*** missing on this machine: chromium {' '.join(needed)} ***"
+    assert done.stderr.count(told) == (0 if there else 2)  # before the tests and after them
+    assert ("E: no net" in done.stderr) == (not there)
+    assert {call.partition(" ")[0] for call in machine.calls} >= {"versions", "containers", "setup", "check"}
+    tests = [call for call in machine.calls if call.startswith("test ")]
+    assert len(tests) == 2
+    assert all("-p tests.support.strict_skips" in call for call in tests)
+    assert all(call.split()[1] == "1" for call in machine.calls if not call.startswith("apt-get"))
+
+
+PODMAN = """#!/bin/sh
+echo "podman $*" >> "$CALLS"
+case "$1 $2" in
+    "image exists") case " $THERE " in *" $3 "*) exit 0 ;; esac; exit 1 ;;
+    "pull --quiet") exit "$PULLED" ;;
+    "import --change") cat > /dev/null ;;
+esac
+"""
+MADE_BASE = "localhost/pointit-base:ci"
+
+
+@pytest.mark.parametrize(
+    ("there", "pulled", "is_made"),
+    [("official", 1, False), ("", 0, False), ("", 1, True), ("made", 1, False)],
+)
+def test_an_image_that_ci_makes_is_not_named_as_the_official_one(
+    machine: Machine, there: str, pulled: int, *, is_made: bool
+) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    shutil.copytree(ROOT / "deploy", machine.root / "deploy")
+    machine.add("podman", PODMAN)
+    machine.add("debootstrap", '#!/bin/sh\nmkdir -p "$4/etc/ssl/certs"\n')
+    machine.add("cp", "#!/bin/sh\n")
+    machine.add("tar", "#!/bin/sh\n")
+    machine.add("timeout", '#!/bin/sh\nshift\n"$@"\n')
+    official = "".join(re.findall(r"^ARG BASE=(.*)$", (ROOT / "deploy/Dockerfile").read_text(), re.MULTILINE))
+    known = {"official": official, "made": MADE_BASE}.get(there, "")
+    done = machine.run("../.ci/containers", THERE=known, PULLED=str(pulled))
+    assert done.returncode == 0, done.stderr
+    imports = [call for call in machine.calls if call.startswith("podman import")]
+    assert [call.split()[-1] for call in imports] == ([MADE_BASE] if is_made else [])
+    assert f'MADE_BASE = "{MADE_BASE}"' in (ROOT / "tests/containers/conftest.py").read_text()
 
 
 def test_all_scripts_are_executable_and_parse() -> None:
-    for script in (*(ROOT / "scripts").iterdir(), ROOT / ".ci" / "run"):
+    for script in (*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()):
         assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - whichever bash
         assert script.suffix == ".sh" or os.access(script, os.X_OK), f"{script} is not executable"

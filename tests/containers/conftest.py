@@ -15,11 +15,28 @@ import pytest
 from tests.support.buses import free_port
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
-BASE = "docker.io/library/python:3.11-slim"
+FILE = DEPLOY / "Dockerfile"
+BASE = next(
+    line.removeprefix("ARG BASE=")
+    for line in FILE.read_text(encoding="utf-8").splitlines()
+    if line.startswith("ARG BASE=")
+)
+MADE_BASE = "localhost/pointit-base:ci"
+"""What `.ci/containers` makes in place of `BASE` where no registry is reached."""
 IMAGE = "localhost/pointit-test:latest"
 PODMAN = shutil.which("podman") or ""
 COMPOSE = shutil.which("podman-compose") or ""
 PATIENCE_S = 90.0
+
+os.environ.setdefault("CONTAINERS_CONF", str(Path(__file__).with_name("containers.conf")))
+
+
+def base() -> str:
+    """Return the base image that is on this machine, the official one first; empty: none."""
+    known = (
+        each for each in (BASE, MADE_BASE) if podman("image", "exists", each, check=False).returncode == 0
+    )
+    return next(known, "")
 
 
 def missing() -> str:
@@ -28,8 +45,8 @@ def missing() -> str:
         return "podman and podman-compose are not installed"
     if os.geteuid() != 0:
         return "networks of containers need root here"
-    if subprocess.run([PODMAN, "image", "exists", BASE], check=False).returncode:
-        return f"the base image {BASE} is not on this machine"
+    if not base():
+        return f"the base image {BASE} is not on this machine; .ci/containers gets or replaces it"
     return ""
 
 
@@ -103,14 +120,16 @@ def stack() -> Generator[Stack]:
         pytest.skip(why)
     podman(
         *("build", "--quiet", "--network", "host", "--format", "docker", "--tag", IMAGE),
-        *("--file", str(DEPLOY / "Dockerfile"), str(DEPLOY.parent)),
+        *("--build-arg", f"BASE={base()}", "--file", str(FILE), str(DEPLOY.parent)),
         timeout_s=600,
     )
     made = Stack(site=f"test{os.getpid()}", port=free_port(), page_port=free_port())
     second = {"USER_NAME": "anna", "USER_PLACE": "2"}
     try:
-        made.compose("compose.yaml", "up", "-d")
-        made.compose("compose.user.yaml", "up", "-d", **second)
+        said = made.compose("compose.yaml", "up", "-d")
+        said += made.compose("compose.user.yaml", "up", "-d", **second)
+        started = podman("ps", "--format", "{{.Names}}").stdout.split()
+        assert {made.name(each) for each in ("router", "web", "anna")} <= set(started), said
         yield made
     finally:
         made.compose("compose.user.yaml", "down", **second)

@@ -1,5 +1,6 @@
 """The site in containers: it works for two people, is well, is confined, comes back, and ends in time."""
 
+import json
 import os
 import re
 import signal
@@ -13,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.utils import canonicalize_name
 
-from tests.containers.conftest import Stack, podman, until
+from tests.containers.conftest import DEPLOY, Stack, podman, until
+from tests.unit.deploy.test_locks import PIN
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -63,8 +66,11 @@ def test_nobody_is_told_of_refusals(stack: Stack) -> None:
 
 def test_the_page_answers_whoever_has_its_link_on_this_machine(stack: Stack) -> None:
     def link() -> str:
-        found = re.findall(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", stack.log("web"))
-        return found[-1] if found else ""
+        files = re.findall(r"/state/\S+/page-\d+\.html", stack.log("web"))
+        if not files:
+            return ""
+        told = podman("exec", stack.name("web"), "cat", files[-1]).stdout
+        return str(re.findall(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", told)[0])
 
     until(lambda: bool(link()), lambda: stack.log("web"))
     jar = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
@@ -129,6 +135,26 @@ def test_no_key_is_in_the_image(stack: Stack) -> None:
         check=False,
     )
     assert done.stdout.split() == ["/etc/passwd"]  # it has looked
+
+
+def test_the_image_lists_all_that_is_in_it_as_locked(stack: Stack) -> None:
+    image = stack.about("pui")["ImageName"]
+
+    def printed(entry: str, *arguments: str) -> str:
+        return podman("run", "--rm", "--network", "none", "--entrypoint", entry, image, *arguments).stdout
+
+    parts = json.loads(printed("cat", "/opt/pointit/sbom.cdx.json"))
+    assert parts["bomFormat"] == "CycloneDX"
+    listed = {canonicalize_name(part["name"]): part["version"] for part in parts["components"]}
+    code = (
+        "import importlib.metadata as m, json\n"
+        "print(json.dumps({each.name: each.version for each in m.distributions()}))"
+    )
+    found = json.loads(printed("python3", "-c", code))
+    there = {canonicalize_name(name): version for name, version in found.items()}
+    assert listed == there
+    pins = set(PIN.findall((DEPLOY.parent / "requirements" / "image.txt").read_text(encoding="utf-8")))
+    assert {(name, version) for name, version in there.items() if name != "pointit"} <= pins
 
 
 def test_who_is_not_published_has_no_way_out(stack: Stack) -> None:

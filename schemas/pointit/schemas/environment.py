@@ -12,6 +12,7 @@ from pointit.schemas.base import (
     Many,
     Message,
     Name,
+    Ns,
     Part,
     Real,
     Rgb,
@@ -170,17 +171,28 @@ class TrackedObject(Part):
     surface_position_m: Annotated[Along, Field(description="arc length of its centre on the surface")] = 0.0
     surface_speed_mps: Annotated[Real, Field(description="along the surface, signed")] = 0.0
     bay: Annotated[str, Field(description="where it is on its way to; empty: not decided, or nowhere")] = ""
+    bay_until_ns: Annotated[
+        Ns | None,
+        Field(
+            description="until then, at the present speeds, (de)selecting it changes its bay; 0: it is too "
+            "late; empty: no limit is known"
+        ),
+    ] = None
 
 
 class TrackedObjects(Message):
     """All tracked objects of one tracker at one time; an object that is no longer listed has left."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 2000 objects with all fields."""
 
     objects: Many[TrackedObject] = ()
+    latency_sigma_s: Annotated[
+        Extent | None,
+        Field(description="1 sigma of the time from `stamp_ns` to that of the positions; empty: unknown"),
+    ] = None
 
 
 class BeltSpeed(Part):
@@ -199,10 +211,19 @@ class BayCount(Part):
     selected: Annotated[Count, Field(description="of these, how many were selected")] = 0
 
 
+class Departure(Part):
+    """An object that came out at a bay."""
+
+    object_id: str
+    stamp_ns: Ns
+    bay: Annotated[str, Field(description="empty: where a belt ends")] = ""
+    user: Annotated[str, Field(description="for whom it was sent there; empty: nobody")] = ""
+
+
 class ConveyorState(Message):
     """What the conveyor does."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     speed_mps: Annotated[Real, Field(description="0: it stands still; negative: backwards")]
     fed: Annotated[int, Field(ge=0, description="objects put on the conveyor so far")] = 0
@@ -212,6 +233,9 @@ class ConveyorState(Message):
     refused: Annotated[Count, Field(description="selections that came past the point of no return")] = 0
     step: Annotated[str, Field(description="of a feeding schedule; empty: there is none")] = ""
     feeding: Annotated[bool, Field(description="false: the feeders rest until they are let again")] = True
+    departures: Annotated[
+        Many[Departure], Field(description="the latest objects that left and were selected, oldest first")
+    ] = ()
 
 
 class LampColor(Message):
@@ -230,7 +254,12 @@ class StripFrame(Part):
 class StripsFrame(Message):
     """The pixels of every strip; `stamp_ns`: when the newest cursor new in it was captured, else its own."""
 
+    version: ClassVar[int] = 2
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 64 strips of 4096 pixels, all that one expander drives."""
 
     strips: Many[StripFrame]
+    light_s: Annotated[
+        Extent,
+        Field(description="from this message to the slowest controller's light, as last measured, wall time"),
+    ] = 0.0

@@ -152,10 +152,25 @@ class LampMiss(Part):
     miss_rad: Extent
 
 
+class Passed(Part):
+    """The thing nearest to a ray that passes everything by, and how the ray has to turn to meet it."""
+
+    surface: SurfaceKind = "none"
+    solid: Solid = ""
+    surface_id: str = ""
+    point_m: Annotated[Vec3, Field(description="nearest point of it, {W}")]
+    position_m: Annotated[Along, Field(description="arc length of that point along a strip or belt")] = 0.0
+    right_rad: Annotated[Real, Field(description="azimuth to turn to the right; negative: to the left")]
+    up_rad: Annotated[Real, Field(description="elevation to turn up; negative: down")]
+    text: Annotated[
+        str, Field(description="the same for the person, once they pointed past for a while; else empty")
+    ] = ""
+
+
 class Cursor(Message):
     """Where the pointing ray meets the environment, in {W}."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     surface: SurfaceKind = "none"
     surface_id: str = ""
@@ -171,6 +186,10 @@ class Cursor(Message):
     origin_m: Annotated[Vec3 | None, Field(description="where the ray begins, {W}")] = None
     direction: Annotated[UnitVec3 | None, Field(description="of the ray, {W}")] = None
     lamps: Annotated[Many[LampMiss], Field(description="lamps near the ray, where that is asked for")] = ()
+    passed: Annotated[
+        Passed | None,
+        Field(description="nearest thing, where the ray passes everything and the arm does not rest"),
+    ] = None
 
 
 class Hover(Message):
@@ -242,7 +261,7 @@ class Goal(Message):
 class Feedback(Message):
     """A cue for the person's senses."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     cue: Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
     text: str = ""
@@ -258,3 +277,7 @@ class Feedback(Message):
     target_id: Annotated[str, Field(description="what the person is asked to point at")] = ""
     waits: Annotated[bool, Field(description="there is nothing to do yet but wait for the next cue")] = False
     point_m: Annotated[Vec3 | None, Field(description="the place that it is about, {W}; empty: none")] = None
+    turn_rad: Annotated[
+        tuple[Real, Real] | None,
+        Field(description="how far to turn, right and up, of one who points past everything; else empty"),
+    ] = None

@@ -110,6 +110,13 @@ SET_METHOD = Request(
     server="selector",
     about="how staying on an object selects it",
 )
+READ_HISTORY = Request(
+    key="selector/history",
+    query=requests.ReadHistory,
+    reply=requests.ReadHistoryReply,
+    server="selector",
+    about="the last selection events, from the journal",
+)
 SET_TOLERANCE = Request(
     key="pui/tolerance",
     query=requests.SetTolerance,
@@ -162,6 +169,7 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     RELEASE_OBJECT,
     SET_WORKSPACE,
     SET_METHOD,
+    READ_HISTORY,
     SET_TOLERANCE,
     RUN_SCENARIO,
     SET_BRIGHTNESS,

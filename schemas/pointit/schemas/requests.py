@@ -4,17 +4,24 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Many, QuaternionXyzw, Query, Real, Reply, Vec3
+from pointit.schemas.base import Fraction, Many, Ns, QuaternionXyzw, Query, Real, Reply, Vec3
 from pointit.schemas.person import PointingOffset
 from pointit.schemas.pointing import Covariance
+from pointit.schemas.selection import SelectionEvent
 
 
 class AddPackage(Query):
     """Put one object on a lane of the conveyor."""
 
+    version: ClassVar[int] = 2
+
     kind: Annotated[str, Field(min_length=1, max_length=64)]
     lane: Annotated[str, Field(description="strip or belt id; empty: the first lane")] = ""
     length_m: Annotated[float, Field(gt=0, le=5)] = 0.3
+    position: Annotated[
+        Fraction | None,
+        Field(description="share of the lane's length from its start; empty: where packages come onto it"),
+    ] = None
 
 
 class AddPackageReply(Reply):
@@ -158,6 +165,24 @@ class SetMethodReply(Reply):
     dwell_s: Annotated[float, Field(gt=0, le=10)]
 
 
+class ReadHistory(Query):
+    """Ask for the last selection events that the selector told, from its journal."""
+
+    last: Annotated[int, Field(ge=1, le=200, description="so many at most")] = 200
+    since_ns: Annotated[Ns, Field(description="nothing before, Unix ns")] = 0
+
+
+class ReadHistoryReply(Reply):
+    """What was told, as far as there is room: the oldest are left out."""
+
+    max_bytes: ClassVar[int] = 256 * 1024
+
+    events: Annotated[
+        Many[SelectionEvent],
+        Field(description="the latest last; number, stamp, object and event are those of the message then"),
+    ] = ()
+
+
 class SetTolerance(Query):
     """Choose how far a ray may pass things that it still points at; with nothing set it only asks."""
 
@@ -185,9 +210,12 @@ class RunScenario(Query):
 
 
 class SetBrightness(Query):
-    """Dim all strips."""
+    """Dim all strips, or some."""
+
+    version: ClassVar[int] = 2
 
     brightness: Fraction
+    strips: Annotated[Many[str], Field(description="ids of strips; empty: all of them")] = ()
 
 
 class SetYawOrigin(Query):

@@ -47,7 +47,9 @@ class SelectionEvent(Message):
     event: Literal["selected", "deselected", "refused", "left", "dispatched"]
     object_id: str
     kind: str = ""
-    user: Annotated[str, Field(description="who did it; for `left`: who had it selected, or empty")] = ""
+    user: Annotated[
+        str, Field(description="who did it; of `left` and `dispatched`: for whom it went there, or empty")
+    ] = ""
     reason: str = ""
     bay: Annotated[str, Field(description="of `dispatched`: where it went")] = ""
     cause: Annotated[

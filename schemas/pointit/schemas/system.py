@@ -5,6 +5,24 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from pointit.schemas.base import Many, Message, Part
+from pointit.schemas.errors import KeyNameError
+from pointit.schemas.rows import check_name
+
+RUN = "run."
+"""First characters of the name under which a run tells its deployment. No person may write there."""
+
+
+def check_user(name: str) -> str:
+    """Return `name` if a person may be called so.
+
+    Raises:
+        KeyNameError: it cannot stand in a key, or is that of a run.
+    """
+    if check_name(name, "user").startswith(RUN):
+        raise KeyNameError(
+            f"user {name!r}: names that begin with {RUN!r} are those of runs; choose another for a person"
+        )
+    return name
 
 
 class ClockTick(Message):
@@ -74,7 +92,7 @@ class ExpectedService(Part):
 class Deployment(Message):
     """What `pointit run` or `pointit user` started; lets `doctor` tell what is missing."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 64 people."""
@@ -86,3 +104,25 @@ class Deployment(Message):
         Many[str], Field(description="that it can run instead when asked to; empty: it takes no such wish")
     ] = ()
     localizes: Annotated[bool, Field(description="people are found by pointing at lamps")] = False
+    target_kinds: Annotated[
+        Many[str], Field(description="kinds of objects to select; empty: none is wrong")
+    ] = ()
+
+    def believed(self, name: str) -> "Deployment":
+        """Return what the writer of `deployment/{name}` may say: a run everything, a person of their own.
+
+        Who may write where is the router's to enforce; what stands in a message is its writer's claim.
+        """
+        if name.startswith(RUN):
+            return self
+        own = tuple(service for service in self.services if service.user == name)
+        return self.model_copy(
+            update={
+                "services": own,
+                "scenario": "",
+                "scenarios": (),
+                "localizes": False,
+                "target_kinds": (),
+                "name": name,
+            }
+        )

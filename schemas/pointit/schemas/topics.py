@@ -12,6 +12,7 @@ from pointit.schemas.request_table import (
     CANCEL_LOCALIZATION,
     CLEAR_SELECTION,
     POINT_ANCHOR,
+    READ_HISTORY,
     RELEASE_OBJECT,
     REQUESTS,
     RESET_CONVEYOR,
@@ -59,6 +60,7 @@ __all__ = [
     "PRESENCES",
     "PROFILE",
     "RAY",
+    "READ_HISTORY",
     "RELEASE_OBJECT",
     "REQUESTS",
     "RESET_CONVEYOR",
@@ -187,7 +189,7 @@ FEEDBACK = Topic(
     message=pointing.Feedback,
     delivery=_EVENT,
     rate_hz=None,
-    writers=("supervisor", "selector", "goal"),
+    writers=("supervisor", "selector", "goal", "pui"),
     about="cues: haptic, chime, light",
 )
 GOAL = Topic(

@@ -69,7 +69,12 @@ TOO_LONG_VERBS = {
     "Reply": "give such long answers to",
 }
 
-FILTER = f"off,zenoh::net::routing::interceptor=trace,{strangers.FILTER}"
+MARKS = (b"is unauthorized to ", b"+CertCommonName(", b"+Username(")
+"""In lines that tell of refusals and of who a connection is, which are taken before others."""
+FILTER = (
+    "off,zenoh::net::routing::interceptor=trace,zenoh::net::routing::interceptor::qos_overwrite=off"
+    f",{strangers.FILTER}"
+)
 """What of its log Zenoh has to write for this."""
 
 
@@ -82,6 +87,10 @@ class Refused:
         self.total = 0
         """How many attempts there were so far."""
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
+        self.rates_hz: dict[str, float] = {}
+        """Messages a second by identity, until sentences were taken last; at least, where there are many."""
+        self.keys: dict[str, frozenset[str]] = {}
+        """Keys written by each identity in the same time."""
         self._strangers = Strangers()
         self._written: Counter[str] = Counter()
         """By the end of the line: connection and key."""
@@ -106,6 +115,10 @@ class Refused:
         """
         with self._lock:
             return self._take_sentences(elapsed_s)
+
+    def identity(self, connection: str) -> str:
+        """Return the identity of a connection, or nothing if it has done nothing so far."""
+        return self._names.get(connection, "").rpartition("/")[0]
 
     def _take(self, line: str) -> None:
         at = line.find(THREAD) + len(THREAD)
@@ -141,6 +154,14 @@ class Refused:
         sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
         if sentence := self._strangers.take_sentence():
             sentences[""] = sentence
+        rates: Counter[str] = Counter()
+        keys: dict[str, set[str]] = defaultdict(set)
+        for line, count in self._written.items():
+            who = self._who(_connection(line))
+            rates[who] += count
+            keys[who].add(_without(line.partition(WRITES)[2]))
+        self.keys = {name: frozenset(own) for name, own in keys.items()}
+        self.rates_hz = {name: count / elapsed_s for name, count in rates.items()}
         for counted in (self._attempts, self._written):
             counted.clear()
         return sentences
@@ -200,9 +221,13 @@ class Refused:
         floods: dict[str, Counter[str]] = defaultdict(Counter)
         for line, count in self._written.items():
             if count > FLOOD_HZ * elapsed_s:
-                connection, _, key = line.partition(WRITES)
-                floods[self._who(re.split(r"\W", connection)[-1])][_without(key)] += count
+                floods[self._who(_connection(line))][_without(line.partition(WRITES)[2])] += count
         return floods
+
+
+def _connection(written: str) -> str:
+    """Return the connection in the end of a line."""
+    return re.split(r"\W", written.partition(WRITES)[0])[-1]
 
 
 def _listed(attempts: Counter[tuple[str, str]]) -> str:

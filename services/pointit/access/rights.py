@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from pointit.schemas.system import RUN
 from pointit.schemas.topics import (
     ANY,
     BUTTON,
@@ -13,6 +14,7 @@ from pointit.schemas.topics import (
     IMU,
     PRESENCES,
     RAY,
+    READ_HISTORY,
     REQUESTS,
     RUN_SCENARIO,
     SERVICE_ALIVE,
@@ -35,6 +37,9 @@ PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
 """What onlookers and other people never get: how somebody moves."""
 
 SHOWN: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic not in PRIVATE)
+
+RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
+"""What everybody may ask: it changes nothing, and tells again what everybody is shown."""
 
 ALL = "**"
 
@@ -68,7 +73,7 @@ def rights_of(role: Role, name: str) -> Rights:
         return _bridge(role)
     return Rights(
         reads=_anywhere([SHOWN]),
-        asks=_anywhere([REQUESTS]) if role == "operator" else (),
+        asks=_anywhere([REQUESTS if role == "operator" else RECALLED]),
     )
 
 
@@ -108,13 +113,15 @@ def _user(name: str) -> Rights:
                     for topic in row.writes
                 ),
                 BUTTON.at(name),
-                DEPLOYMENT.at(name),
+                *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
                 *(HEALTH.at(instance) for instance in instances),
             ]
         ),
         reads=_sorted([*reads, *_anywhere([SHOWN])]),
         serves=_sorted(request.at(name) for row in mine for request in row.serves if _is_personal(request)),
-        asks=_sorted(request.at(name) for request in REQUESTS if _is_personal(request)),
+        asks=_sorted(
+            [*(request.at(name) for request in REQUESTS if _is_personal(request)), *_anywhere([RECALLED])]
+        ),
         announces=_sorted([USER_ALIVE.at(name), *(SERVICE_ALIVE.at(instance) for instance in instances)]),
     )
 
@@ -131,6 +138,7 @@ def _services() -> Rights:
         ),
         reads=_anywhere([*(row.reads for row in shared), SHOWN]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
+        asks=_anywhere([RECALLED]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [

@@ -12,6 +12,7 @@ from typing import Any
 from pointit.access.rights import Role, rights_of
 from pointit.access.rules import Rule, everything, namespace, rules_of
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.presence import LEASE_MS
 from pointit.schemas.topics import ANY, HEALTH, REQUESTS, TOPICS, Delivery, Request, Topic
 
 LARGEST_BYTES = 1024 * 1024
@@ -23,7 +24,6 @@ ONE_STREAM = "?multistream=0"
 """Of QUIC: with a stream for each priority, as Zenoh would have it, a question may overtake the declaration
 of the key it is about; the router drops it then without a word."""
 MOST_SESSIONS = 1000
-LEASE_MS = 3000
 ACCEPT_MS = 3000
 MOST_NEWCOMERS = 500
 """Where TLS lets in who has no certificate, so many may say nothing for so long before others have to wait;
@@ -87,7 +87,8 @@ def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0"
             rules += own
             subject = f"{routed.site}/{member.name}"
             subjects.append({"id": subject, who: [member.common_name]})
-            policies.append({"rules": [rule["id"] for rule in own], "subjects": [subject]})
+            named = f"{subject}/{member.role}"
+            policies.append({"id": named, "rules": [rule["id"] for rule in own], "subjects": [subject]})
         if routed.former:
             nothing, former = f"{routed.site}/nothing", f"{routed.site}/former ones"
             rules.append(_nothing(routed.site, nothing))
@@ -124,6 +125,7 @@ def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0"
             "policies": policies,
         },
         "low_pass_filter": [limit for routed in sites for limit in _limits(routed.site)],
+        "qos": {"network": [_never_waits(routed.site) for routed in sites]},
     }
     if thinned:
         made["downsampling"] = [
@@ -227,6 +229,21 @@ def _limits(site: str) -> list[dict[str, Any]]:
         }
         for (message, size), keys in sorted(by_size.items())
     ]
+
+
+def _never_waits(site: str) -> dict[str, Any]:
+    """Return that the router drops what a reader does not take, however its writer wants it sent.
+
+    A router that waits for a reader that stands still (5 s, Zenoh's default) holds up everybody: its threads
+    are few. Our own writers never ask for that; what is lost of states and events is fetched again from them.
+    """
+    return {
+        "id": f"{site}/never waits",
+        "messages": ["put", "delete", "query"],
+        "key_exprs": list(everything(site)),
+        "flows": ["ingress"],
+        "overwrite": {"congestion_control": "drop"},
+    }
 
 
 def _nothing(site: str, name: str) -> Rule:

@@ -252,6 +252,6 @@ def _certifying() -> ModuleType:
         from pointit.access import authority  # noqa: PLC0415 - see above
     except ModuleNotFoundError as error:
         raise ConfigError(
-            "certificates need a package that is not installed; get it with `pip install 'pointit[site]'`"
+            "certificates need what `scripts/setup site` in the folder of PointIt installs"
         ) from error
     return authority

@@ -10,7 +10,7 @@ from pointit.cli.anchoring import LATE_S, Anchoring
 from pointit.cli.finite import Finite
 from pointit.cli.link import joined, quiet, site_options, untold_address
 from pointit.cli.newest import Newest
-from pointit.cli.output import INTERRUPTED, json_option, print_json
+from pointit.cli.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.prompt import changing_line
 from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.schemas import Anchor, UserPose
@@ -73,7 +73,7 @@ async def _anchor(
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        click.echo(f"{user}: {sentence(anchor, before, after)}{untold_address(site, connect)}")
+        say(f"{user}: {sentence(anchor, before, after)}{untold_address(site, connect)}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 

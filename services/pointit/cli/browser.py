@@ -6,12 +6,17 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Mapping
+from pathlib import Path
 
-from pointit.runtime import Bus
+from pointit.runtime import Bus, ConfigError
 from pointit.runtime.bus import Closable
+from pointit.runtime.files import put
 from pointit.schemas.topics import SERVICE_ALIVE
 
 log = logging.getLogger(__name__)
+
+SNAPS = Path("/snap")
+"""Where a system has browsers that read no hidden folder of their person."""
 
 
 def has_desktop(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
@@ -26,23 +31,49 @@ def is_wanted() -> bool:
     return sys.stderr.isatty() and has_desktop()
 
 
-def open_when_there(bus: Bus, instance: str, url: str) -> Closable:
-    """Open `url` as soon as `instance` is present; once, in a thread that nobody waits for."""
-    opened = False
+class Opening:
+    """Opens `file` as soon as `instance` is present; once, in a thread that nobody waits for.
 
-    def look(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        nonlocal opened
-        if name == instance and present and not opened:
-            opened = True
-            threading.Thread(target=_open, args=(url,), name="browser", daemon=True).start()
+    Not the link itself: the arguments of a browser's process are to be read by every user of the machine.
+    """
 
-    return bus.watch(SERVICE_ALIVE, look)
+    def __init__(self, bus: Bus, instance: str, file: Path) -> None:
+        self._instance = instance
+        self._file = file
+        self._copy = Path.home() / f"pointit-{file.name}" if SNAPS.is_dir() else None
+        self._is_open = False
+        self._lock = threading.Lock()
+        """Held while the copy is written or removed."""
+        self._is_closed = False
+        self._watching = bus.watch(SERVICE_ALIVE, self._look)
+
+    def close(self) -> None:
+        """Open nothing any more; remove what was made for the browser."""
+        self._watching.close()
+        with self._lock:
+            self._is_closed = True
+            if self._copy is not None and self._is_open:
+                self._copy.unlink(missing_ok=True)
+
+    def _look(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if name == self._instance and present and not self._is_open:
+            self._is_open = True
+            threading.Thread(target=self._open, name="browser", daemon=True).start()
+
+    def _open(self) -> None:
+        try:
+            with self._lock:
+                if self._is_closed:
+                    return
+                if self._copy is not None:
+                    put(self._copy, self._file.read_bytes())
+            is_open = webbrowser.open((self._copy or self._file).absolute().as_uri())
+        except (OSError, webbrowser.Error, ConfigError):
+            is_open = False
+        if not is_open:
+            log.warning("no browser could be opened: open the address of the page yourself")
 
 
-def _open(url: str) -> None:
-    try:
-        is_open = webbrowser.open(url)
-    except (OSError, webbrowser.Error):
-        is_open = False
-    if not is_open:
-        log.warning("no browser could be opened: open the address of the page yourself")
+def open_when_there(bus: Bus, instance: str, file: Path) -> Closable:
+    """Open `file`, which leads to the page, as soon as `instance` is present; see `Opening`."""
+    return Opening(bus, instance, file)

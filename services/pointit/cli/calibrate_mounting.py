@@ -13,7 +13,7 @@ from pointit.cli.finite import Finite
 from pointit.cli.kept import erase_here, kept_here, reached
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
-from pointit.cli.output import INTERRUPTED, json_option, print_json
+from pointit.cli.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.prompt import changing_line, enter
 from pointit.diagnosis.writers import instance_of, why_silent
 from pointit.geometry.rotation import IDENTITY, Quaternion
@@ -122,7 +122,8 @@ async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tu
         try:
             found = await measure(bus, user, way)
             if not as_json:
-                click.echo("\n".join(f"{user}: {sentence}" for sentence in account(found)))
+                for sentence in account(found):
+                    say(f"{user}: {sentence}")
             if way.asks:
                 await enter("Press Enter to use it, Ctrl-C to leave everything as it is.", "--yes")
         except asyncio.CancelledError:
@@ -132,7 +133,7 @@ async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tu
     if as_json:
         print_json({"user": user, **fields(found), **_reply_fields(reply)})
         return 0
-    click.echo(f"{user}: {reply.message}{untold_address(site, connect)}")
+    say(f"{user}: {reply.message}{untold_address(site, connect)}")
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: set the "
@@ -285,7 +286,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            click.echo(f"{user}: {reply.message}{untold_address(site, connect) if erase else ''}")
+            say(f"{user}: {reply.message}{untold_address(site, connect) if erase else ''}")
         return 0
     file = StateFile(KeptMountings, user, PURPOSE)
     if erase:

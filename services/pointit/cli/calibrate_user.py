@@ -15,7 +15,7 @@ from pointit.cli.lazy import Mistake, nearest
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.newest import Newest
 from pointit.cli.offset_report import Pointing, assess, describe, doubt, shown_row, table_row
-from pointit.cli.output import INTERRUPTED, Section, console, json_option, print_json, print_table
+from pointit.cli.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
 from pointit.cli.pose import found
 from pointit.cli.prompt import ChangingLine, changing_line
 from pointit.diagnosis.writers import why_silent
@@ -138,7 +138,7 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         if wanted.keeps:
             _show(user, rows)
         click.echo(f"{user}: {describe(fitted.offset)}")
-        click.echo(f"{user}: {said}")
+        say(f"{user}: {said}")
     return 0
 
 
@@ -224,7 +224,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
         if as_json:
             print_json({"user": user, "from": "supervisor", "message": reply.message})
         else:
-            click.echo(f"{user}: {reply.message}{untold_address(site, connect)}")
+            say(f"{user}: {reply.message}{untold_address(site, connect)}")
         return 0
     profile = await reached(site, connect, lambda bus: _profile(bus, user))
     if profile is not None:

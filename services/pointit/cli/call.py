@@ -11,7 +11,7 @@ from pointit.cli.finite import Finite
 from pointit.cli.keys import filled
 from pointit.cli.lazy import Mistake, nearest
 from pointit.cli.link import joined, quiet, site_options, untold_address
-from pointit.cli.output import Row, Section, json_option, print_json, show, to_line
+from pointit.cli.output import Row, Section, json_option, print_json, say, show, to_line
 from pointit.runtime import ConfigError
 from pointit.runtime.bus import REQUEST_TIMEOUT_S
 from pointit.runtime.config import Layers
@@ -82,7 +82,7 @@ async def _call(
         print_json({"key": request.at(name), **fields})
         return 0
     message = fields.pop("message")
-    click.echo((message or "done") + untold_address(site, connect))
+    say((message or "done") + untold_address(site, connect))
     if fields:
         click.echo(to_line(fields))
     return 0

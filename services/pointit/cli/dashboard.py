@@ -1,6 +1,8 @@
 """`pointit dashboard`: the page for a site that runs elsewhere."""
 
+import contextlib
 import ipaddress
+import sys
 from typing import Any
 
 import click
@@ -8,7 +10,7 @@ import click
 from pointit.cli import browser
 from pointit.cli.link import site_options
 from pointit.cli.opening import CLOCK_PATIENCE_S
-from pointit.cli.page import EVERYWHERE, PORT, Page, can_be, missing, page_of
+from pointit.cli.page import EVERYWHERE, PORT, Page, can_be, kept_link, missing, page_of, where
 from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.run_options import NEW_LINK
 from pointit.cli.settings import Settings
@@ -111,12 +113,14 @@ async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> i
         launch = next(launch for launch in launches if launch.instance not in there)
         url = page.viewer_url if view_only else page.url
         lan_url = page.viewer_lan_url if view_only else page.lan_url
-        click.echo(f"page: {url}")
-        if lan_url:
-            click.echo(f"for the local network: {lan_url}")
-        if is_open and browser.is_wanted():
-            browser.open_when_there(bus, launch.instance, url)
-        await run_service(launch, bus, clock)
+        with contextlib.ExitStack() as stack:
+            file = stack.enter_context(kept_link(bus.site, url, lan_url))
+            click.echo(f"page: {where(url, file, sys.stdout)}")
+            if lan_url:
+                click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")
+            if file is not None and is_open and browser.is_wanted():
+                stack.callback(browser.open_when_there(bus, launch.instance, file).close)
+            await run_service(launch, bus, clock)
     finally:
         await bus.close()
     return 0

@@ -24,6 +24,8 @@ from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.link_options import given_credentials
 from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.zenoh_sites import sites_at
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
 
@@ -98,6 +100,12 @@ def command(
     return _show(look.seen, findings, known, site, only=only, as_json=as_json)
 
 
+def _options(link: Link) -> str:
+    """Return the options by which another command reaches the same site; "" if the defaults do."""
+    site = "" if link.site == DEFAULT_SITE else f" --site {link.site}"
+    return site + "".join(f" --connect {each}" for each in link.connect if each != DEFAULT_ENDPOINT)
+
+
 class _Look:
     """Gathers what the bus shows until every service was heard twice, or all that there are of a name."""
 
@@ -128,6 +136,7 @@ class _Look:
             except TimeoutError:
                 break
         sees_nobody = not self._present and not self._deployments
+        is_open = sees_nobody and bus.link.credentials is None  # who has credentials has a site
         self.seen = Observation(
             began_s=self._began_s,
             now_s=time.monotonic(),
@@ -137,7 +146,9 @@ class _Look:
             deployments=self._deployments,
             host=socket.gethostname(),
             speed=self._speed,
+            other_sites=await sites_at(bus.link) if is_open else (),
             denied=await bus.denies("reads", HEALTH, ANY) if sees_nobody else "",
+            options=_options(bus.link),
         )
 
     def _is_enough(self) -> bool:
@@ -157,8 +168,9 @@ class _Look:
         self._news.set()
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:
-        if deployment.services:
-            self._deployments[name] = deployment
+        believed = deployment.believed(name)
+        if believed.services:
+            self._deployments[name] = believed
         else:  # ended on purpose
             self._deployments.pop(name, None)
 
@@ -197,7 +209,10 @@ def _show(
                 "services": [_record(seen, instance) for instance in instances],
                 "findings": [asdict(finding) for finding in findings],
                 "identities": known,
-                "deployments": {name: item.model_dump() for name, item in seen.deployments.items()},
+                "deployments": {
+                    name: item.model_dump(exclude={"services": {"__all__": {"command"}}})  # others' commands
+                    for name, item in seen.deployments.items()
+                },
             }
         )
         return 0 if healthy else EXIT_FAILED

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from pointit.cli.evaluation_table import evaluation_console
 from pointit.evaluation.selection import Pace
+from pointit.evaluation.selection_difference import Difference, Interval
 from pointit.evaluation.selection_row import Figures, SelectionRow
 
 PEOPLE = {"pointing": "people", "mouse": "people, mouse"}
@@ -21,13 +22,25 @@ NOTES = (
     "leave at bay 1. `original`: fraction as in the paper's system (10 Hz, 4 of 5 timesteps)."
 )
 
+DIFFERENCE_NOTES = (
+    "Differences over the same trials, each with a seed of its own. `errors`: wrong and missed, of what "
+    "should be selected; `time`: mean. Intervals: bootstrap over trials; all of this run together hold with "
+    "95 %. `so`: what they exclude; `-`: no difference was found."
+)
 
-def print_selection(rows: Sequence[SelectionRow], pace: Pace) -> None:
-    """Print `rows`, which stand together by bench and condition, people after the methods, and the `pace`."""
+
+def print_selection(rows: Sequence[SelectionRow], differences: Sequence[Difference], pace: Pace) -> None:
+    """Print `rows`, which stand together by bench and condition, people after the methods.
+
+    Then what differs between methods, and the `pace`.
+    """
     screen = evaluation_console()
     for bench, of_bench in groupby(rows, key=lambda row: row.bench):
         screen.print(_table(bench, list(of_bench)))
     screen.print(Text(NOTES))
+    if differences:
+        screen.print(_differences(differences))
+        screen.print(Text(DIFFERENCE_NOTES))
     screen.print(
         Text(
             f"Simulated: {pace.simulated_s:.0f} s, {pace.times_real:.0f} times faster than real time on "
@@ -56,6 +69,28 @@ def _table(bench: str, rows: list[SelectionRow]) -> Table:
                 end_section=index == len(lines) - 1,
             )
     return table
+
+
+def _differences(differences: Sequence[Difference]) -> Table:
+    table = Table(
+        box=box.SIMPLE_HEAD, title="differences", title_justify="left", title_style="bold", pad_edge=False
+    )
+    for name in ("condition", "methods", "errors", "time", "so"):
+        table.add_column(name)
+    for each in differences:
+        table.add_row(
+            Text(each.condition),
+            Text(f"{each.method} - {each.other}"),
+            Text(_interval(each.errors, 100.0, "%")),
+            Text("-" if each.time_s is None else _interval(each.time_s, 1.0, "s")),
+            Text("; ".join(each.claims) or "-"),
+        )
+    return table
+
+
+def _interval(interval: Interval, scale: float, unit: str) -> str:
+    value, low, high = (scale * each for each in (interval.value, interval.low, interval.high))
+    return f"{value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"
 
 
 def _cells(figures: Figures) -> tuple[str | None, ...]:

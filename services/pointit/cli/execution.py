@@ -5,8 +5,8 @@ import contextlib
 import logging
 import time
 from collections.abc import AsyncGenerator, Generator
+from pathlib import Path
 
-import click
 from rich.console import Console
 from rich.text import Text
 
@@ -14,7 +14,8 @@ from pointit.cli import browser
 from pointit.cli.at_start import kept_mountings, kept_offsets
 from pointit.cli.onlookers import Onlookers
 from pointit.cli.opening import beside_others, clock_of, open_bus
-from pointit.cli.page import Page
+from pointit.cli.output import say
+from pointit.cli.page import Page, kept_link, where
 from pointit.cli.plan import Plan
 from pointit.cli.screen import on_screen
 from pointit.cli.stage import Stage
@@ -23,6 +24,7 @@ from pointit.cli.view import figures
 from pointit.cli.wishes import Wishes
 from pointit.runtime import Clock, SimulatedClock, WallClock
 from pointit.runtime.clock import keep_time
+from pointit.runtime.console import PlainConsole
 from pointit.runtime.ending import run_async
 from pointit.runtime.log import setup_logging
 from pointit.runtime.service import check_launches
@@ -47,7 +49,7 @@ def execute(plan: Plan, log_level: str) -> int:
     check_launches(plan.launches, plan.link.addresses)
     if plan.page is not None and not plan.page.is_usual:
         check_launches([plan.page.launch()])
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
     notes = [*plan.notes, *kept_mountings(plan.launches)]
@@ -104,6 +106,8 @@ class _Run:
         self._plan = plan
         self._bus = bus
         self._console = console
+        self._link: Path | None = None
+        """The file that holds the page's link."""
         self._news = asyncio.Event()
         """Something happened that may end or change the run."""
         self._wishes = Wishes(self._news.set)
@@ -143,17 +147,20 @@ class _Run:
         page = self._plan.page
         with contextlib.ExitStack() as stack:
             stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
-            if page is not None and self._plan.browser and browser.is_wanted():
-                opening = browser.open_when_there(self._bus, page.instance, page.url)
-                stack.callback(opening.close)
+            if page is not None:
+                self._link = stack.enter_context(kept_link(self._bus.site, page.url, page.lan_url))
+                if self._link is not None and self._plan.browser and browser.is_wanted():
+                    opening = browser.open_when_there(self._bus, page.instance, self._link)
+                    stack.callback(opening.close)
             yield stack
 
     def _announce(self, page: Page) -> None:
         """Say where the page is; where there is a view, it shows that itself."""
         if self._console is None:
-            _say(f"page: {page.url}")
+            _say(f"page: {where(page.url, self._link)}")
         if page.lan_url:
-            sentence = f"--lan: the page is open to the local network, at {page.lan_url}"
+            address = where(page.lan_url, self._link)
+            sentence = f"--lan: the page is open to the local network, at {address}"
             if self._console is None:
                 _say(sentence)
             else:
@@ -205,7 +212,7 @@ def _say(sentence: str) -> None:
     if log.isEnabledFor(logging.INFO):
         log.info("%s", sentence)
     else:
-        click.echo(sentence, err=True)
+        say(sentence, err=True)
 
 
 @contextlib.asynccontextmanager

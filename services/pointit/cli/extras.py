@@ -14,7 +14,7 @@ EXTRA = re.compile(r"extra\s*==\s*['\"](?P<extra>[\w.-]+)['\"]")
 
 def remedy(extra: str) -> str:
     """Return the command that installs `extra`."""
-    return f'`pip install "pointit[{extra}]"`'
+    return f"`scripts/setup {extra}` in the folder of PointIt"
 
 
 def has_extra(extra: str) -> bool:

@@ -13,7 +13,7 @@ LEAST_S = 1e-6
 
 
 class Latency:
-    """Time from capture at the wrist to the frame that shows it, wall seconds; another thread may read it."""
+    """Time from capture at the wrist to the light that shows it, wall seconds; another thread may read it."""
 
     def __init__(self) -> None:
         self._classes: Counter[int] = Counter()
@@ -31,7 +31,7 @@ class Latency:
         """Take the first frame that shows a remembered capture; `now_ns` runs `speed` times as fast."""
         if frame.stamp_ns in self._pending:
             del self._pending[frame.stamp_ns]
-            value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed
+            value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed + frame.light_s
             self._classes[round(math.log(max(value_s, LEAST_S), STEP))] += 1
 
     @property

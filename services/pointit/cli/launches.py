@@ -7,9 +7,10 @@ from typing import Any, Literal
 from pointit.cli.extras import load
 from pointit.cli.person_options import REALISTIC, Pose, body_of
 from pointit.cli.scenario import Place, Scenario
+from pointit.cli.seeds import seed_of
 from pointit.cli.settings import Settings, layers_of
 from pointit.runtime import ConfigError, Launch
-from pointit.schemas.topics import check_name
+from pointit.schemas.system import check_user
 from pointit.services import registry
 
 ROS2 = "ros2"
@@ -95,11 +96,12 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         if "selector" not in scenario.site:
             raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
         extra["selector"] = {"method": choices.method}
+    usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
     if choices.ros2:
         services.setdefault(ROS2, {})
     return [
-        _launch(scenario, name, ({}, parameters, extra.get(name, {})), choices)
+        _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices)
         for name, parameters in services.items()
         if name != PAGE
     ]
@@ -111,7 +113,7 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     Raises:
         ConfigError: a service or parameter is wrong.
     """
-    check_name(user, "user")
+    check_user(user)
     device = choices.imu[index] if index < len(choices.imu) else "sim"
     usual: dict[str, dict[str, Any]] = {
         "supervisor": {
@@ -121,7 +123,7 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
             }
         },
         "user-sim": {"target_kinds": scenario.target_kinds} if scenario.target_kinds else {},
-        "imu-bridge": {"simulated": SWEEP},
+        "imu-bridge": {"simulated": SWEEP | {"seed": seed_of(choices.seed, f"imu-bridge.{user}")}},
     }
     if device == "sim" and "user-sim" in scenario.user:
         usual["imu-bridge"] = {"source": "page"}  # it only waits for one

@@ -10,10 +10,12 @@ from pointit.cli.output import json_option, print_json
 from pointit.runtime.errors import ConfigError
 from pointit.services.pui.finding import Finding, error
 from pointit.services.pui.map_check import check_map, contents
-from pointit.services.pui.map_file import map_path, read_clouds, read_map_file, travelling
+from pointit.services.pui.map_file import MapError, map_path, read_clouds, read_map_file, travelling
 from pointit.services.pui.map_model import MapFile
 
 COLORS = {"error": "red", "warning": "yellow"}
+MAX_PRINTED = 100
+"""Findings that are printed; a file in millimetres or of another kind has thousands."""
 LONGEST = 1000
 """Characters of what is said of one place; the names in it may be anybody's."""
 
@@ -59,6 +61,8 @@ def examined(
     try:
         file = read()
         clouds = read_clouds(path, file)
+    except MapError as unreadable:
+        return has, [error(where, text) for where, text in unreadable.mistakes]
     except ConfigError as unreadable:
         return has, [error(name, str(unreadable).removeprefix(f"{path}: "))]
     has = contents(file, clouds)
@@ -72,13 +76,15 @@ def examined(
 
 
 def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: bool = False) -> None:
-    """Print each finding on a line, and how many there are; `err`: on standard error."""
-    for each in findings:
+    """Print the first `MAX_PRINTED` findings, and how many there are; `err`: on standard error."""
+    for each in findings[:MAX_PRINTED]:
         click.echo(
             f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} "
             f"{_tame(f'{each.where}: {each.text}')}",
             err=err,
         )
+    if len(findings) > MAX_PRINTED:
+        click.echo(f"... and {len(findings) - MAX_PRINTED} more: --json lists all", err=err)
     errors = sum(each.severity == "error" for each in findings)
     warnings = len(findings) - errors
     counts = [

@@ -80,7 +80,7 @@ async def fetched(config: BackendConfig, wish: Wish) -> dict[str, Any]:
             appears_s=wish.timeout_s if config.kind == "dds" else min(APPEARS_S, wish.timeout_s),
             timeout_s=wish.timeout_s,
             max_bytes=config.max_message_bytes,
-            needs=NEEDS.get(config.kind, ""),
+            needs=NEEDS if config.kind == "rmw_zenoh" else "",
         )
         with telling(f"asking {wish.node} for its parameters …"):
             return await _taken(parameters, wish)

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import click
 
+from pointit.cli.extras import remedy
 from pointit.cli.map_person import Point, person_option
 from pointit.runtime.errors import ConfigError
 from pointit.services.pui.map_check import contents
-from pointit.services.pui.map_file import load_map_and_clouds, map_path, read_map_file
+from pointit.services.pui.map_file import map_path, read_whole_map
 
 SUFFIXES = (".svg", ".png", ".pdf")
 
@@ -29,17 +30,16 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None) -> None
     """Draw MAP, a shipped one or the path of a file, from above and to scale.
 
     Belts with the direction they move in, strips with their pixel 0, lamps with their height, links, bays,
-    solids and point clouds. It takes matplotlib: pip install pointit[plot]
+    solids and point clouds. It takes matplotlib: scripts/setup plot
 
     Example: pointit map plot conveyor -o conveyor.svg --person 0.5,-0.5
     """
     if picture.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"-o {picture}: is no picture; give a file that ends in {', '.join(SUFFIXES)}")
     if importlib.util.find_spec("matplotlib") is None:
-        raise ConfigError("pictures take matplotlib, which is not installed; pip install pointit[plot]")
+        raise ConfigError(f"pictures take matplotlib, which is not installed; run {remedy('plot')}")
     with map_path(name_or_path) as path:
-        file = read_map_file(path)
-    room, clouds = load_map_and_clouds(name_or_path, 0)
+        file, room, clouds = read_whole_map(path, 0)
     from pointit.cli.map_picture import draw_map  # noqa: PLC0415 - takes half a second and an extra
 
     try:

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from matplotlib.collections import PatchCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 
@@ -18,24 +19,36 @@ LEVEL = 0.999
 """A plane whose normal rises so much is drawn as a floor, which is everywhere if it has no end."""
 
 
+MAX_NAMED = 200
+"""Solids whose names are written beside them; more names hide each other, and each takes 3 ms."""
+
+
 def draw_solids(axes: Axes, room: Environment) -> list[Any]:
-    """Draw the solids of `room`, and return what the legend says of them."""
+    """Draw the solids of `room`. Return their entries of the legend."""
+    solids = len(room.boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
+    is_named = solids <= MAX_NAMED
+    outlines: list[Patch] = []
     for box in room.boxes:
         c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
         outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
-        axes.add_patch(Polygon(outline, **_FILL))
-        _name(axes, box.id, box.center_m)
-    for cylinder in room.cylinders:
-        axes.add_patch(Circle(cylinder.center_m[:2], cylinder.radius_m, **_FILL))
-        _name(axes, cylinder.id, cylinder.center_m)
-    for sphere in room.spheres:
-        axes.add_patch(Circle(sphere.center_m[:2], sphere.radius_m, linestyle=(0, (3, 2)), **_FILL))
-        _name(axes, sphere.id, sphere.center_m)
+        outlines.append(Polygon(outline, **_FILL))
+    outlines += [Circle(each.center_m[:2], each.radius_m, **_FILL) for each in room.cylinders]
+    dashed: dict[str, Any] = {**_FILL, "linestyle": (0, (3, 2))}
+    outlines += [Circle(each.center_m[:2], each.radius_m, **dashed) for each in room.spheres]
     for plane in room.planes:
-        _draw_plane(axes, plane)
+        _draw_plane(axes, plane, outlines, is_named=is_named)
+    axes.add_collection(PatchCollection(outlines, match_original=True, zorder=_FILL["zorder"]))
     legend: list[Any] = []
-    if room.boxes or room.planes or room.cylinders or room.spheres:
+    if is_named:
+        solids_named = [(each.id, each.center_m) for each in room.boxes]
+        solids_named += [(each.id, each.center_m) for each in room.cylinders]
+        solids_named += [(each.id, each.center_m) for each in room.spheres]
+        for name, center_m in solids_named:
+            _name(axes, name, center_m)
+    else:
+        legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
+    if solids:
         legend.append(
             Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, plane, cylinder; sphere dashed")
         )
@@ -44,13 +57,14 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     return legend
 
 
-def _draw_plane(axes: Axes, plane: Plane) -> None:
+def _draw_plane(axes: Axes, plane: Plane, outlines: list[Patch], *, is_named: bool) -> None:
     x, y, _ = plane.center_m
     if plane.size_m is None:
         nx, ny, nz = plane.normal
         if abs(nz) < LEVEL:  # a level one is everywhere
             axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
-            _name(axes, f"{plane.id} (without end)", plane.center_m)
+            if is_named:
+                _name(axes, f"{plane.id} (without end)", plane.center_m)
         return
     u, v = plane_axes(plane.normal)
     half_u, half_v = scale(u, plane.size_m[0] / 2), scale(v, plane.size_m[1] / 2)
@@ -59,8 +73,9 @@ def _draw_plane(axes: Axes, plane: Plane) -> None:
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
     look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
-    axes.add_patch(Polygon(corners, **look))
-    _name(axes, plane.id, plane.center_m)
+    outlines.append(Polygon(corners, **look))
+    if is_named:
+        _name(axes, plane.id, plane.center_m)
 
 
 def _name(axes: Axes, text: str, center_m: Vec3) -> None:

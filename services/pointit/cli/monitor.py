@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from pointit.cli.latency import Latency
 from pointit.cli.score import Score
+from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.runtime import Bus, Clock, Closable
 from pointit.schemas import (
     Anchor,
@@ -25,6 +26,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import (
     ANCHOR,
     CURSOR,
@@ -94,6 +96,8 @@ class Monitor:
     """When the first cursor on a surface came, wall time."""
     first_frame_unix_s: float | None = None
     """When the strips had their first light, wall time: everything runs."""
+    _light_hz: dict[str, tuple[float, int]] = field(default_factory=dict[str, tuple[float, int]])
+    """Sum of the frame rates that each controller's port reported, and how many these were."""
     _listening: list[Closable] = field(default_factory=list[Closable])
 
     def attach(self, bus: Bus) -> None:
@@ -127,6 +131,10 @@ class Monitor:
         known = {*self.interactions, *self.cursors}
         return sorted(known & {self.person} if self.person else known)
 
+    def light_rates(self) -> dict[str, float]:
+        """Return how many frames a second the link of each controller carries on average, by its port."""
+        return {port: sum_hz / count for port, (sum_hz, count) in dict(self._light_hz).items()}
+
     def complaints(self) -> list[str]:
         """Return what the services last said is wrong, each with who says it."""
         return [f"{name}: {said}" for name, health in self.health.items() for said in health.warnings]
@@ -138,7 +146,8 @@ class Monitor:
         by_supervisor = told if interaction is not None and told == interaction.reason else ""
         return self.refusals.get(user, "") or by_supervisor
 
-    def _news(self, line: str) -> None:
+    def _news(self, text: str) -> None:
+        line = one_line(text)
         self.events.append(line)
         if self.tell is not None:
             self.tell(line)
@@ -246,6 +255,11 @@ class Monitor:
     def _on_health(self, health: Health, instance: str) -> None:
         self.heard_s[instance] = time.monotonic()
         self.health[instance] = health
+        for figure in health.figures:
+            if figure.name.startswith(FRAME_RATE):
+                port = figure.name.removeprefix(FRAME_RATE).strip()
+                sum_hz, count = self._light_hz.get(port, (0.0, 0))
+                self._light_hz[port] = (sum_hz + figure.value, count + 1)
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self.cursors[user] = cursor

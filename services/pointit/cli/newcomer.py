@@ -66,7 +66,7 @@ async def surroundings(bus: Bus) -> Found:
     colors: dict[str, Rgb] = {}
 
     def on_deployment(deployment: Deployment, name: str) -> None:
-        running[name] = deployment.scenario
+        running[name] = deployment.believed(name).scenario
 
     def on_profile(profile: UserProfile, user: str) -> None:
         colors[user] = profile.cursor_color

@@ -11,6 +11,7 @@ from pointit.cli.plan import Plan
 from pointit.runtime import Bus, Launch
 from pointit.runtime.bus import Closable, Publisher
 from pointit.schemas import Deployment, ExpectedService
+from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT
 
 Line = tuple[Launch, tuple[str, ...]]
@@ -32,10 +33,11 @@ class Notice:
 
     def post(self, plan: Plan, lines: Sequence[Line]) -> None:
         """Tell what `plan` runs, in place of what was told before."""
-        if self._publisher is None or self._name != plan.name:
+        name = plan.name if plan.person else f"{RUN}{plan.name}"
+        if self._publisher is None or self._name != name:
             self.take_down()
-            self._publisher, self._name = self._bus.publisher(DEPLOYMENT, plan.name), plan.name
-            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, plan.name, kept=False)
+            self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
+            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
         self._stamp_ns, self._is_anothers = time.time_ns(), False
         services = tuple(
             ExpectedService(service=launch.service.NAME, user=launch.user, command=command)
@@ -49,6 +51,7 @@ class Notice:
                 scenario=plan.scenario,
                 scenarios=tuple(plan.scenarios),
                 localizes=plan.localizes,
+                target_kinds=tuple(plan.target_kinds),
             )
         )
 

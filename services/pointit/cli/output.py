@@ -14,6 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pointit.schemas.text import one_line, plain
+
 Row = Mapping[str, Any]
 
 PIPE_WIDTH = 1000
@@ -22,10 +24,10 @@ PIPE_WIDTH = 1000
 ROOMY_WIDTH = 130
 """A terminal with fewer columns does without some of a table's."""
 
-CONTROLS = {code: "?" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != ord("\n")}
-"""Characters that are none."""
+LONGEST_LINE = 2000
+"""Characters of one line about what others have said."""
 
-_UNMINDED = re.compile("[\x7f-\x9f\u2028\u2029]")
+_UNMINDED = re.compile("[\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended before it had its answer."""
@@ -99,13 +101,18 @@ def cell(value: Any) -> Text:
 
 def _harmless(text: Text) -> Text:
     """Return `text` without what commands terminals: others on the site may have written it."""
-    text.plain = text.plain.translate(CONTROLS)
+    text.plain = plain(text.plain)
     return text
 
 
 def console() -> Console:
     """Return a console on standard output, as wide as the terminal or as the rows need."""
-    return Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
+    return Console(markup=False, emoji=False, width=None if sys.stdout.isatty() else PIPE_WIDTH)
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print `text` on one line, without what commands terminals: others on the site may have written it."""
+    click.echo(one_line(text, LONGEST_LINE), err=err)
 
 
 def print_json(value: Any, *, indent: int | None = 2) -> None:

@@ -1,11 +1,16 @@
 """The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
 
+import contextlib
+import logging
 import socket
-from collections.abc import Callable, Iterable, Mapping
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, TextIO
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.link_file import keep_link, without_token
 from pointit.cli.extras import has_extra, load, remedy
 from pointit.cli.launches import PAGE
 from pointit.cli.page_tokens import Tokens
@@ -13,6 +18,8 @@ from pointit.cli.settings import Settings, layers_of, service_of
 from pointit.runtime import AnyService, ConfigError, Launch, ListenError
 from pointit.runtime.address import own_address
 from pointit.services import registry
+
+log = logging.getLogger(__name__)
 
 REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """What is said where the extra is not installed."""
@@ -166,6 +173,34 @@ def _shown(host: str) -> str:
     if host in EVERYWHERE:
         return "127.0.0.1"
     return f"[{host}]" if ":" in host else host
+
+
+@contextlib.contextmanager
+def kept_link(site: str, *urls: str) -> Generator[Path | None]:
+    """Yield a file of the owner alone that holds `urls` while inside, or None if it cannot be written."""
+    try:
+        path = keep_link(site, *filter(None, urls))
+    except ConfigError as error:
+        log.warning("the link of the page is in no file: %s", error)
+        yield None
+        return
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
+    """Return what is printed of the page at `url`: on a terminal its link, in a log the file that holds it.
+
+    Args:
+        url: with its token.
+        path: of the file.
+        stream: where it is printed; None: standard error.
+    """
+    if (stream or sys.stderr).isatty():
+        return url
+    return without_token(url) + ("" if path is None else f" (its link is in {path})")
 
 
 def missing(why: str) -> ConfigError:

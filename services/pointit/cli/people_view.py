@@ -128,7 +128,10 @@ def _words(monitor: Monitor, user: str) -> list[Text]:
     interaction = monitor.interactions.get(user)
     if refusal:
         lines.append(Text(f"refused: {refusal}", style="bold red"))
-    if interaction is not None:
+    cursor = monitor.cursors.get(user)
+    if cursor is not None and cursor.passed is not None and cursor.passed.text:
+        lines.append(Text(cursor.passed.text, style="yellow"))
+    elif interaction is not None:
         reason = interaction.reason if interaction.state == "idle" and interaction.reason != refusal else ""
         lines.append(Text(f"{reason} {interaction.next_step}".strip()))
     news = monitor.localizations.get(user)

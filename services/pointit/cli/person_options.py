@@ -8,10 +8,8 @@ from typing import Any
 import click
 
 from pointit.cli.finite import Finite
+from pointit.schemas import FARTHEST
 from pointit.services.supervisor.body import measures
-
-FARTHEST_M = 1000.0
-"""No room is larger."""
 
 REALISTIC: dict[str, Any] = {
     "wristband": {"yaw_rate_bias_sd_degps": 0.25, "dropout_share": 0.01},
@@ -45,8 +43,8 @@ def pose(text: str) -> Pose:
         raise click.BadParameter(f"{text!r}: give X,Y or X,Y,YAW in metres and degrees, such as 2.0,0.5,20")
     x_m, y_m, *rest = numbers
     yaw_deg = rest[0] if rest else None
-    if max(abs(x_m), abs(y_m)) > FARTHEST_M or abs(yaw_deg or 0.0) > 360.0:
-        raise click.BadParameter(f"{text!r}: X and Y are metres to {FARTHEST_M:g}, YAW degrees to 360")
+    if max(abs(x_m), abs(y_m)) > FARTHEST or abs(yaw_deg or 0.0) > 360.0:
+        raise click.BadParameter(f"{text!r}: X and Y are metres to {FARTHEST:,.0f}, YAW degrees to 360")
     return Pose(x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
 
 

@@ -11,8 +11,8 @@ from pointit.cli.finite import Finite
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
 from pointit.cli.newest import Newest
-from pointit.cli.output import INTERRUPTED, json_option, print_json
-from pointit.cli.prompt import enter
+from pointit.cli.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.prompt import check_keyboard, enter
 from pointit.cli.whereabouts import localizing, missing, outside, people
 from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
@@ -21,6 +21,7 @@ from pointit.runtime.ending import run_async
 from pointit.runtime.presence import present
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST
+from pointit.schemas.text import plain
 from pointit.schemas.topics import (
     LOCALIZATION,
     MAP,
@@ -40,6 +41,8 @@ YAW_PATIENCE_S = 0.5
 """How long to wait for the yaw that is to be kept; nobody may know one yet."""
 SHORT_S = 0.3
 """How long to wait for a pose that is known, before somebody is asked who is busy finding it."""
+WITHOUT_KEYBOARD = "--now while the person points"
+"""Option of --facing that does without a keyboard."""
 
 HELP = """Show where the person USER stands and how sure that is, or say it.
 
@@ -104,6 +107,8 @@ def command(
     if now and facing_deg is None:
         raise Mistake("--now belongs to --facing")
     quiet()
+    if facing_deg is not None and not now:
+        check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
     asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
     return run_async(_pose(user, asked, as_json=as_json, site=site, connect=connect))
 
@@ -148,7 +153,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
             return INTERRUPTED
         if said and not as_json:
             for sentence in said:
-                click.echo(f"{user}: {sentence}{untold_address(site, connect)}")
+                say(f"{user}: {sentence}{untold_address(site, connect)}")
             return 0
         pose = await found(bus, user, poses, news)
         await clock.found(CLOCK_PATIENCE_S)
@@ -156,7 +161,8 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
     if as_json:
         print_json({"user": user, **shown})
     else:
-        click.echo("\n".join(pose_text.lines(shown)))
+        for line in pose_text.lines(shown):
+            click.echo(plain(line))
     return 0
 
 
@@ -218,7 +224,7 @@ async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> l
             await enter(
                 f"{user}: point level with a straight arm towards {direction} (0° is along x of the room, "
                 "90° along y), such as at the wall there, and hold; then press Enter",
-                "--now while the person points",
+                WITHOUT_KEYBOARD,
             )
         heading = SetHeading(azimuth_rad=math.radians(asked.facing_deg))
         reply = await bus.call(SET_HEADING, heading, user)

@@ -7,7 +7,7 @@ from typing import Literal, cast
 import click
 
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
-from pointit.cli.output import json_option, print_json
+from pointit.cli.output import json_option, print_json, say
 from pointit.diagnosis.writers import instance_of, split
 from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
@@ -50,7 +50,7 @@ async def _press(user: str, gesture: Gesture, *, as_json: bool, site: str, conne
     if as_json:
         print_json({"user": user, **answer.model_dump(include={"state", "reason", "next_step"})})
     else:
-        click.echo(f"{user}: {answer.state}. {answer.reason} {answer.next_step}".replace("  ", " "))
+        say(f"{user}: {answer.state}. {answer.reason} {answer.next_step}".replace("  ", " "))
     return 0
 
 
@@ -129,5 +129,5 @@ class _Person:
         self._changed.set()
 
     def _on_cue(self, cue: Feedback, _user: str) -> None:
-        self._is_cued = self._is_cued or cue.cue not in ("selected", "deselected")
+        self._is_cued = self._is_cued or (cue.cue not in ("selected", "deselected") and cue.turn_rad is None)
         self._changed.set()

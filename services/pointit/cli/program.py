@@ -8,6 +8,7 @@ from typing import Any
 
 from pointit.cli.at_start import assumed_places
 from pointit.cli.launches import PAGE, Choices, place_of, site_launches, user_launches
+from pointit.cli.map_fit import check_map_fits
 from pointit.cli.plan import Plan
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import service_of
@@ -28,11 +29,12 @@ def staged(scenario: Scenario, choices: Choices, people: int) -> list[Launch]:
     """Return the services of a scenario with so many people.
 
     Raises:
-        ConfigError: a service or parameter is wrong.
+        ConfigError: a service or parameter is wrong, or the map lacks what they need.
     """
     launches = site_launches(scenario, choices)
     for index in range(people):
         launches += user_launches(scenario, choices, name_of(index), index)
+    check_map_fits(launches)
     return launches
 
 
@@ -57,6 +59,13 @@ class Program:
         shipped = {shipped: shipped for shipped in scenario_names()}
         return cls(sources=shipped | {name: source}, choices=choices, room=_room(scenario))
 
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """Return the names of the scenarios that can run with the choices, on the map they name."""
+        if not self.choices.settings and not self.choices.files:
+            return tuple(self.sources)
+        return tuple(name for name, source in self.sources.items() if self._can_run(source))
+
     def plan(self, query: RunScenario, now: Plan) -> Plan:
         """Return the plan of what is asked for in place of `now`, checked as at a start.
 
@@ -65,7 +74,7 @@ class Program:
         """
         source = self.sources.get(query.scenario)
         if source is None:
-            raise ConfigError(f"no scenario {query.scenario!r}; there are {', '.join(self.sources)}")
+            raise ConfigError(f"no scenario {query.scenario!r}; there are {', '.join(self.offered)}")
         scenario = read_scenario(source)
         localizes = now.localizes if query.localizes is None else query.localizes
         choices = self._fitting(scenario, localize=localizes)
@@ -82,6 +91,15 @@ class Program:
             localizes=localizes,
             notes=(*self._ignored(scenario), *assumed_places(launches, choices)),
         )
+
+    def _can_run(self, source: str) -> bool:
+        try:
+            scenario = read_scenario(source)
+            choices = self._fitting(scenario, localize=self.choices.localize)
+            check_launches(staged(scenario, choices, 1))
+        except ConfigError:
+            return False
+        return True
 
     def _fitting(self, scenario: Scenario, *, localize: bool) -> Choices:
         """Return what of the choices can be applied to `scenario`."""

@@ -5,12 +5,23 @@ import contextlib
 from collections.abc import Generator
 
 import click
-from rich.console import Console
 from rich.status import Status
 from rich.text import Text
 
 from pointit.cli.keyboard import has_keyboard, keys
 from pointit.cli.lazy import Mistake
+from pointit.cli.output import say
+from pointit.runtime.console import PlainConsole
+
+
+def check_keyboard(otherwise: str) -> None:
+    """Check that somebody can press Enter.
+
+    Raises:
+        Mistake: If there is no keyboard; `otherwise` is the option that does without.
+    """
+    if not has_keyboard():
+        raise Mistake(f"there is no keyboard to press Enter on; use {otherwise}")
 
 
 async def enter(text: str, otherwise: str) -> None:
@@ -19,8 +30,7 @@ async def enter(text: str, otherwise: str) -> None:
     Raises:
         Mistake: there is no keyboard; `otherwise` is the option that does without.
     """
-    if not has_keyboard():
-        raise Mistake(f"there is no keyboard to press Enter on; use {otherwise}")
+    check_keyboard(otherwise)
     click.echo(text, err=True)
     pressed = asyncio.Event()
     with keys(pressed.set):
@@ -41,7 +51,7 @@ class ChangingLine:
     def say(self, text: str) -> None:
         """Write a line that stays."""
         if self._status is None:
-            click.echo(text, err=True)
+            say(text, err=True)
         else:  # not past the console: it would end up behind the line that changes
             self._status.console.print(Text(text))
 
@@ -49,7 +59,7 @@ class ChangingLine:
 @contextlib.contextmanager
 def changing_line() -> Generator[ChangingLine]:
     """Yield a line on standard error that changes, on a terminal."""
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if not console.is_terminal or console.is_dumb_terminal:
         yield ChangingLine(None)
         return

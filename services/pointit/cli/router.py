@@ -9,8 +9,9 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
+from pointit.access.limits import MOST_CONNECTIONS, Connection, Limits
 from pointit.access.recent import Recent
-from pointit.access.refused import FILTER, Refused
+from pointit.access.refused import FILTER, MARKS, Refused
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError
@@ -58,11 +59,20 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
     metavar="ADDRESS",
     help="join another router of the same site too, as tls/building:7447; with --site-folder",
 )
+@click.option(
+    "--most-connections",
+    type=click.IntRange(1, 1000),
+    default=MOST_CONNECTIONS,
+    show_default=True,
+    help="connections of one person or dashboard at a time; the newest of more are cut",
+)
 def command(
+    *,
     listen: tuple[str, ...],
     folders: tuple[Path, ...],
     file: Path | None,
     uplinks: tuple[str, ...],
+    most_connections: int,
     log_level: str,
 ) -> int:
     """Run a router, to which the processes of any number of sites connect.
@@ -88,9 +98,9 @@ def command(
         )
     raise_file_limit()
     if folders:
-        return run_async(_guard(_of_sites(folders, uplinks)))
+        return run_async(_guard(_of_sites(folders, uplinks), most_connections))
     if file is not None:
-        return run_async(_guard(_of_file(file)))
+        return run_async(_guard(_of_file(file), most_connections))
     return run_async(_route(listen))
 
 
@@ -114,22 +124,25 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
     return Router(make, Path(), [file for site in sites for file in site.router_files()])
 
 
-async def _guard(router: Router) -> int:
-    refused = Refused()
-    with listening(FILTER, refused.take):
+async def _guard(router: Router, most_connections: int = MOST_CONNECTIONS) -> int:
+    refused, limits = Refused(), Limits(most_connections)
+    with listening(FILTER, refused.take, MARKS):
         await router.open()
         try:
             click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
             async with asyncio.TaskGroup() as group:
-                group.create_task(_tell(router, refused), name="refused")
+                group.create_task(_tell(router, refused, limits), name="refused")
                 group.create_task(router.follow(), name="router")
         finally:
             await router.close()
     return 0
 
 
-async def _tell(router: Router, refused: Refused) -> None:
-    """Say who was refused what, soon and not more often than anybody reads: in the log, and to doctor."""
+async def _tell(router: Router, refused: Refused, limits: Limits) -> None:
+    """Say who was refused what, soon and not more often than anybody reads: in the log, and to doctor.
+
+    Who takes more than one identity may is cut off.
+    """
     loop, recent = asyncio.get_running_loop(), Recent()
     before_s = loop.time()
     while True:
@@ -137,6 +150,21 @@ async def _tell(router: Router, refused: Refused) -> None:
         now_s = loop.time()
         sentences = refused.take_sentences(now_s - before_s)
         before_s = now_s
+        connections = [
+            Connection(
+                identity=name.rpartition("/")[0] or refused.identity(session),
+                session=session,
+                address=address,
+            )
+            for session, name, address in router.links()
+        ]
+        excess, told = limits.excess(connections, router.roles, refused.rates_hz, now_s, refused.keys)
+        router.cut(each.address for each in excess)
+        by_address = {each.address: each for each in connections}
+        waiting = router.unread(by_address)
+        told |= limits.stuck({by_address[address]: count for address, count in waiting.items()})
+        for name, sentence in told.items():
+            sentences[name] = f"{sentences[name]}; {sentence}" if name in sentences else sentence
         for sentence in sentences.values():
             log.warning("%s", sentence)
         recent.add(sentences, now_s)

@@ -178,7 +178,7 @@ def run(
         page=page,
         browser=not options["no_browser"],
         scenario=name,
-        scenarios=() if program is None else tuple(program.sources),
+        scenarios=() if program is None else program.offered,
         localizes=choices.localize,
         another=None if program is None else program.plan,
     )

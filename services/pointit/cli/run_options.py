@@ -41,7 +41,7 @@ def shared_options(function: Any) -> Any:
                 default=0,
                 show_default=True,
                 type=click.IntRange(min=0),
-                help="of everything random",
+                help="seed of all random number generators: people, packages, simulated devices",
             ),
             click.option(
                 "--imu",

@@ -12,6 +12,8 @@ from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
 
 SHIPPED = resources.files("pointit.cli") / "scenarios"
+LONGEST_NAME = 60
+"""Characters of a scenario's name: 64 fit into the key of its run, with `schemas.system.RUN` before it."""
 
 
 class Place(Config):
@@ -70,8 +72,12 @@ def read_scenario(name: str) -> Scenario:
     """
     if name.endswith((".yaml", ".yml")):
         scenario = Scenario.read(Path(name), name)
+        if len(Path(name).stem) > LONGEST_NAME:
+            raise ConfigError(
+                f"{name}: rename the file: a scenario's name has at most {LONGEST_NAME} characters"
+            )
         try:
-            check_name(Path(name).stem, "scenario")  # it stands in the key of the deployment
+            check_name(Path(name).stem, "scenario")
         except KeyNameError as error:
             raise ConfigError(f"{name}: rename the file: {error}") from error
         return scenario

@@ -1,4 +1,7 @@
-"""What a run comes to: which objects were selected, missed or wrong, and where they came out."""
+"""What a run comes to: which objects were selected, missed or wrong, and where they came out.
+
+What came out at a bay counts by for whom it went there, whatever was selected before.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -26,8 +29,8 @@ class Score:
     left: set[str] = field(default_factory=set[str])
     listed: dict[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
     """By tracker, the objects that are there now."""
-    corrected: int = 0
-    """Wrong selections that were taken back."""
+    corrected: Counter[str] = field(default_factory=Counter[str])
+    """Wrong selections that were taken back before the object left, by object id."""
     unknown: set[str] = field(default_factory=set[str])
     """Selected, yet nobody has told of them: a run before has left them so. They are nobody's fault."""
     refused: int = 0
@@ -56,21 +59,26 @@ class Score:
     def on_event(self, event: SelectionEvent) -> None:
         """Take note of what happened."""
         self._know(event.object_id, event.kind)
+        if event.event in {"selected", "deselected"} and event.object_id in self.bays:
+            return  # nothing changes any more where it came out
         if event.event == "selected":
             self.selected.add(event.object_id)
         elif event.event == "deselected":
             self.selected.discard(event.object_id)
             if self.target_kinds and self.kinds.get(event.object_id) not in self.target_kinds:
-                self.corrected += 1
+                self.corrected[event.object_id] += 1
         elif event.event == "refused":
             self.refused += 1
             self.refusal = event.reason
         elif event.event in {"left", "dispatched"}:  # may be told twice, when its teller was killed meanwhile
             self.left.add(event.object_id)
+            if event.user:  # it left for them, whichever came first: this, or the selection without it
+                self.selected.add(event.object_id)
+                del self.corrected[event.object_id]
+            elif event.event == "dispatched":  # to the bay of the rest, whatever was selected
+                self.selected.discard(event.object_id)
             if event.event == "dispatched":
                 self.bays[event.object_id] = event.bay
-            if event.user:  # they had it, whichever came first: this, or the selection without it
-                self.selected.add(event.object_id)
 
     def on_selection(self, state: Selection) -> None:
         """Take what is selected now: a selector that was restarted tells no events of it.
@@ -80,7 +88,7 @@ class Score:
         now = {thing.id for thing in state.objects}
         known = now & self.kinds.keys()
         self.unknown = now - known
-        self.selected = known | (self.selected & self.left)
+        self.selected = (known - self.bays.keys()) | (self.selected & self.left)
 
     def _know(self, name: str, kind: str) -> None:
         if self.kinds.get(name, UNKNOWN) == UNKNOWN:
@@ -90,6 +98,7 @@ class Score:
 
     def _forget(self, name: str) -> None:
         kind = self.kinds.pop(name)
+        self.past["corrected"] += self.corrected.pop(name, 0)
         is_target = kind in self.target_kinds or not self.target_kinds
         if name in self.bays:
             self.past_bays[self.bays.pop(name), kind] += 1
@@ -114,7 +123,7 @@ class Score:
             "missed": past["missed"] + len((targets & left) - selected),
             "pending": len((targets & there) - left - selected),
             "wrong": past["wrong"] + len(selected - targets if self.target_kinds else ()),
-            "corrected": self.corrected,
+            "corrected": past["corrected"] + sum(self.corrected.copy().values()),
         }
 
     def dispatched(self) -> dict[str, dict[str, int]]:

@@ -28,7 +28,7 @@ def layers_of(name: str, below: Mapping[str, Mapping[str, Any]], chosen: Setting
     Raises:
         ConfigError: a file or setting is wrong.
     """
-    layers = Layers()
+    layers = Layers(registry.process(name).config().REPLACED)
     for source, values in below.items():
         layers.add(values, f"{source}, {name}")
     for path in chosen.files:

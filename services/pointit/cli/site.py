@@ -14,6 +14,7 @@ from pointit.cli import identities
 from pointit.cli.finite import Finite
 from pointit.cli.output import json_option, print_json
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.system import check_user
 from pointit.schemas.topics import check_name
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -162,7 +163,7 @@ def add(names: tuple[str, ...], folder: Path) -> None:
     site = SiteFolder(folder)
     roles: dict[str, Role] = {}
     for name in names:
-        check_name(name, "user")
+        check_user(name)
         _refuse_taken(name, roles)
         roles[name] = "user"
     site.add(roles, _now())
@@ -286,7 +287,7 @@ def _count(text: str) -> int:
 
 
 def _names(text: str) -> list[str]:
-    return [check_name(name.strip(), "user") for name in text.split(",") if name.strip()]
+    return [check_user(name.strip()) for name in text.split(",") if name.strip()]
 
 
 def _now() -> dt.datetime:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from pointit.cli.monitor import Monitor
+from pointit.cli.output import say
 from pointit.cli.plan import Plan
 from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.runtime import ConfigError
@@ -96,6 +97,7 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
+        "light_hz": {port: round(rate_hz, 2) for port, rate_hz in sorted(monitor.light_rates().items())},
         "lamps_missed_by_deg": {
             lamp: round(math.degrees(miss_rad), 2)
             for lamp, miss_rad in sorted(monitor.lamp_misses_rad.items())
@@ -110,7 +112,7 @@ def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         click.echo(json.dumps(summary, indent=2))
     else:
         for line in summary_lines(summary):
-            click.echo(line)
+            say(line)
         if plan.afterword:
             click.echo(plan.afterword)
     if plan.summary is not None:
@@ -160,4 +162,6 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         were = "was" if len(missing) == 1 else "were"
         lines.append(f"{', '.join(missing)} {were} not found in that time; --duration gives more.")
     lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
+    for port, rate_hz in summary.get("light_hz", {}).items():
+        lines.append(f"{port} carries {rate_hz:.1f} frames a second.")
     return lines

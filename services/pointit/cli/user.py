@@ -17,7 +17,7 @@ from pointit.cli.settings import check_settings
 from pointit.runtime import ConfigError
 from pointit.runtime.link_options import link_options
 from pointit.runtime.process import log_option
-from pointit.schemas.topics import check_name
+from pointit.schemas.system import check_user
 
 
 @click.command("user")
@@ -38,7 +38,7 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
 
     Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
     """
-    check_name(name, "user")
+    check_user(name)
     check_person(name)
     if scenario is None or place is None:
         link = joining(options)

@@ -14,6 +14,7 @@ from rich.text import Text
 from pointit.cli.fit import Block, Worth, fitted
 from pointit.cli.monitor import Monitor
 from pointit.cli.people_view import ROOMY_WIDTH, color_of, doings, places, words
+from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.diagnosis.observation import SILENT_S
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
@@ -216,6 +217,12 @@ def figures(monitor: Monitor) -> Text:
                 rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
     parts += [
         f"{name} {rates[topic.key]:.0f} Hz" for name, topic in SHOWN_RATES.items() if topic.key in rates
+    ]
+    lights = (figure for health in list(monitor.health.values()) for figure in health.figures)
+    parts += [
+        f"{figure.name.removeprefix(FRAME_RATE).strip()} up to {figure.value:.0f} Hz"
+        for figure in lights
+        if figure.name.startswith(FRAME_RATE)
     ]
     if monitor.score.target_kinds:
         counts: dict[str, Any] = monitor.score.counts()

@@ -21,6 +21,9 @@ SURE_DEG = math.degrees(Choice().yaw_sigma_rad)
 ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own
 """Names of the localizer's figures."""
 
+FRAME_RATE = "frame rate"
+"""Begins the name of led-driver's figure of how many frames a second a port carries; the port ends it."""
+
 
 def position_sigma_m(pose: UserPose) -> float:
     """Return 1 sigma of the place along the worse direction; 0: it is taken as exact."""

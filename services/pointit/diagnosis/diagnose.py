@@ -15,7 +15,10 @@ from pointit.diagnosis.certainty import (
 from pointit.diagnosis.clocks import clocks_apart
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.staleness import stale_inputs
+from pointit.diagnosis.writers import split, start_command
+from pointit.runtime.skew import LONGEST_HOST
 from pointit.schemas import Health
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
 
 SLOW_S = 0.1
@@ -43,6 +46,15 @@ def _presence(seen: Observation) -> Iterator[Finding]:
     expected = seen.expected
     if seen.denied:
         yield Finding(severity="error", code="denied", service="", sentence=seen.denied, remedy="")
+    elif not seen.present and not expected and seen.other_sites:
+        are = "a site is" if len(seen.other_sites) == 1 else "sites are"
+        yield Finding(
+            severity="error",
+            code="empty",
+            service="",
+            sentence=f"no service runs on this site, but {are} there: {', '.join(seen.other_sites)}",
+            remedy=f"name the right one: --site {seen.other_sites[0]}",
+        )
     elif not seen.present and not expected:
         yield Finding(
             severity="error",
@@ -76,7 +88,7 @@ def _presence(seen: Observation) -> Iterator[Finding]:
             code="left",
             service=instance,
             sentence="was there and has left: ended, killed, stopped or cut off",
-            remedy=_restart(instance),
+            remedy=_restart(instance, seen.options),
         )
     for instance in seen.present:
         if seen.is_silent(instance):
@@ -89,7 +101,7 @@ def _presence(seen: Observation) -> Iterator[Finding]:
                 sentence=f"is present but has not reported for {seen.silence_s(instance):.0f} s: "
                 "is it stopped, overloaded or cut off?",
                 remedy=f"look at {process} (stopped: `kill -CONT`); else "
-                + expected.get(instance, _restart(instance)),
+                + expected.get(instance, _restart(instance, seen.options)),
             )
 
 
@@ -101,12 +113,12 @@ def _reports(seen: Observation) -> Iterator[Finding]:
         yield from _twice(seen, instance, reports)
         yield from _counters(instance, reports[0].health, health)
         yield from _certainty(instance, health)
-        for sentence in health.warnings:
+        for sentence in map(one_line, health.warnings):
             yield Finding(
                 severity="warning",
                 code="warning",
                 service=instance,
-                sentence=sentence,
+                sentence=f"says: “{sentence}”" if split(instance)[1] else sentence,
                 remedy="" if _says_what_to_do(sentence) else "look at its log, which tells more",
             )
         if health.status == "degraded" and not health.warnings:
@@ -124,7 +136,8 @@ def _reports(seen: Observation) -> Iterator[Finding]:
                 service=instance,
                 sentence=f"its output is {health.latency.p99_s * 1e3:.0f} ms behind the person "
                 f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)",
-                remedy="is the machine overloaded, or are two machines' clocks apart?",
+                remedy="is the machine overloaded, are two machines' clocks apart, or has a link to LEDs "
+                "more pixels than it carries?",
             )
 
 
@@ -141,7 +154,7 @@ def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Itera
         for report in reports
     }
     if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
-        pids = " and ".join(f"{pid} on {host or '?'}" for host, pid in sorted(ages_s))
+        pids = " and ".join(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
         yield Finding(
             severity="error",
             code="twice",
@@ -156,7 +169,7 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
     before = {(key.key, key.direction): key for key in first.keys}
     for key in last.keys:
         old = before.get((key.key, key.direction), key)
-        pattern = key.key
+        pattern = one_line(key.key)
         counts = [
             (
                 key.invalid,
@@ -193,7 +206,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     age_s = figure(health, ANCHOR_AGE)
     if any(UNCERTAIN in sentence for sentence in health.warnings):
         return  # it says so itself, and what to do
-    who = health.user or "NAME"
+    who = split(instance)[1] or "NAME"
     if where_m is not None and where_m > UNSURE_M:
         yield Finding(
             severity="warning",
@@ -235,11 +248,11 @@ def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> 
     )
 
 
-def _restart(instance: str) -> str:
-    service, _, user = instance.partition(".")
+def _restart(instance: str, options: str) -> str:
     if _is_router(instance):
         return "if it should run: pointit router --site-folder FOLDER"
-    return f"if it should run: pointit service {service}" + (f" --user {user}" if user else "")
+    command = start_command(*split(instance))
+    return f"if it should run: {command}{options}" if command else "if it should run, start it where it ran"
 
 
 def _is_router(instance: str) -> bool:

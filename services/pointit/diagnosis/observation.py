@@ -1,12 +1,13 @@
 """What was seen of a running site, and what can be found wrong with it."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pointit.diagnosis.writers import instance_of
-from pointit.schemas import Deployment, Health
+from pointit.diagnosis.writers import instance_of, start_command
+from pointit.schemas import Deployment, ExpectedService, Health
+from pointit.schemas.rows import NAME
+from pointit.schemas.system import RUN
 
 SILENT_S = 3.0
 """Present, but without a report for so long: stopped, or too busy to report."""
@@ -70,20 +71,24 @@ class Observation:
     """Of the machine that looks."""
     speed: float = 1.0
     """Of the site's clock: rates of slow simulations are slow."""
+    other_sites: tuple[str, ...] = ()
+    """Names of the sites that run at the same address, if nobody is seen on this one."""
     denied: str = ""
     """Why this identity sees nobody, in a sentence; empty when it may look on, or nobody knows."""
+    options: str = ""
+    """Options by which a command reaches this site from here, ` --site hall`; "" if the defaults do."""
 
     @property
     def expected(self) -> dict[str, str]:
-        """Return the instances that should run, each with what starts it again."""
+        """Return the instances that should run, each with what starts it again.
+
+        The commands that deployments hold are never shown: others have written them, and operators copy.
+        """
         return {
-            instance_of(service.service, service.user): (
-                f"start it again: {shlex.join(service.command)}"
-                if service.command
-                else f"it runs inside the process that started {deployment.name}: start that again"
-            )
-            for deployment in self.deployments.values()
-            for service in deployment.services
+            instance: _again(service, name.removeprefix(RUN), self.options)
+            for name, deployment in self.deployments.items()
+            for service in deployment.believed(name).services
+            if NAME.match(instance := instance_of(service.service, service.user))
         }
 
     def newest(self, instance: str) -> Health | None:
@@ -99,3 +104,12 @@ class Observation:
     def is_silent(self, instance: str) -> bool:
         """Return whether nothing was heard of `instance` for too long."""
         return self.silence_s(instance) > SILENT_S
+
+
+def _again(service: ExpectedService, started_by: str, options: str) -> str:
+    """Return what starts `service` again, which `started_by` has started; `options` reach the site."""
+    if not service.command:
+        return f"it runs inside the process that started {started_by}: start that again"
+    command = start_command(service.service, service.user)
+    settings = f"the log of what started {started_by} has the command with its settings"
+    return f"start it again: {command}{options} ({settings})" if command else f"start it again: {settings}"

@@ -6,6 +6,7 @@ from pointit.diagnosis.observation import Finding, Observation
 from pointit.diagnosis.writers import is_bridge, present_writers
 from pointit.runtime.bus import AnyTopic
 from pointit.schemas import Health, KeyHealth
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
 
 GRACE_S = 3.0
@@ -49,7 +50,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
 def _look_at(seen: Observation, writer: str) -> str:
     health = seen.newest(writer)
     if health is not None and health.warnings:
-        return f"look at {writer}, which says: {health.warnings[0]}"
+        return f"look at {writer}, which says: “{one_line(health.warnings[0])}”"
     return f"look at {writer}: has its device, recording or input ended?"
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable
 
 from pointit.runtime.bus import AnyTopic
+from pointit.schemas.rows import NAME
 from pointit.schemas.topics import ANY, HEALTH
 from pointit.services.registry import PROCESSES, Process
 
@@ -24,6 +25,20 @@ def is_bridge(instance: str) -> bool:
 def instance_of(service: str, user: str = "") -> str:
     """Return the name under which a service is present."""
     return f"{service}.{user}" if user else service
+
+
+def start_command(service: str, user: str = "") -> str:
+    """Return the command that starts `service`, or `""` if the process table has none of that scope.
+
+    Names come from other machines: nothing of them but a name of the table and a name that may stand in a
+    key is part of a command.
+    """
+    row = _ROWS.get(service)
+    if row is None or (row.scope == "user") != bool(user):
+        return ""
+    if user and (not NAME.match(user) or user.startswith(".")):
+        return ""
+    return f"pointit service {service}" + (f" --user {user}" if user else "")
 
 
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:

@@ -54,7 +54,6 @@ def spread(
             "a process of the evaluation came to an end by itself; is there too little memory for --jobs?"
         ) from error
     finally:
-        pool.shutdown(wait=finished, cancel_futures=True)
         if not finished:
             ours = [process for process in multiprocessing.active_children() if process not in others]
             for process in ours:
@@ -64,6 +63,8 @@ def spread(
                 if process.is_alive():
                     process.kill()
                     process.join()
+        # waits for the thread of the pool: the end of Python would wake it by a pipe that it may be closing
+        pool.shutdown(cancel_futures=True)
 
 
 def _begin() -> None:

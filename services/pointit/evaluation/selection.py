@@ -3,9 +3,11 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pointit.evaluation.parallel import spread
 from pointit.evaluation.selection_condition import Condition
+from pointit.evaluation.selection_difference import Difference, differences_of
 from pointit.evaluation.selection_human import Humans
 from pointit.evaluation.selection_row import SelectionRow
 from pointit.evaluation.selection_score import Score, figures_of
@@ -47,17 +49,17 @@ def selection_rows(
     jobs: int,
     humans: Humans,
     tick: Callable[[int, int], None],
-) -> tuple[list[SelectionRow], Pace]:
-    """Return how simulated people do by condition and method, and how fast that was simulated.
+) -> tuple[list[SelectionRow], list[Difference], Pace]:
+    """Return how simulated people do by condition and method, how methods differ, and the speed.
 
     A trial has the same people, packages and unrest of hands with every method, whatever else is tried: rows
-    of one condition differ by the method alone.
+    of one condition differ by the method alone. Every trial has a seed of its own.
 
     Args:
         conditions: what is tried.
         methods: as `selection_method.selector_config` takes them.
         trials: of each condition and method.
-        seed: of all that is random.
+        seed: of all that is random in the first trial; the next one has the next.
         jobs: processes to use; 1: this one alone.
         humans: figures of people.
         tick: called with the number of trials that are done and of all.
@@ -66,7 +68,7 @@ def selection_rows(
         PointItError: a process came to an end by itself.
     """
     pieces = [
-        [Trial(condition=condition, method=method, seed=seed, number=number) for number in numbers]
+        [Trial(condition=condition, method=method, seed=seed + number) for number in numbers]
         for condition in conditions
         for method in methods
         for numbers in _cut(trials)
@@ -91,7 +93,15 @@ def selection_rows(
         )
         for (condition, method), scores in groups.items()
     ]
-    return rows, Pace.of(results.values())
+    return rows, differences_of(groups), Pace.of(results.values())
+
+
+def document(rows: Sequence[SelectionRow], differences: Sequence[Difference]) -> dict[str, Any]:
+    """Return what `--json FILE` writes."""
+    return {
+        "rows": [row.as_json() for row in rows],
+        "differences": [difference.as_json() for difference in differences],
+    }
 
 
 def done(trials: Sequence[Trial]) -> list[Score]:

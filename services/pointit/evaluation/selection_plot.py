@@ -31,7 +31,9 @@ def check_plot(path: Path) -> None:
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra, wanted here only
     except ImportError as error:
-        raise ConfigError(f"--plot {path}: needs matplotlib; install pointit[plot]") from error
+        raise ConfigError(
+            f"--plot {path}: needs matplotlib; run `scripts/setup plot` in the folder of PointIt"
+        ) from error
     known = FigureCanvasAgg.get_supported_filetypes()
     if path.suffix.removeprefix(".") not in known:
         raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(known))}")

@@ -1,6 +1,6 @@
 """What the evaluation of selecting tells: one row per bench, condition and method, people beside it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -65,8 +65,3 @@ class SelectionRow:
             **figures,
             "human": {name: human.as_json() for name, human in self.human.items()},
         }
-
-
-def document(rows: Sequence[SelectionRow]) -> dict[str, Any]:
-    """Return what `--json FILE` writes."""
-    return {"rows": [row.as_json() for row in rows]}

@@ -23,14 +23,13 @@ class Trial:
     condition: Condition
     method: str
     seed: int
-    number: int
     rates: Rates = USUAL
 
     @property
     def entropy(self) -> tuple[int, ...]:
         """Return the seed of all that is random; the same for every method."""
         name = f"{self.condition.bench}/{self.condition.name}"
-        return (self.seed, zlib.crc32(name.encode()), self.number)
+        return (self.seed, zlib.crc32(name.encode()))
 
 
 def run(trial: Trial) -> Score:

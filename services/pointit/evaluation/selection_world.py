@@ -175,6 +175,9 @@ class World:
         if cursor is not None:
             self._lights.on_cursor(present.name, cursor, now_ns)
             self._route(self._selecting.on_cursor(present.name, cursor), events)
+            cue = present.cue()
+            if cue is not None:
+                present.person.see(now_ns, cue, present.name)
 
     def _route(self, outputs: Sequence[Output], events: list[SelectionEvent]) -> None:
         """Bring what the selector says to whom it concerns."""
@@ -217,3 +220,7 @@ class _Present:
         """Return the cursor of `sample`, if it makes one."""
         ray = self._pointer.ray(sample, now_ns)
         return None if ray is None else self._cursor.cursor(ray)
+
+    def cue(self) -> Feedback | None:
+        """Return what they are told when they point past everything."""
+        return self._cursor.cue()

@@ -29,6 +29,8 @@ class Config(BaseModel):
     """Base of every configuration: frozen, and a field that does not exist is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    REPLACED: typing.ClassVar[tuple[str, ...]] = ()
+    """Fields whose mapping in a later source replaces the earlier one. All others are merged by name."""
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -146,14 +148,18 @@ def _refuse_twins(root: yaml.Node) -> None:
 class Layers:
     """Values from several sources, the later ones on top, each remembered with where it came from."""
 
-    def __init__(self) -> None:
+    def __init__(self, replaced: Sequence[str] = ()) -> None:
+        """Begin without values; `replaced` are the fields of `Config.REPLACED`."""
         self.values: dict[str, Any] = {}
+        self._replaced = replaced
         self._sources: dict[tuple[str, ...], str] = {}
 
     def add(self, values: Mapping[str, Any], source: str) -> None:
-        """Lay `values` on top; mappings are merged, everything else is replaced."""
-        self._sources.setdefault((), source)  # of a value that is missing
-        self._merge(self.values, values, (), source)
+        """Lay `values` on top; mappings are merged but for `replaced` ones, everything else is replaced."""
+        for name in self._replaced:
+            if isinstance(values.get(name), Mapping):
+                self.values.pop(name, None)
+        self._lay(values, source)
 
     def add_text(self, path: Sequence[str], text: str, source: str) -> None:
         """Lay one value on top, given as YAML text (`0.5`, `[1, 2]`, `red`).
@@ -166,9 +172,12 @@ class Layers:
             raise ConfigError(f"{source}: is not a value ({text!r})") from error
         is_word = isinstance(value, str | bool | int | float | dt.date)
         nested: Any = text.strip() if is_word and not text.lstrip().startswith(("'", '"')) else value
-        for name in reversed(path):
+        for name in reversed(path[1:]):
             nested = {name: nested}
-        self.add(nested, source)
+        if len(path) > 1:  # one entry of a mapping, which is changed and not replaced
+            self._lay({path[0]: nested}, source)
+        else:
+            self.add({path[0]: nested}, source)
 
     def add_environment(self, environment: Mapping[str, str], prefix: str) -> None:
         """Lay variables `<prefix>A__B` on top as `a.b`."""
@@ -188,6 +197,10 @@ class Layers:
         except ValidationError as error:
             loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
             raise ConfigError(f"{self._source_of(loc)}: {complaint(error, kind)}") from error
+
+    def _lay(self, values: Mapping[str, Any], source: str) -> None:
+        self._sources.setdefault((), source)  # of a value that is missing
+        self._merge(self.values, values, (), source)
 
     def _merge(
         self, into: dict[str, Any], values: Mapping[str, Any], path: tuple[str, ...], source: str

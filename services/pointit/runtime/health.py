@@ -86,11 +86,16 @@ class ServiceBus:
         """Return the keys of the topics that are written."""
         return {key for key, direction in self._meters if direction == "out"}
 
-    def publisher(self, topic: Topic[M], name: str = "") -> Publisher[M]:
-        """Declare a writer of `topic.at(name)`."""
+    def publisher(self, topic: Topic[M], name: str = "", *, timed: bool = True) -> Publisher[M]:
+        """Declare a writer of `topic.at(name)`; unless `timed`, `reached` tells how late its output is."""
         inner = self._bus.publisher(topic, name)
         self._publishers.append(inner)
-        return MeteredPublisher(inner, self._meter(topic, "out"), self._latency, self._clock)
+        latency = self._latency if timed else None
+        return MeteredPublisher(inner, self._meter(topic, "out"), latency, self._clock)
+
+    def reached(self, latency_s: float) -> None:
+        """Count how old what was captured is when it leaves the service other than by the bus."""
+        self._latency.add(latency_s)
 
     def subscribe(
         self,

@@ -8,6 +8,8 @@ from datetime import UTC, datetime
 from rich.console import Console
 from rich.logging import RichHandler
 
+from pointit.runtime.console import PlainConsole
+
 
 class JsonFormatter(logging.Formatter):
     """One JSON object a line: time, level, logger, message, and the traceback if there is one."""
@@ -29,7 +31,7 @@ def setup_logging(level: str = "info", console: Console | None = None) -> None:
     """Send logs to standard error; through `console` where a live view must not be torn."""
     if console is not None or sys.stderr.isatty():
         handler: logging.Handler = RichHandler(
-            console=console or Console(stderr=True), show_path=False, rich_tracebacks=True, markup=False
+            console=console or PlainConsole(stderr=True), show_path=False, rich_tracebacks=True, markup=False
         )
         handler.setFormatter(logging.Formatter("%(message)s", datefmt="%H:%M:%S"))
     else:

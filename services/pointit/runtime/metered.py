@@ -18,18 +18,17 @@ M = TypeVar("M", bound=Message)
 class MeteredPublisher(Generic[M]):
     """Counts what goes out, and for *latest* how old the captured data are by then."""
 
-    def __init__(self, inner: Publisher[M], meter: Meter, latency: Times, clock: Clock) -> None:
+    def __init__(self, inner: Publisher[M], meter: Meter, latency: Times | None, clock: Clock) -> None:
         self._inner = inner
         self._meter = meter
-        self._latency = latency
+        self._latency = latency if meter.topic.delivery is Delivery.LATEST else None
         self._clock = clock
-        self._timed = meter.topic.delivery is Delivery.LATEST
 
     def put(self, message: M) -> None:
         """Send `message`."""
         self._inner.put(message)
         self._meter.mark(time.monotonic())
-        if self._timed:
+        if self._latency is not None:
             clock = self._clock
             self._latency.add((clock.now_ns() - message.stamp_ns) / NS_PER_S / clock.speed)
 

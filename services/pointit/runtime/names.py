@@ -2,7 +2,7 @@
 
 import collections
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from pointit.schemas import KeyNameError
 
@@ -12,6 +12,21 @@ MAX_NAMES = 4096
 
 SILENT_S = 60.0
 """A name that was not heard for so long gives way to a new one."""
+
+
+class Places:
+    """Names that every reader of a bus takes, whatever strangers make up: the map's lamps."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, frozenset[str]] = {}
+
+    def keep(self, placeholder: str, names: Iterable[str]) -> None:
+        """Keep places for `names`, in place of those kept for `placeholder` before."""
+        self._kept[placeholder] = frozenset(names)
+
+    def holds(self, placeholder: str, name: str) -> bool:
+        """Return whether `name` has a place; from any thread."""
+        return name in self._kept.get(placeholder, ())
 
 
 def limit_of(placeholder: str) -> int:
@@ -26,8 +41,15 @@ class Names:
     time and memory of those who were there before.
     """
 
-    def __init__(self, placeholder: str, name_in: Callable[[str], str]) -> None:
-        """Take what stands for `placeholder`; `name_in` reads it from a key and raises `SchemaError`."""
+    def __init__(self, placeholder: str, name_in: Callable[[str], str], places: Places) -> None:
+        """Take what stands for `placeholder`.
+
+        Args:
+            placeholder: of the topic's key.
+            name_in: reads the name from a key; raises `SchemaError`.
+            places: names that are taken however many others there are.
+        """
+        self._places = places
         self._what = placeholder or "name"
         self._limit = limit_of(placeholder)
         self._name_in = name_in
@@ -49,7 +71,8 @@ class Names:
                 return known[0]
         name = self._name_in(key)
         with self._lock:
-            if key not in self._heard and len(self._heard) >= self._limit:
+            is_known = self._places.holds(self._what, name)
+            if key not in self._heard and len(self._heard) >= self._limit and not is_known:
                 _, oldest_s = next(iter(self._heard.values()))
                 if now_s - oldest_s <= SILENT_S:
                     raise KeyNameError(

@@ -24,7 +24,9 @@ from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
 from pointit.schemas import SchemaError
-from pointit.schemas.topics import SERVICE_ALIVE, check_name
+from pointit.schemas.system import check_user
+from pointit.schemas.text import plain
+from pointit.schemas.topics import SERVICE_ALIVE
 
 log = logging.getLogger(__name__)
 
@@ -70,16 +72,15 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
         error.show()
         sys.exit(error.exit_code)
     except (ConfigError, SchemaError) as error:
-        click.echo(f"Error: {error}", err=True)
+        click.echo(f"Error: {plain(str(error))}", err=True)
         sys.exit(EXIT_USAGE)
     except PointItError as error:
-        click.echo(f"Error: {error}", err=True)
+        click.echo(f"Error: {plain(str(error))}", err=True)
         sys.exit(EXIT_FAILED)
     except Exception as error:
         log.critical("fault of the program", exc_info=error)
-        click.echo(
-            f"Error: a fault of PointIt itself ({type(error).__name__}: {error}), see the log", err=True
-        )
+        what = plain(f"{type(error).__name__}: {error}")
+        click.echo(f"Error: a fault of PointIt itself ({what}), see the log", err=True)
         sys.exit(EXIT_FAULT)
     sys.exit(result if isinstance(result, int) else 0)
 
@@ -91,7 +92,7 @@ def service_command(service: type[AnyService]) -> click.Command:
         setup_logging(options["log_level"])
         user: str = options.get("user") or ""
         if user:
-            check_name(user, "user")
+            check_user(user)
         config = load_config(
             service,
             [options["config"]] if options["config"] else [],
@@ -168,7 +169,7 @@ def load_config(
     Raises:
         ConfigError: names source, field and value.
     """
-    layers = Layers()
+    layers = Layers(service.CONFIG.REPLACED)
     for file in files:
         layers.add(read_yaml(file), str(file))
     for variable in os.environ:

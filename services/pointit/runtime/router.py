@@ -11,7 +11,7 @@ import contextlib
 import json
 import logging
 import re
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,11 @@ import zenoh
 
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.presence import LEASE_MS
 from pointit.runtime.router_account import RouterAccount
-from pointit.runtime.tcp_silence import end_lingering, end_silence
+from pointit.runtime.tcp_silence import cut, end_lingering, end_silence, unread
 from pointit.runtime.zenoh_session import (
     CLOSE_PATIENCE_S,
-    LEASE_MS,
     Link,
     close_session,
     open_session,
@@ -44,6 +44,9 @@ REOPEN_PATIENCE_S = 11.0
 
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Where an address names a file by a path from the configuration's own folder."""
+
+PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
+"""Address and port of who is connected by TLS."""
 
 Stamp = tuple[tuple[int, int, int], ...]
 
@@ -102,6 +105,8 @@ class Router:
         self._sites: tuple[str, ...] = ()
         self._joins_another = False
         self._session: zenoh.Session | None = None
+        self.roles: dict[str, str] = {}
+        """By identity, `SITE/NAME`; as `pointit site` has written them."""
         self._accounts: dict[str, RouterAccount] = {}
         """By site."""
 
@@ -130,6 +135,25 @@ class Router:
         """
         for site, account in self._accounts.items():
             account.report(of_site(site), refused)
+
+    def links(self) -> list[tuple[str, str, str]]:
+        """Return session, common name (empty where none is known) and address of all who are connected."""
+        if self._session is None:
+            return []
+        return [
+            (str(link.zid), link.auth_identifier or "", str(link.dst)) for link in self._session.info.links()
+        ]
+
+    def cut(self, addresses: Iterable[str]) -> None:
+        """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""
+        if peers := [peer for address in addresses if (peer := _peer(address)) is not None]:
+            cut(peers)
+
+    def unread(self, addresses: Iterable[str]) -> dict[str, int]:
+        """Return how many bytes wait for who is connected from `addresses`, where that is known."""
+        peers = {address: peer for address in addresses if (peer := _peer(address)) is not None}
+        waiting = unread() if peers else {}
+        return {address: waiting[peer] for address, peer in peers.items() if peer in waiting}
 
     async def follow(self) -> None:
         """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
@@ -184,6 +208,9 @@ class Router:
         subjects: list[dict[str, Any]] = json.loads(config.get_json("access_control/subjects")) or []
         sites = (str(subject["id"]).partition("/") for subject in subjects)  # as `pointit site` names them
         self._sites = tuple(dict.fromkeys(site for site, slash, _ in sites if slash and NAME.match(site)))
+        policies: list[dict[str, Any]] = json.loads(config.get_json("access_control/policies")) or []
+        named = (str(policy.get("id") or "").rpartition("/") for policy in policies)
+        self.roles = {identity: role for identity, _, role in named if identity}
         return config
 
     def _look(self) -> Stamp:
@@ -193,6 +220,11 @@ class Router:
                 status = file.stat()
                 found.append((status.st_mtime_ns, status.st_size, status.st_ino))
         return tuple(found)
+
+
+def _peer(address: str) -> tuple[str, int] | None:
+    found = PEER.match(address)
+    return None if found is None else (found[1], int(found[2]))
 
 
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:

@@ -15,7 +15,8 @@ from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health import ServiceBus
 from pointit.runtime.succession import Succession
 from pointit.schemas import Health
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, check_name
+from pointit.schemas.system import check_user
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
@@ -130,7 +131,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """
     kind = launch.service
     if launch.user:
-        check_name(launch.user, "user")
+        check_user(launch.user)
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     succession = Succession(bus, launch.instance)
     try:

@@ -10,6 +10,8 @@ import collections
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from pointit.schemas.text import one_line
+
 APART_S = 0.05
 """From here on latency figures of what crosses machines say little."""
 
@@ -31,6 +33,9 @@ STEADY = 0.25
 """Half of the reports differ from the quickest by less than this share: no delay is as even under load."""
 
 MAX_HOSTS = 256
+
+LONGEST_HOST = 64
+"""Characters of a machine's name that are told apart and shown: its writer may be a stranger."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +79,7 @@ class SkewWatch:
 
     def hear(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float) -> None:
         """Take a report: stamped and arrived at these times of the wall, Unix ns; `now_s` is monotonic."""
+        host = one_line(host, LONGEST_HOST)
         late = self._late.get(host)
         if late is None:
             if len(self._late) >= MAX_HOSTS:

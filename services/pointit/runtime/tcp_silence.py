@@ -11,6 +11,7 @@ out at once would hold up everybody for seconds. Without that the system does th
 """
 
 import contextlib
+import ipaddress
 import socket
 import struct
 import sys
@@ -18,6 +19,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 OPEN_FILES = Path("/proc/self/fd")
+COUNT = struct.Struct("i")
 LINGER = struct.Struct("ii")
 """Whether, and for how long, s."""
 
@@ -58,6 +60,36 @@ def end_lingering(ports: Collection[int]) -> int:
             lingers, _ = LINGER.unpack(found.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
             if lingers and not _ports_of(found).isdisjoint(ports):
                 found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
+                count += 1
+    return count
+
+
+def unread() -> dict[tuple[str, int], int]:
+    """Return how many bytes wait for the readers of this process's connections, by their address and port."""
+    found: dict[tuple[str, int], int] = {}
+    if sys.platform != "linux":
+        return found
+    import fcntl  # noqa: PLC0415 - other systems have none
+    import termios  # noqa: PLC0415 - as above
+
+    for each in tcp_sockets():
+        with contextlib.suppress(OSError):  # closed meanwhile, or it listens
+            host, port = each.getpeername()[:2]
+            (count,) = COUNT.unpack(fcntl.ioctl(each, termios.TIOCOUTQ, bytes(COUNT.size)))
+            found[host.removeprefix("::ffff:"), port] = count
+    return found
+
+
+def cut(peers: Collection[tuple[str, int]]) -> int:
+    """End the connections of this process from `peers`, each address and port; return how many were."""
+    wanted = {(ipaddress.ip_address(host), port) for host, port in peers}
+    count = 0
+    for found in tcp_sockets():
+        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
+            host, port = found.getpeername()[:2]
+            address = ipaddress.ip_address(host)
+            if (getattr(address, "ipv4_mapped", None) or address, port) in wanted:
+                found.shutdown(socket.SHUT_RDWR)
                 count += 1
     return count
 

@@ -28,6 +28,7 @@ from pointit.runtime.link_watch import LinkWatch
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import Declaration, MemoryPublisher
+from pointit.runtime.names import Places
 from pointit.runtime.self_test import SelfTest
 from pointit.runtime.waiting_line import TurnedAway
 from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
@@ -36,8 +37,8 @@ from pointit.runtime.zenoh_readers import LatestInlet, Parcel, ZenohSubscription
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
 from pointit.runtime.zenoh_session import Link, close_session, open_session
 from pointit.runtime.zenoh_writers import ZenohPublisher
-from pointit.schemas import Message, Query, Reply
-from pointit.schemas.topics import ANY, HEALTH, Delivery, Presence, Request, Topic
+from pointit.schemas import Environment, Message, Query, Reply
+from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -53,6 +54,7 @@ class ZenohBus(MemoryBus):
         self.session = session
         self.link = link
         self._inlets: dict[str, LatestInlet] = {}
+        self._places = Places()
         self._recollection: Recollection | None = None
         self._turned_away = TurnedAway()
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
@@ -115,9 +117,17 @@ class ZenohBus(MemoryBus):
         def unpack(parcel: Parcel) -> Message:
             return parcel.open(topic.message)
 
+        def on_map(message: M, map_name: str) -> None:
+            if isinstance(message, Environment):
+                self._places.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
+            handler(message, map_name)
+
         self._want("reads", topic.at(name))
-        mailbox = Mailbox(topic, handler, self.dispatcher, unpack, kept=kept)
-        subscription = ZenohSubscription(self, self.session, topic, mailbox, name, inlets=self._inlets)
+        taken = on_map if topic is MAP else handler
+        mailbox = Mailbox(topic, taken, self.dispatcher, unpack, kept=kept)
+        subscription = ZenohSubscription(
+            self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places
+        )
         if topic.delivery is Delivery.STATE and kept:
             if self._recollection is None:
                 self._recollection = Recollection(self, self.session)

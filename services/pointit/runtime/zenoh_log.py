@@ -6,16 +6,21 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Callable, Generator
+import time
+from collections.abc import Callable, Generator, Sequence
 
 import zenoh
 
 CHUNK_BYTES = 256 * 1024
 STDOUT = 1
 
+MOST_LINES = 20_000
+"""Lines that are taken in a second, and so many again that hold a mark; further ones are left out. Zenoh
+waits until its log is read, and with it everybody whose messages it carries."""
+
 
 @contextlib.contextmanager
-def listening(wanted: str, take: Callable[[str], None]) -> Generator[None]:
+def listening(wanted: str, take: Callable[[str], None], marks: Sequence[bytes] = ()) -> Generator[None]:
     """Give each line of Zenoh's log to `take`, in another thread; what else is printed goes where it did.
 
     In colours, whatever NO_COLOR says: the rest of a key that holds a line break is told by having none.
@@ -26,6 +31,7 @@ def listening(wanted: str, take: Callable[[str], None]) -> Generator[None]:
     Args:
         wanted: as in RUST_LOG.
         take: called in another thread; must not raise.
+        marks: what stands in lines that matter more than others.
     """
     if "RUST_LOG" in os.environ:
         zenoh.try_init_log_from_env()
@@ -37,7 +43,7 @@ def listening(wanted: str, take: Callable[[str], None]) -> Generator[None]:
     os.dup2(sink, STDOUT)
     os.close(sink)
     shown, sys.stdout = sys.stdout, os.fdopen(os.dup(before), "w", buffering=1, encoding="utf-8")
-    threading.Thread(target=_read, args=(source, take), name="zenoh-log", daemon=True).start()
+    threading.Thread(target=_read, args=(source, take, marks), name="zenoh-log", daemon=True).start()
     os.environ.pop("NO_COLOR", None)
     zenoh.init_log_from_env_or(wanted)
     try:
@@ -49,10 +55,18 @@ def listening(wanted: str, take: Callable[[str], None]) -> Generator[None]:
         sys.stdout = shown
 
 
-def _read(source: int, take: Callable[[str], None]) -> None:
-    rest = b""
+def _read(source: int, take: Callable[[str], None], marks: Sequence[bytes]) -> None:
+    rest, began_s, count, marked = b"", time.monotonic(), 0, 0
     with os.fdopen(source, "rb", buffering=0) as pipe:
         while chunk := pipe.read(CHUNK_BYTES):
             *lines, rest = (rest + chunk).split(b"\n")
-            for line in lines:
+            if time.monotonic() - began_s >= 1.0:
+                began_s, count, marked = time.monotonic(), 0, 0
+            taken = lines[: max(MOST_LINES - count, 0)]
+            count += len(lines)
+            if len(taken) < len(lines) and marked < MOST_LINES:
+                more = [line for line in lines[len(taken) :] if any(mark in line for mark in marks)]
+                marked += len(more)
+                taken += more
+            for line in taken:
                 take(line.decode(errors="replace"))

@@ -17,6 +17,7 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus import Closable
 from pointit.runtime.errors import BusClosedError, ConnectError, ListenError
 from pointit.runtime.mailbox import Dispatcher
+from pointit.runtime.presence import LEASE_MS
 from pointit.runtime.tcp_silence import end_silence
 from pointit.runtime.zenoh_open import opened
 from pointit.runtime.zenoh_plain_ends import (
@@ -30,7 +31,6 @@ from pointit.runtime.zenoh_plain_requests import Ask, PlainAsker, PlainDesk
 from pointit.runtime.zenoh_plain_tokens import TokenReader, declared_token
 from pointit.runtime.zenoh_session import (
     IN_USE,
-    LEASE_MS,
     OPEN_RETRY_S,
     close_session,
     ports_of,

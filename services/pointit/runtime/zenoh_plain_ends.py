@@ -74,6 +74,14 @@ class PlainWriter:
             )
         self._closed = False
 
+    @property
+    def is_read(self) -> bool:
+        """Return True if Zenoh knows a reader in another session; a writer that keeps messages does not."""
+        if self._closed or not isinstance(self._writer, zenoh.Publisher):
+            return False
+        status: Any = self._writer.matching_status  # no bool, whatever the stubs say: always true
+        return bool(status.matching)
+
     def put(self, payload: bytes, attachment: bytes | None) -> None:
         """Send; returns at once.
 

@@ -15,7 +15,7 @@ from pointit.runtime.bus import AnyTopic
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import MailboxSubscription
-from pointit.runtime.names import Names
+from pointit.runtime.names import Names, Places
 from pointit.runtime.zenoh_arrears import Arrears
 from pointit.runtime.zenoh_wire import PRIORITY, check_size, decoded, name_in
 from pointit.schemas import DecodeError, Message, SchemaError
@@ -58,11 +58,11 @@ class Parcel:
 class _Inlet(ABC):
     """Where samples of other processes come in, for the readers of one key; called on Zenoh's threads."""
 
-    def __init__(self, topic: AnyTopic) -> None:
+    def __init__(self, topic: AnyTopic, places: Places) -> None:
         self.mailboxes: tuple[Mailbox, ...] = ()
         """Replaced, never changed: other threads read it."""
         self._kind = topic.message
-        self._names = Names(topic.placeholder, functools.partial(name_in, topic))
+        self._names = Names(topic.placeholder, functools.partial(name_in, topic), places)
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
@@ -86,8 +86,8 @@ class _Inlet(ABC):
 class LatestInlet(_Inlet):
     """What all readers of a key share: a sample comes in once and is decoded once, however many they are."""
 
-    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
-        super().__init__(topic)
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: Places) -> None:
+        super().__init__(topic, places)
         self._subscriber = session.declare_subscriber(
             key, Callback(self.on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
         )
@@ -101,9 +101,16 @@ class _KeptInlet(_Inlet):
     """What one reader of states or events has for itself: each begins with a history of its own."""
 
     def __init__(
-        self, bus: MemoryBus, session: zenoh.Session, topic: AnyTopic, key: str, mailbox: Mailbox
+        self,
+        bus: MemoryBus,
+        session: zenoh.Session,
+        topic: AnyTopic,
+        key: str,
+        mailbox: Mailbox,
+        *,
+        places: Places,
     ) -> None:
-        super().__init__(topic)
+        super().__init__(topic, places)
         self.mailboxes = (mailbox,)
         self._zid = session.info.zid()
         self._began = session.new_timestamp()
@@ -150,18 +157,19 @@ class ZenohSubscription(MailboxSubscription):
         name: str,
         *,
         inlets: dict[str, LatestInlet],
+        places: Places,
     ) -> None:
-        """Fill `mailbox`; `inlets` are those of the bus, by key."""
+        """Fill `mailbox`; `inlets` are those of the bus, by key, `places` the names it takes in any case."""
         super().__init__(bus, topic, mailbox, name)
         self._key = topic.at(name)
         self._inlets = inlets
         self._inlet: LatestInlet | _KeptInlet
         if topic.delivery is not Delivery.LATEST:
-            self._inlet = _KeptInlet(bus, session, topic, self._key, mailbox)
+            self._inlet = _KeptInlet(bus, session, topic, self._key, mailbox, places=places)
             return
         shared = inlets.get(self._key)
         if shared is None:
-            shared = inlets[self._key] = LatestInlet(session, topic, self._key)
+            shared = inlets[self._key] = LatestInlet(session, topic, self._key, places)
         shared.mailboxes = (*shared.mailboxes, mailbox)
         self._inlet = shared
 

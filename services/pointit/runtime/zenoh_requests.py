@@ -19,6 +19,7 @@ from pointit.runtime.waiting_line import MAX_WAITING, TurnedAway, WaitingLine
 from pointit.runtime.zenoh_asking import replies_to
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import Request
 
 Q = TypeVar("Q", bound=Query)
@@ -116,7 +117,7 @@ async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q
             if reply.err is not None:
                 reason = reply.err.payload.to_bytes().decode(errors="replace")
                 if reason != "Timeout":  # Zenoh's own word for it
-                    raise RefusedError(reason)
+                    raise RefusedError(one_line(reason))
         if wait_s is not None:
             await asyncio.sleep(wait_s)
     raise no_answer(request, key)

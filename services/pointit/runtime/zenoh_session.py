@@ -17,6 +17,7 @@ import zenoh
 from pointit.runtime.credentials import Credentials, refusal
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
+from pointit.runtime.presence import LEASE_MS
 from pointit.runtime.tcp_silence import end_silence
 from pointit.runtime.zenoh_open import opened
 from pointit.schemas.topics import check_name
@@ -47,8 +48,6 @@ second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
 CLOSE_PATIENCE_S = 1.0
 """How long the closing of a session is waited for; it takes some ms, unless a router is lost: then as long as
 the attempt to reach it that goes on."""
-LEASE_MS = 3000
-"""A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,29 +25,21 @@ class Aim:
 
 
 class Stance:
-    """A body at its place: eyes, shoulder and arm's length in {W}."""
+    """A body at its place: eyes, shoulder and arm's length in {W}. It faces where the arm points."""
 
     def __init__(
         self,
         body: BodyMeasures,
         hand: str = "right",
         position_m: Vec3 = (0.0, 0.0, 0.0),
-        yaw_rad: float = 0.0,
         *,
         ray_model: RayModel = "eye_finger",
     ) -> None:
-        """Stand at `position_m`, {H} turned by `yaw_rad`; the shoulder lies in {H} as the model has it.
-
-        `ray_model`: aim with the finger before the eyes, with the straight arm, or with the forearm alone.
-        """
-        side = 1.0 if hand == "left" else -1.0
-        shoulder = (0.0, side * body.neck_to_shoulder_m, body.footprint_to_neck_m)
-        self._up_m: Vec3 = (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m)
-        self._to_shoulder_m = vector.turn(shoulder, yaw_rad)
-        hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m if ray_model == "forearm" else 0.0
-        self._to_start_m = self._up_m
-        if ray_model != "eye_finger":
-            self._to_start_m = vector.subtract(self._to_shoulder_m, (0.0, 0.0, hang_m))
+        """Stand at `position_m`; `ray_model`: with what the person aims, as in `UserProfile`."""
+        self._side_m = body.neck_to_shoulder_m if hand == "left" else -body.neck_to_shoulder_m
+        self._neck_m = body.footprint_to_neck_m
+        self._drop_m = body.neck_to_eyes_m
+        self._hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m if ray_model == "forearm" else 0.0
         self._by_arm = ray_model != "eye_finger"
         self.arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
         self.move(position_m)
@@ -55,34 +47,47 @@ class Stance:
     def move(self, position_m: Vec3) -> None:
         """Stand at `position_m` from now on."""
         self.position_m = position_m
-        self.start_m: Vec3 = vector.add(position_m, self._to_start_m)
-        """Where the line begins that the person brings onto things: eyes, shoulder or elbow."""
-        self.eyes_m: Vec3 = vector.add(position_m, self._up_m)
-        self.shoulder_m: Vec3 = vector.add(position_m, self._to_shoulder_m)
+        self.eyes_m: Vec3 = vector.add(position_m, (0.0, 0.0, self._neck_m + self._drop_m))
+
+    def shoulder_m(self, azimuth_rad: float) -> Vec3:
+        """Return where the shoulder is, {W}, of an arm of that azimuth."""
+        return vector.add(self.position_m, vector.turn((0.0, self._side_m, self._neck_m), azimuth_rad))
 
     def aim_at(self, point_m: Vec3, beside: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
         """Return the arm's azimuth and elevation, rad, that point at `point_m`.
 
         `beside`, azimuth and elevation, rad, is how far the line that they bring onto it passes beside it.
         """
-        sight = vector.subtract(point_m, self.start_m)
-        azimuth, elevation = vector.azimuth(sight) + beside[0], vector.elevation(sight) + beside[1]
-        return (azimuth, elevation) if self._by_arm else self._finger_on(vector.direction(azimuth, elevation))
+        if not self._by_arm:
+            sight = vector.subtract(point_m, self.eyes_m)
+            return self._finger_on(vector.azimuth(sight) + beside[0], vector.elevation(sight) + beside[1])
+        sight = vector.subtract(point_m, self.position_m)
+        level_m = math.hypot(sight[0], sight[1])
+        up_m = sight[2] - self._neck_m + self._hang_m
+        azimuth = vector.azimuth(sight) - _turn(self._side_m, level_m)
+        elevation = math.atan2(up_m, math.sqrt(max(level_m**2 - self._side_m**2, 0.0)))
+        return azimuth + beside[0], elevation + beside[1]
 
-    def _finger_on(self, along: Vec3) -> tuple[float, float]:
-        """Return the arm's azimuth and elevation, rad, that put the finger on the line from the eyes `along`.
+    def _finger_on(self, azimuth_rad: float, elevation_rad: float) -> tuple[float, float]:
+        """Return the arm's azimuth and elevation, rad, that put the finger on that line from the eyes.
 
-        The finger is where that line leaves the sphere about the shoulder; when the arm is too short to
-        reach the line, it points at the line's nearest point.
+        When the arm cannot reach the line, it points at the line's nearest point.
         """
-        to_shoulder = vector.subtract(self.shoulder_m, self.eyes_m)
-        half_m = vector.dot(along, to_shoulder)
-        rest = half_m**2 - vector.dot(to_shoulder, to_shoulder) + self.arm_m**2
-        finger_at_m = max(half_m + math.sqrt(max(rest, 0.0)), 0.0)
-        arm = vector.subtract(vector.scale(along, finger_at_m), to_shoulder)
-        return (vector.azimuth(arm), vector.elevation(arm))
+        up, level = math.sin(elevation_rad), math.cos(elevation_rad)
+        # where the line leaves the places to which the finger of an arm beside the neck can get
+        rest = (self._drop_m * up) ** 2 - self._drop_m**2 + self._side_m**2 + self.arm_m**2
+        finger_at_m = max(math.sqrt(max(rest, 0.0)) - self._drop_m * up, 0.0)
+        level_m = finger_at_m * level
+        ahead_m = math.sqrt(max(level_m**2 - self._side_m**2, 0.0))
+        azimuth = azimuth_rad - _turn(self._side_m, level_m)
+        return azimuth, math.atan2(finger_at_m * up + self._drop_m, ahead_m)
 
     def sight_of(self, point_m: Vec3) -> tuple[float, float]:
         """Return azimuth and elevation, rad, at which the eyes see `point_m`."""
         sight = vector.subtract(point_m, self.eyes_m)
         return (vector.azimuth(sight), vector.elevation(sight))
+
+
+def _turn(side_m: float, level_m: float) -> float:
+    """Return the azimuth, counted from the arm's, of a place on its line `level_m` from the neck."""
+    return math.asin(max(-1.0, min(1.0, side_m / level_m))) if level_m > 0.0 else 0.0

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import re
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -15,9 +14,9 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands
+from tests.support.links import link_in
 
 VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
-PAGE = re.compile(r"page: (http://\S+)")
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,5 @@ async def running(commands: Commands, *arguments: str, state: Path | None = None
         *("--set", f"web.viewer_token={VIEWER_TOKEN}"),
         environment={} if state is None else {"POINTIT_STATE": str(state)},
     )
-    await command.says("page: http")
-    said = PAGE.search("\n".join(command.logged()))
-    assert said is not None, command.err
-    return SitePage(command=command, endpoint=endpoint, url=said[1])
+    await command.says("its link is in")
+    return SitePage(command=command, endpoint=endpoint, url=link_in("\n".join(command.logged())))

@@ -9,7 +9,7 @@ from tests.support.cli_site import Site
 
 async def test_what_else_is_wrong_does_not_count(site: Site) -> None:
     async with pointing_process(site):
-        expect(site, ExpectedService(service="pui"), name="another")
+        expect(site, ExpectedService(service="pui"), name="run.another")
         assert (await site.pointit("doctor")).code == 1
         ended = await site.pointit("doctor", "--only", "anna", "--json")
         assert ended.code == 0, ended.out

@@ -63,7 +63,7 @@ def plan_of(
         launches=staged(scenario, Choices(), people),
         link=Link(listen=(f"tcp/127.0.0.1:{free_port()}",)),
         target_kinds=scenario.target_kinds,
-        scenarios=tuple(program.sources),
+        scenarios=program.offered,
         another=program.plan,
         page=replace(page_of(Settings(), asked={"port": 0}), load=lambda: service),
     )
@@ -180,8 +180,8 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
             assert late.rooms == ["lab"]
             assert late.states[POSE.key] == late.states[PROFILE.key] == {"user1"}
             assert late.states[CONVEYOR_STATE.key] == late.states[SELECTION.key] == set()
-            assert set(late.deployments) == {"scenario_2"}
-            told = late.deployments["scenario_2"]
+            assert set(late.deployments) == {"run.scenario_2"}
+            told = late.deployments["run.scenario_2"]
             assert (told.scenario, told.localizes) == ("scenario_2", False)
             assert set(told.scenarios) >= {"scenario_1", "scenario_4"}
             assert {service.service for service in told.services} == {
@@ -246,7 +246,7 @@ async def test_a_wish_that_cannot_be_changes_nothing(asked: dict[str, Any], sent
         assert run.stage.monitor is before
         count = before.cursor_count
         await until(lambda: before.cursor_count > count, PATIENCE_S, "more cursors")
-        assert beside.deployments["scenario_2"].services
+        assert beside.deployments["run.scenario_2"].services
 
 
 async def test_what_cannot_begin_lets_the_other_begin_again() -> None:
@@ -307,7 +307,9 @@ async def test_the_address_is_told_once_and_nowhere_else(caplog: pytest.LogCaptu
     assert plan.page is not None
     async with going(plan) as run:
         await asyncio.wait_for(run.task, 10.0)
-    token = plan.page.url.partition("=")[2]
-    assert [text for record in caplog.records if token in (text := record.getMessage())] == [
-        f"page: {plan.page.url}"
-    ]
+    address, _, token = plan.page.url.partition("?token=")
+    texts = [record.getMessage() for record in caplog.records]
+    (told,) = [text for text in texts if text.startswith("page: ")]
+    assert told.startswith(f"page: {address} (its link is in ")
+    assert token
+    assert not [text for text in texts if token in text]

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from pointit.runtime import BusClosedError
+from pointit.runtime import BusClosedError, RefusedError
 from tests.integration.ros2.nodes import ADD, BOOL, cdr_of, graphs, number_of
 from tests.support.bench import until
 
@@ -80,6 +80,13 @@ async def test_a_server_that_fails_is_an_answer_at_once(caplog: pytest.LogCaptur
         async def garbage(_request: bytes) -> bytes:
             return b"garbage"
 
+        async def refuse(_request: bytes) -> bytes:
+            raise RefusedError("a speed of nan m/s was asked for")
+
+        a.backend.serve("/refuse", ADD, refuse)
+        with pytest.raises(TimeoutError, match=r"ROS service /refuse: a speed of nan m/s was asked for$"):
+            await b.backend.call("/refuse", ADD, cdr_of(1), timeout_s=30)
+        assert not caplog.records
         a.backend.serve("/fail", ADD, fail)
         a.backend.serve("/garbage", ADD, garbage)
         for service, why in (("/fail", "RuntimeError: oh no"), ("/garbage", "CDR begins with")):

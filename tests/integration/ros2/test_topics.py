@@ -76,15 +76,14 @@ async def test_who_comes_late_gets_what_was_kept_once(modes: tuple[str, str]) ->
         await until(lambda: (state, early) == ([5, 6], [8, 9]))
 
 
-@pytest.mark.parametrize("kind", ["rmw_zenoh", "ros2dds"])
-async def test_of_what_has_a_lifespan_who_comes_late_hears_what_is_said_from_then_on(kind: str) -> None:
+async def test_of_what_has_a_lifespan_who_comes_late_hears_what_is_said_from_then_on() -> None:
     async with graphs() as at:
-        a = await at.node("/a", "router", kind=kind)
+        a = await at.node("/a", "router")
         log = a.backend.advertise("/rosout", POSE, ROSOUT)
         state = a.backend.advertise("/state", BOOL, LATCHED)
         for writer in (log, state):
             writer.put(cdr_of(1))
-        b = await at.node("/b", kind=kind)
+        b = await at.node("/b")
         latched, plain = b.hears("/rosout", POSE, ROSOUT), b.hears("/rosout", POSE, Qos(depth=1000))
         kept = b.hears("/state", BOOL, LATCHED)
         await until(lambda: kept == [1], what="what is kept to have been asked for")

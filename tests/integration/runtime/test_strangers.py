@@ -14,16 +14,17 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime import zenoh_wire
-from pointit.runtime.names import MAX_USERS
+from pointit.runtime.names import MAX_NAMES, MAX_USERS
 from pointit.runtime.waiting_line import MAX_WAITING
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_keeping import BUSY
-from pointit.schemas import Cursor, SetBrightness, UserProfile, encode
-from pointit.schemas.topics import BUTTON, CURSOR, IMU, PROFILE, SET_BRIGHTNESS
+from pointit.schemas import Cursor, Environment, Lamp, LampColor, SetBrightness, UserProfile, encode
+from pointit.schemas.topics import BUTTON, CURSOR, IMU, LAMP_COLOR, MAP, PROFILE, SET_BRIGHTNESS
 from tests.support.bench import until
 from tests.support.sinks import Sink, imu
 
 SITE = "pointit/lab/"
+LAMP = Lamp(id="lamp", position_m=(0.0, 0.0, 2.0))
 
 
 async def test_thousands_of_new_names_leave_those_who_are_heard_alone(
@@ -48,6 +49,30 @@ async def test_thousands_of_new_names_leave_those_who_are_heard_alone(
     assert len({name for name, _ in sink.seen}) == MAX_USERS
     assert subscription.traffic.invalid == 2001 - MAX_USERS
     assert any(f"more than {MAX_USERS} names" in record.message for record in caplog.records)
+
+
+async def test_lamps_of_a_map_that_this_process_writes_are_heard_after_a_flood_of_made_up_ones(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    """`pointit run`: the map and its readers are in one process, people's lamps come from elsewhere."""
+    bus, stranger = bus_and_stranger
+    maps, lamps = Sink(), Sink()
+    bus.subscribe(MAP, maps)
+    subscription = bus.subscribe(LAMP_COLOR, lamps)
+    bus.publisher(MAP).put(Environment(stamp_ns=1, name="lab", lamps=(LAMP,)))
+    await until(lambda: bool(maps.seen), what="the map")
+
+    def flood() -> None:
+        for index, name in enumerate([*(f"x{number}" for number in range(MAX_NAMES + 1)), LAMP.id]):
+            light = LampColor(stamp_ns=1, seq=index, color=(0, 0, 0))
+            stranger.put(
+                SITE + LAMP_COLOR.at(name), encode(light), congestion_control=zenoh.CongestionControl.BLOCK
+            )
+
+    await asyncio.to_thread(flood)
+    await until(lambda: subscription.traffic.received + subscription.traffic.invalid == MAX_NAMES + 2)
+    assert subscription.traffic.invalid == 1
+    await until(lambda: bool(lamps.of(LAMP.id)), what="the map's lamp to be heard")
 
 
 @pytest.mark.parametrize("topic", [IMU, BUTTON], ids=lambda topic: topic.key)

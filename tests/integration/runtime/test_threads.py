@@ -14,13 +14,19 @@ import asyncio
 from pathlib import Path
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_session import Link
+from pointit.schemas.topics import USER_ALIVE
 
 def names():
     return [(task / "comm").read_text() for task in Path("/proc/self/task").iterdir()]
 
 async def main():
     bus = await ZenohBus.open(Link(listen=("{endpoint}",)))
-    client = await ZenohBus.open(Link(connect=("{endpoint}",)))  # threads come with the first link
+    client = await ZenohBus.open(Link(connect=("{endpoint}",)))
+    # the threads are all begun before the first of them receives anything, and not when the link is open
+    come = asyncio.Event()
+    bus.watch(USER_ALIVE, lambda name, is_present: come.set())
+    client.announce(USER_ALIVE, "anna")
+    await come.wait()
     while sum(name == Path("/proc/self/comm").read_text() for name in names()) > 1:
         await asyncio.sleep(0.01)  # a new thread has the name of the process until it gives itself its own
     print(sum(name.startswith("rx-") for name in names()))

@@ -142,7 +142,7 @@ class Site:
         while self.now_s < end_s and not until():
             pose, place_m = self.seen.pose, at(self.now_s)
             assert pose is not None
-            stance = Stance(BodyMeasures(), position_m=pose.position_m, yaw_rad=pose.yaw_rad)
+            stance = Stance(BodyMeasures(), position_m=pose.position_m)
             azimuth, elevation = stance.aim_at(place_m, (0.0, pose.elevation_bias_rad))
             self._count += 1
             sample = WristSample(

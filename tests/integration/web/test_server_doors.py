@@ -15,6 +15,7 @@ from pointit.bridges.web.wire import Role
 from pointit.runtime import ConfigError, ListenError
 from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, built, serving
 from tests.support.bench import memory_bench
+from tests.support.links import link_in
 
 __all__ = ["built"]
 
@@ -53,7 +54,7 @@ async def test_without_the_token_there_is_a_sentence_that_helps(query: dict[str,
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         answer = await client.get("/", params=query)
         assert answer.status_code == 403
-        assert "Open the link that PointIt has printed" in answer.text
+        assert "Open the link that PointIt printed" in answer.text
         assert "set-cookie" not in answer.headers
 
 
@@ -67,7 +68,7 @@ async def test_who_comes_from_another_site_is_led_on_without_a_redirection() -> 
             assert "set-cookie" in link.headers
 
 
-async def test_who_guesses_waits() -> None:
+async def test_who_guesses_waits_and_who_has_the_link_does_not() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         codes = [
             (await client.get("/", params={"token": f"guess {guess}"})).status_code
@@ -75,7 +76,7 @@ async def test_who_guesses_waits() -> None:
         ]
         assert codes[0] == 403
         assert codes[-1] == 429
-        assert (await client.get("/", params={"token": OPERATOR})).status_code == 429
+        assert (await client.get("/", params={"token": OPERATOR})).status_code == 303
 
 
 @pytest.mark.parametrize(
@@ -218,7 +219,7 @@ async def test_a_published_page_is_opened_by_the_address_that_it_tells(
     monkeypatch.setenv(exposure.CONTAINER, "oci")
     everywhere = {"host": "0.0.0.0", "published_port": 4321, "operator_token": ""}  # noqa: S104 - as above
     async with memory_bench() as bench, serving(bench, **everywhere) as server, server.client() as client:
-        link = caplog.text.partition("the page is at ")[2].split()[0]
+        link = link_in(caplog.text)
         told = "127.0.0.1:4321"
         assert link.startswith(f"http://{told}/?token=")
         entered = await client.get(link.partition(told)[2], headers={"Host": told})
@@ -242,7 +243,9 @@ def test_this_machine_is_safe(host: str) -> None:
     Web.check(WebConfig(host=host))
 
 
-async def test_the_token_is_logged_only_where_nobody_knows_it(caplog: pytest.LogCaptureFixture) -> None:
+async def test_the_token_is_never_logged_but_kept_in_a_file_where_nobody_knows_it(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     caplog.set_level("DEBUG")
     async with memory_bench() as bench:
         async with serving(bench) as server, server.page(), server.client() as client:
@@ -254,9 +257,12 @@ async def test_the_token_is_logged_only_where_nobody_knows_it(caplog: pytest.Log
             assert secret not in logged
         caplog.clear()
         async with serving(bench, operator_token="") as server:
-            link = caplog.text.partition("the page is at ")[2].split()[0]
+            link = link_in(caplog.text)
+            assert link.partition("=")[2] not in caplog.text
             async with httpx.AsyncClient() as client:
                 assert (await client.get(link)).status_code == 303
+        with pytest.raises(FileNotFoundError):  # it ends with the page
+            link_in(caplog.text)
 
 
 async def test_no_more_pages_than_may_be() -> None:

@@ -255,7 +255,6 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
 
         @settings(
             max_examples=40,
-            deadline=None,
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
         )
         @given(st.lists(ANYTHING, max_size=30))
@@ -271,7 +270,7 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
 
 
 @given(st.lists(st.binary(max_size=200), max_size=10))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_whatever_bytes_come_the_server_lives(bytes_sent: list[bytes]) -> None:
     async def send() -> None:
         async with memory_bench() as bench, serving(bench) as server:

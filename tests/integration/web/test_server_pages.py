@@ -37,6 +37,7 @@ from pointit.schemas.topics import (
     INTERACTION,
     MAP,
     OBJECTS,
+    SELECTION_EVENTS,
     SERVICE_ALIVE,
     SET_SPEED,
     SET_YAW_ORIGIN,
@@ -45,8 +46,10 @@ from pointit.schemas.topics import (
     USER_ALIVE,
     WRIST,
 )
-from tests.integration.web.pages import VIEWER, Page, built, serving
+from pointit.services.selector.service import Selector
+from tests.integration.web.pages import VIEWER, Page, Server, built, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
+from tests.unit.selector.test_selector_service import stay
 
 __all__ = ["built"]
 
@@ -78,6 +81,33 @@ async def test_a_page_is_told_what_is_true_and_what_happens() -> None:
             await known(page, STRIPS_FRAME.key)
             await known(page, HEALTH.key, "web")
             assert page.batches == list(range(1, len(page.batches) + 1))
+
+
+async def told_of_before(server: Server) -> list[tuple[str, str]]:
+    """Open a page; return the selection events of its first batch."""
+    async with server.page() as page:
+        await until(lambda: bool(page.batches))
+        told = [event for key, _, event in page.events if key == SELECTION_EVENTS.key]
+    return [(event["user"], event["object_id"]) for event in told]
+
+
+async def test_a_server_that_comes_after_the_events_has_them_from_the_selectors_journal() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        bench.start(Selector)
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a", "b")
+        async with serving(bench) as server:
+            assert await told_of_before(server) == [("anna", "a")]
+            await stay(bench, clock, "ben", 2.0, "a", "b")
+            assert await told_of_before(server) == [("anna", "a"), ("ben", "b")]
+    async with memory_bench(clock) as bench, serving(bench) as server:
+        assert await told_of_before(server) == [], "the selector is not there yet"
+        bench.start(Selector)
+        async with asyncio.timeout(10.0):
+            while len(told := await told_of_before(server)) < 2:
+                pass
+        assert told == [("anna", "a"), ("ben", "b")]
 
 
 async def test_a_frame_of_light_is_sent_at_once() -> None:
@@ -123,11 +153,15 @@ async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls() -> None:
         tokens = [bench.bus.announce(SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
         services = (ExpectedService(service="conveyor-sim"),)
         first = Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
-        bench.put(DEPLOYMENT, first, "scenario_4")
+        bench.put(DEPLOYMENT, first, "run.scenario_4")
         bench.put(MAP, Environment(**NOW, name="old"))
         bench.put(CURSOR, Cursor(**NOW), "anna")
         bench.put(OBJECTS, TrackedObjects(**NOW), "conveyor")
-        for key, name in ((CURSOR.key, "anna"), (OBJECTS.key, "conveyor"), (DEPLOYMENT.key, "scenario_4")):
+        for key, name in (
+            (CURSOR.key, "anna"),
+            (OBJECTS.key, "conveyor"),
+            (DEPLOYMENT.key, "run.scenario_4"),
+        ):
             await known(page, key, name)
         for token in tokens:
             token.close()
@@ -135,10 +169,10 @@ async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls() -> None:
         bench.put(
             DEPLOYMENT,
             first.model_copy(update={"name": "scenario_3", "scenario": "scenario_3"}),
-            "scenario_3",
+            "run.scenario_3",
         )
-        await unknown(page, DEPLOYMENT.key, "scenario_4")
-        await known(page, DEPLOYMENT.key, "scenario_3")
+        await unknown(page, DEPLOYMENT.key, "run.scenario_4")
+        await known(page, DEPLOYMENT.key, "run.scenario_3")
         await unknown(page, OBJECTS.key, "conveyor")  # its tracker is silent
         assert (MAP.key, "") in page.states
 

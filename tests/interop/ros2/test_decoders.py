@@ -32,9 +32,7 @@ EMITTED = sorted(
     {row.type for row in routes().all if not isinstance(row, Inward | Served)}
     | {TYPES.response_of(row.type) for row in routes().served}
 )
-EXAMPLES = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
-)
+EXAMPLES = settings(max_examples=25, suppress_health_check=[HealthCheck.data_too_large])
 FETCH_S = 300.0
 
 

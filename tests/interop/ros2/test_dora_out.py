@@ -207,7 +207,6 @@ CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
     ),
     "goal_pose": lambda value, _: _near(value["pose"]["position"], GOAL.position_m),
     "is_pointing": lambda value, _: value == {"data": True},
-    "clock": lambda value, _: _is_now(value["clock"]),
     "diagnostics": lambda value, _: value["status"][0]["name"].startswith("pointit: "),
     "rosout": lambda value, _: (value["level"], value["msg"]) == (INFO, f"over: {COLD}"),
     "markers": lambda value, _: "user1/ray" in {each["ns"] for each in value["markers"]},
@@ -258,8 +257,12 @@ async def _provoke(dora: Dora, seen: Seen) -> None:
     seen.bus.publisher(ours.GOAL, "user1").put(GOAL)
 
 
+SIMULATED = "clock"
+"""The route that is published in simulated time only, which this site does not have; see test_outward."""
+
+
 async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, seen: Seen) -> None:
-    rows = [row for row in ROWS if isinstance(row, Outward)]
+    rows = [row for row in ROWS if isinstance(row, Outward) and row.name != SIMULATED]
     assert {row.name for row in rows} == set(CHECKS), "every route is looked at"
     for row in rows:
         latched, depth = row.qos.latched, row.qos.depth

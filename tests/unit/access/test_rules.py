@@ -18,6 +18,7 @@ from pointit.schemas.topics import (
     INTERACTION,
     PROFILE,
     RAY,
+    READ_HISTORY,
     REQUESTS,
     SERVICE_ALIVE,
     TOPICS,
@@ -97,9 +98,10 @@ def test_what_a_right_grants_can_be_tested(role: Role) -> None:
     assert permits(rules, "put", "ingress", "pointit/lab/@may/anna/joins")
 
 
-def test_dashboards_write_and_answer_nothing() -> None:
+def test_dashboards_write_and_answer_nothing_and_ask_for_what_was_shown_only() -> None:
     rights = rights_of("dashboard", "dashboard1")
-    assert (rights.writes, rights.serves, rights.asks, rights.keeps, rights.announces) == ((), (), (), (), ())
+    assert (rights.writes, rights.serves, rights.keeps, rights.announces) == ((), (), (), ())
+    assert rights.asks == (READ_HISTORY.at(),)
     assert not any(key.endswith(("/imu", "/wrist", "/ray")) for key in rights.reads)
 
 

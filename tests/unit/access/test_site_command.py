@@ -8,6 +8,7 @@ from click.testing import CliRunner, Result
 
 from pointit.cli.site import command
 from pointit.runtime import ConfigError
+from pointit.schemas import KeyNameError
 
 
 def site(*arguments: str) -> Result:
@@ -16,7 +17,7 @@ def site(*arguments: str) -> Result:
 
 def refused(*arguments: str) -> str:
     result = site(*arguments)
-    assert isinstance(result.exception, ConfigError), result.output
+    assert isinstance(result.exception, ConfigError | KeyNameError), result.output
     return str(result.exception)
 
 
@@ -50,6 +51,7 @@ def test_people_are_added_and_removed(folder: str) -> None:
     assert "carla" not in names_of(folder)
     assert "services is a name of the site's own" in refused("user", "add", "services", "--folder", folder)
     assert "no person" in refused("user", "remove", "web", "--folder", folder)
+    assert "'run.bob': names that begin with 'run.'" in refused("user", "add", "run.bob", "--folder", folder)
 
 
 @pytest.mark.parametrize(
@@ -59,6 +61,7 @@ def test_people_are_added_and_removed(folder: str) -> None:
         ("guest2", "guest2 is named twice"),
         ("web", "web is a name of the site's own"),
         ("dashboard7", "dashboard7 is a name of the site's own"),
+        ("a,run.bob", "user 'run.bob': names that begin with 'run.' are those of runs; choose another"),
     ],
 )
 def test_names_that_cannot_be_given_are_told_apart(users: str, sentence: str, tmp_path: Path) -> None:

@@ -61,6 +61,20 @@ def test_one_condition_by_its_name() -> None:
         invoke("--bench", "belts_lab", "--condition", "nowhere")
 
 
+def test_differences_between_methods_from_twenty_trials_on() -> None:
+    name = selection_condition.conditions(["belts_lab"])[0].name
+    arguments = ("--bench", "belts_lab", "--condition", name, "--method", "gauge", "--method", "hold@2")
+    out, _ = invoke(*arguments, "--trials", "20", "--json", "-")
+    (difference,) = json.loads(out)["differences"]
+    assert (difference["method"], difference["other"], difference["trials"]) == ("hold@2", "gauge", 20)
+    assert difference["time_s"]["low"] > 0.5
+    assert difference["claims"] == ["hold@2 is slower"]
+    out, _ = invoke(*arguments, "--trials", "20")
+    assert "hold@2 is slower" in " ".join(out.split())
+    out, _ = invoke(*arguments, "--trials", "2", "--json", "-")
+    assert json.loads(out)["differences"] == []
+
+
 def test_json_may_go_to_standard_output_alone() -> None:
     out, _ = invoke("--bench", "belts_lab", "--method", "original", "--trials", "1", "--json", "-")
     assert len(json.loads(out)["rows"]) == 2

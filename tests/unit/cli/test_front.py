@@ -148,7 +148,7 @@ def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) 
         raise ModuleNotFoundError(f"No module named {module!r}", name="starlette.routing")
 
     monkeypatch.setattr(importlib, "import_module", lacks)
-    with pytest.raises(ConfigError, match=r'^web needs `pip install "pointit\[web\]"`$'):
+    with pytest.raises(ConfigError, match=r"^web needs `scripts/setup web` in the folder of PointIt$"):
         load(row)
     with pytest.raises(ModuleNotFoundError):  # that is nothing that can be installed
         load(replace(row, extra=""))
@@ -168,7 +168,7 @@ def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, 
         )
         return done.returncode, " ".join(done.stdout.split()), done.stderr
 
-    remedy = f'{name} needs `pip install "pointit[{name}]"`'
+    remedy = f"{name} needs `scripts/setup {name}` in the folder of PointIt"
     code, told, _ = run("--help")
     assert code == 0
     assert remedy in told

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from matplotlib.collections import PatchCollection
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 from matplotlib.text import Text
 
 from pointit.cli.main import command
@@ -85,14 +85,39 @@ def test_an_error_is_a_failure(room: Path) -> None:
     assert result.output.splitlines()[-1].startswith(f"{room}: 2 errors; 1 belt, ")
 
 
-def test_a_map_that_cannot_be_read_is_one_error(room: Path) -> None:
-    room.write_text("leds: {a: {position: [1, 2]}}", encoding="utf-8")
+def test_check_names_all_mistakes_of_a_map_that_cannot_be_read(room: Path) -> None:
+    room.write_text(
+        "leds: {a: {position: [1, 2]}, b/c: {position: [1, 2, 3]}}\nbelts: {m: {width: 0}}\n",
+        encoding="utf-8",
+    )
     result = invoke("check", str(room))
     assert result.exit_code == 1
-    assert result.output.splitlines() == [
-        f"error {room}: leds.a.position: a point is three numbers [x, y, z] in metres, not [1, 2]",
-        f"{room}: 1 error",
+    name, *others = result.output.splitlines()
+    assert name.startswith("error leds: ")
+    assert "b/c" in name
+    assert others == [
+        "error leds.a.position: a point is three numbers [x, y, z] in metres, not [1, 2]",
+        "error belts.m.centerline: is missing; add it beside width",
+        "error belts.m.width: write a number of metres above 0, not 0",
+        f"{room}: 4 errors",
     ]
+
+
+def test_check_names_all_clouds_that_cannot_be_read(room: Path) -> None:
+    room.write_text("clouds: {a: {file: a.ply}, b: {file: b.ply}}", encoding="utf-8")
+    lines = invoke("check", str(room)).output.splitlines()
+    assert [line.split(": ")[0] for line in lines[:-1]] == ["error clouds.a.file", "error clouds.b.file"]
+
+
+def test_check_prints_at_most_a_hundred_findings_and_counts_the_others(room: Path) -> None:
+    lamps = "".join(f"  l{index}: {{position: [{index}]}}\n" for index in range(150))
+    room.write_text(f"leds:\n{lamps}", encoding="utf-8")
+    lines = invoke("check", str(room)).output.splitlines()
+    assert lines[-2:] == ["... and 50 more: --json lists all", f"{room}: 150 errors"]
+    assert len(lines) == 102
+
+
+def test_a_missing_map_is_an_error(room: Path) -> None:
     assert invoke("check", str(room.parent / "none.yaml")).exit_code == 1
 
 
@@ -176,8 +201,9 @@ def test_the_outline_of_a_belt_is_its_width_beside_it() -> None:
 
 def test_a_vertical_plane_is_a_line_and_a_level_one_an_area(room: Path) -> None:
     figure = map_figure(*load_map_and_clouds(str(room), 0), "")
-    outlines: list[Polygon] = figure.findobj(Polygon)
-    sizes = [np.ptp(np.asarray(each.get_xy(), dtype=np.float64), axis=0) for each in outlines]
+    collections: list[PatchCollection] = figure.findobj(PatchCollection)
+    outlines = [path for each in collections for path in each.get_paths()]
+    sizes = [np.ptp(np.asarray(path.vertices, dtype=np.float64), axis=0) for path in outlines]
     extents = {(round(float(wide), 6), round(float(tall), 6)) for wide, tall in sizes}
     assert (0.0, 4.0) in extents, "the wall, 4 m along y"
     assert (1.6, 0.8) in extents, "the table"
@@ -190,6 +216,22 @@ def test_a_belt_that_is_all_but_upright_is_drawn(tmp_path: Path) -> None:
         "leds: {door: {position: [0, 0, 1]}}\n"
     )
     assert {"lift", "door"} <= written(str(path))
+
+
+def test_ten_thousand_boxes_are_one_artist_without_names(tmp_path: Path) -> None:
+    path = tmp_path / "store.yaml"
+    boxes = "".join(
+        f"  b{index}: {{center: [{index % 100}, {index // 100}, 1], size: [0.4, 0.4, 0.4]}}\n"
+        for index in range(10_000)
+    )
+    path.write_text(f"boxes:\n{boxes}", encoding="utf-8")
+    figure = map_figure(*load_map_and_clouds(str(path), 0), "")
+    (collection,) = figure.findobj(PatchCollection)
+    assert len(collection.get_paths()) == 10_000
+    assert len(figure.findobj()) < 1000
+    texts = {text.get_text() for text in figure.findobj(Text)}
+    assert "10000 solids, names left out" in texts
+    assert "b1" not in texts
 
 
 def test_a_million_points_are_thinned() -> None:
@@ -233,7 +275,7 @@ def test_without_matplotlib_it_is_said_how_to_get_it(tmp_path: Path, monkeypatch
     monkeypatch.setattr(importlib.util, "find_spec", without)
     result = invoke("plot", "lab", "-o", str(tmp_path / "lab.svg"))
     assert isinstance(result.exception, ConfigError)
-    assert str(result.exception).endswith("pip install pointit[plot]")
+    assert str(result.exception).endswith("run `scripts/setup plot` in the folder of PointIt")
     assert not (tmp_path / "lab.svg").exists()
 
 

@@ -152,7 +152,7 @@ def test_a_text_that_is_no_map_is_one_sentence(graph: Graph, bad: str) -> None:
         assert str(result.exception).startswith("parameter map of /pui: ")
     else:
         assert result.exit_code == 1
-        assert result.stderr.startswith("error the map of /pui: ")
+        assert result.stderr.startswith(("error the map of /pui: ", "error a: is not known"))
     assert "\x1b" not in f"{result.stderr}{result.exception}"
     assert not result.stdout
 
@@ -169,7 +169,7 @@ def test_foreign_names_neither_write_on_the_terminal_nor_fill_it(graph: Graph, b
     graph.has({"map": bad})
     result = CliRunner().invoke(command, ["map", "fetch", "pui"], color=True)
     first, *others = result.stderr.splitlines()
-    assert click.unstyle(first).startswith("error the map of /pui: ")
+    assert click.unstyle(first).startswith("error ")
     assert first.count("\x1b") == 3, "of the colour, and its end"
     assert len(first) < 1100
     assert len(others) == 2
@@ -203,11 +203,9 @@ def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Grap
     ]
     assert not path.exists()
     graph.has({"strips.1.line": [0.0, 0.0, 1.0, 2.0, 0.0, 1.0]})
-    assert fetch().stderr.splitlines()[0] == (
-        "error the map of /pui: strips.1.pixels: is missing; add it beside line (and 1 more mistake)"
-    )
+    assert fetch().stderr.splitlines()[0] == "error strips.1.pixels: is missing; add it beside line"
     graph.has({"leds.a b.position": [0.0, 0.0, 1.0]})
-    assert "error the map of /pui: leds: name 'a b': use 1 to 64 letters" in fetch().stderr
+    assert "error leds: name 'a b': use 1 to 64 letters" in fetch().stderr
     graph.has({"leds.a.position": [0.0, float("1e300"), 1.0]})
     assert "leds.a.position: a point is three numbers [x, y, z] in metres" in fetch().stderr
     graph.has({"map.leds.a.position": [0.0, 0.0, 1.0], "map.colour": "red"})
@@ -312,7 +310,7 @@ def test_who_is_not_there_is_one_sentence(graph: Graph) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--backend.kind", "smoke"), "--backend.kind: kind: use one of 'rmw_zenoh', 'dds' or 'ros2dds'"),
+        (("--backend.kind", "smoke"), "--backend.kind: kind: use one of 'rmw_zenoh' or 'dds'"),
         (("--backend.domain-id", "300"), "--backend.domain-id: domain_id: must be at most 232 (got '300')"),
         (("--backend.endpoint", "somewhere"), "backend.endpoint: 'somewhere' is no address"),
     ],
@@ -336,5 +334,5 @@ def test_without_the_extra_it_is_said_how_to_install_it(monkeypatch: pytest.Monk
         return extra != "ros2"
 
     monkeypatch.setattr(map_fetch, "has_extra", has_extra)
-    assert sentence(fetch()) == 'map fetch needs `pip install "pointit[ros2]"`'
+    assert sentence(fetch()) == "map fetch needs `scripts/setup ros2` in the folder of PointIt"
     assert CliRunner().invoke(command, ["map", "fetch", "--help"]).exit_code == 0

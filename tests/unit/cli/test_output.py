@@ -45,7 +45,9 @@ def test_a_line_is_yaml(tree: dict[str, Any]) -> None:
     assert repr(yaml.safe_load(line)) == repr(rounded(tree))  # repr: 1 is not 1.0, and not true
 
 
-@pytest.mark.parametrize("code", [0x1B, 0x7F, 0x85, 0x9B, 0x9F, 0x2028, 0x2029])
+@pytest.mark.parametrize(
+    "code", [0x1B, 0x7F, 0x85, 0x9B, 0x9F, 0x200B, 0x2028, 0x2029, 0x202E, 0x2066, 0xFEFF]
+)
 def test_what_commands_terminals_is_escaped(code: int) -> None:
     """U+009B begins a command as ESC [ does."""
     tree = {"who": f"a{chr(code)}2Jb", f"k{chr(code)}": 1, "plain": "äß→"}
@@ -66,10 +68,11 @@ def test_a_message_begins_with_its_key() -> None:
     frame = StripsFrame(stamp_ns=5, strips=(StripFrame(id="left", rgb=bytes(450)),))
     assert (
         format_message(STRIPS_FRAME.key, frame, as_json=False)
-        == f'{STRIPS_FRAME.key}: {{stamp_ns: 5, seq: 0, strips: [{{id: "left", rgb: <450 bytes>}}]}}'
+        == f'{STRIPS_FRAME.key}: {{stamp_ns: 5, seq: 0, strips: [{{id: "left", rgb: <450 bytes>}}], '
+        "light_s: 0.0}"
     )
     parsed = json.loads(format_message(STRIPS_FRAME.key, frame, as_json=True))
-    assert list(parsed) == ["key", "stamp_ns", "seq", "strips"]
+    assert list(parsed) == ["key", "stamp_ns", "seq", "strips", "light_s"]
     assert parsed["strips"][0]["rgb"] == "00" * 450
 
 

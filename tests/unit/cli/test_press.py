@@ -4,8 +4,8 @@ import pytest
 
 from pointit.cli.press import press
 from pointit.runtime import NoAnswerError
-from pointit.schemas import ButtonEvent, Interaction, UserPose
-from pointit.schemas.topics import BUTTON, INTERACTION, POSE, SERVICE_ALIVE
+from pointit.schemas import ButtonEvent, Feedback, Interaction, UserPose
+from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, POSE, SERVICE_ALIVE
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import Bench, memory_bench
 
@@ -43,6 +43,16 @@ async def test_what_changes_nothing_is_answered_too() -> None:
         assert "not known" in first.reason
         assert first == second
         assert (await press(bench.bus, ANNA, "double", patience_s=0.1)).state == "idle"
+
+
+async def test_a_cue_of_pointing_past_is_no_answer() -> None:
+    async with memory_bench() as bench:
+        bench.bus.announce(SERVICE_ALIVE, "supervisor.anna")
+        bench.put(INTERACTION, Interaction(stamp_ns=1, state="pointing"), ANNA)
+        past = Feedback(stamp_ns=2, cue="target", text="you point below", turn_rad=(0.0, 0.3))
+        bench.bus.subscribe(BUTTON, lambda _event, _user: bench.put(FEEDBACK, past, ANNA))
+        with pytest.raises(NoAnswerError, match="did not answer"):
+            await press(bench.bus, ANNA, "press", patience_s=0.2)
 
 
 async def test_nobody_who_answers_is_one_sentence() -> None:

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import subprocess
 import sys
+from collections.abc import Mapping
 
 import pytest
 
@@ -41,6 +42,7 @@ class Routing:
 
     listens = ("tls/127.0.0.1:7447",)
     is_open = False
+    roles: Mapping[str, str] = {}
 
     async def open(self) -> None:
         self.is_open = True
@@ -48,6 +50,15 @@ class Routing:
     async def follow(self) -> None:
         async with asyncio.timeout(PATIENCE_S):
             await asyncio.Event().wait()
+
+    def links(self) -> list[tuple[str, str, str]]:
+        return []
+
+    def cut(self, _addresses: object) -> None:
+        pass
+
+    def unread(self, _addresses: object) -> dict[str, int]:
+        return {}
 
     def report(self, *_: object) -> None:
         raise UnexpectedError

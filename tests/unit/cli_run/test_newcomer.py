@@ -11,8 +11,8 @@ from pointit.schemas.topics import DEPLOYMENT, PROFILE
 
 def runs(bus: MemoryBus, name: str) -> None:
     """Publish a deployment as `run` and `user` do; a person's has no scenario."""
-    scenario = "" if name == "anna" else name
-    bus.publisher(DEPLOYMENT, name).put(Deployment(stamp_ns=1, name=name, scenario=scenario))
+    scenario, key = ("", name) if name == "anna" else (name, f"run.{name}")
+    bus.publisher(DEPLOYMENT, key).put(Deployment(stamp_ns=1, name=name, scenario=scenario))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pointit.schemas.topics import DEPLOYMENT
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import until
 
-PLAN = Plan(name="anna", launches=(), link=Link())
+PLAN = Plan(name="anna", person="anna", launches=(), link=Link())
 LINES = [(Launch(service=Pointing, config=Pointing.CONFIG(), user="anna"), ("pointit", "user", "anna"))]
 AWAY_NS = 10**9
 

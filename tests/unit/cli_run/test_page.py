@@ -7,19 +7,21 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 import click
 import pytest
 from click.testing import CliRunner
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.link_file import keep_link
 from pointit.cli import browser, dashboard, page
 from pointit.cli.cast import shown
 from pointit.cli.launches import Choices
 from pointit.cli.main import command
-from pointit.cli.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_of
+from pointit.cli.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.cli.person_options import Pose
 from pointit.cli.plan import Plan
 from pointit.cli.program import PLACES, places
@@ -220,7 +222,7 @@ def test_who_asks_for_a_page_without_the_extra_is_told_the_remedy(
 ) -> None:
     error = invoke(monkeypatch, *arguments, has_extra=False)
     assert isinstance(error, ConfigError)
-    assert str(error).endswith('the page needs `pip install "pointit[web]"`')
+    assert str(error).endswith("the page needs `scripts/setup web` in the folder of PointIt")
 
 
 @pytest.mark.parametrize("arguments", [("--lan",), ("--web-port", "0"), ("--new-link",)])
@@ -241,7 +243,7 @@ def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(monkeypatch
         return 0
 
     monkeypatch.setattr("pointit.cli.run.execute", execute)
-    remedy = 'the page needs `pip install "pointit[web]"`'
+    remedy = "the page needs `scripts/setup web` in the folder of PointIt"
     for arguments in ((), ("--no-web",)):
         assert invoke(monkeypatch, "run", *arguments, has_extra=False) is None
     without, unasked = plans
@@ -310,7 +312,28 @@ def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *
     assert browser.has_desktop(environment, platform) is desktop
 
 
-async def test_the_browser_opens_once_as_soon_as_the_page_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def leads_to(uri: str, link: str) -> Path:
+    """Fail unless `uri` is a file of its owner alone that leads to `link`; return its folder."""
+    file = Path(unquote(urlsplit(uri).path))
+    assert urlsplit(uri).scheme == "file"
+    assert link.partition("=")[2] not in uri
+    assert file.stat().st_mode & 0o077 == 0
+    assert f'content="0;url={link}"' in file.read_text(encoding="utf-8")
+    return file.parent
+
+
+def is_littered(home: Path) -> bool:
+    """Return whether something of the page was left in `home`."""
+    return any(home.glob("pointit-page-*"))
+
+
+LINK = "http://127.0.0.1:8090/?token=of-the-operator"
+
+
+@pytest.mark.parametrize("has_snaps", [False, True])
+async def test_browser_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_the_token(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, has_snaps: bool
+) -> None:
     opened: list[str] = []
 
     def opens(url: str) -> bool:
@@ -318,8 +341,11 @@ async def test_the_browser_opens_once_as_soon_as_the_page_is_there(monkeypatch: 
         return True
 
     monkeypatch.setattr("webbrowser.open", opens)
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    monkeypatch.setattr(browser, "SNAPS", tmp_path if has_snaps else tmp_path / "none")
+    file = keep_link("lab", LINK)
     bus = MemoryBus(Exchange())
-    browser.open_when_there(bus, "web", "http://here")
+    opening = browser.open_when_there(bus, "web", file)
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()
     there = bus.announce(SERVICE_ALIVE, "web")
@@ -329,5 +355,40 @@ async def test_the_browser_opens_once_as_soon_as_the_page_is_there(monkeypatch: 
     seen: list[str] = []
     bus.watch(SERVICE_ALIVE, lambda name, _present: seen.append(name))
     await until(lambda: "web" in seen, what="the page again")
-    assert opened == ["http://here"]
+    (uri,) = opened
+    folder = leads_to(uri, LINK)
+    assert (folder == tmp_path) == has_snaps  # a browser from a snap reads no hidden folder
+    opening.close()
+    assert not is_littered(tmp_path)
     await bus.close()
+
+
+def test_link_file_is_there_as_long_as_the_page_and_leads_to_the_first_of_its_links() -> None:
+    with kept_link("lab", LINK, "", "https://192.168.1.5:8443/?token=x") as path:
+        assert path is not None
+        text = path.read_text(encoding="utf-8")
+        assert text.count("<a href=") == 2
+        assert path.stat().st_mode & 0o777 == 0o600
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_only_a_terminal_is_shown_the_token(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, is_terminal: bool
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    file = tmp_path / "page-8090.html"
+    assert (where(LINK, file) == LINK) == is_terminal
+    assert ("of-the-operator" in where(LINK, None)) == is_terminal
+    assert where(LINK, None).startswith("http://127.0.0.1:8090/")
+
+
+def test_link_that_cannot_be_kept_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "file"))
+    with kept_link("lab", LINK) as path:
+        assert path is None
+    assert "the link of the page is in no file" in caplog.text
+    assert "of-the-operator" not in caplog.text

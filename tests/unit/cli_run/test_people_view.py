@@ -19,6 +19,7 @@ from pointit.schemas import (
     Feedback,
     Interaction,
     Localization,
+    Passed,
     UserPose,
 )
 from pointit.schemas.topics import ANCHOR, FEEDBACK, INTERACTION, LOCALIZATION, POSE, USER_ALIVE
@@ -137,6 +138,16 @@ def test_a_localization_in_progress_is_shown() -> None:
     assert "anna: setting the pose right, ● led_0 3 samples" in text
     monitor.localizations["anna"] = news("solved", target_id="led_0", samples=3, purpose="anchor")
     assert "3 samples" not in "\n".join(shown(monitor, 100))
+
+
+def test_who_points_past_is_told_where_in_place_of_what_to_do_next() -> None:
+    monitor = monitor_of()
+    monitor.interactions["anna"] = Interaction(stamp_ns=1, state="pointing", next_step="Point at things.")
+    passed = Passed(point_m=(0.0, 0.0, 0.0), right_rad=0.0, up_rad=0.3, text="you point 15° below belt a")
+    monitor.cursors["anna"] = Cursor(stamp_ns=1, passed=passed)
+    text = "\n".join(shown(monitor, 120))
+    assert "anna: you point 15° below belt a" in text
+    assert "Point at things." not in text
 
 
 def test_a_refusal_is_red_and_said_once() -> None:

@@ -23,9 +23,9 @@ def test_a_pose_is_read_in_metres_and_degrees() -> None:
     assert pose("-1.5, 3e0,-90") == Pose(x_m=-1.5, y_m=3.0, yaw_deg=-90.0)
 
 
-@pytest.mark.parametrize("text", ["", "1", "1,2,3,4", "a,b", "nan,0", "inf,1", "1001,0", "0,0,361", "1;2"])
+@pytest.mark.parametrize("text", ["", "1", "1,2,3,4", "a,b", "nan,0", "inf,1", "1000001,0", "0,0,361", "1;2"])
 def test_another_pose_is_refused_with_an_example_or_the_range(text: str) -> None:
-    with pytest.raises(click.BadParameter, match=r"such as 2\.0,0\.5,20|are metres to 1000"):
+    with pytest.raises(click.BadParameter, match=r"such as 2\.0,0\.5,20|are metres to 1,000,000"):
         pose(text)
 
 
@@ -132,3 +132,7 @@ def test_set_wins_over_every_option() -> None:
     assert services["user-sim"]["aim"]["elevation_bias_deg"] == 10.0
     assert services["localizer"]["method"] == "fixed"
     assert services["localizer"]["position_m"] == (9.0, 9.0, 0.0)
+
+
+def test_pose_may_lie_as_far_as_a_map_may() -> None:
+    assert pose("450000,-5000.5") == Pose(x_m=450_000.0, y_m=-5000.5)

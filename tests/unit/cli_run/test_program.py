@@ -27,7 +27,7 @@ def beginning(
         launches=staged(scenario, chosen, people),
         link=Link(),
         localizes=chosen.localize,
-        scenarios=tuple(program.sources),
+        scenarios=program.offered,
         duration_s=scenario.duration_s,
         **said,
     )

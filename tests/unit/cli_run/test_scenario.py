@@ -13,8 +13,12 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.run import run
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import check_settings
+from pointit.cli.user import command as user
 from pointit.runtime import ConfigError, Launch
 from pointit.runtime.service import check_launches
+from pointit.schemas import KeyNameError
+from pointit.schemas.system import RUN
+from pointit.schemas.topics import check_name
 from pointit.services.pui.map_file import load_map
 from pointit.services.registry import PROCESSES
 
@@ -330,6 +334,29 @@ def test_a_scenario_whose_file_name_cannot_stand_in_a_key(tmp_path: Path) -> Non
     path = written(tmp_path / "my room.yaml", GOOD)
     with pytest.raises(ConfigError, match=r"my room\.yaml: rename the file: scenario 'my room': use 1 to 64"):
         read_scenario(str(path))
+
+
+@pytest.mark.parametrize("length", [60, 61, 64, 65])
+def test_a_scenario_whose_name_is_too_long_for_the_key_of_its_run(length: int, tmp_path: Path) -> None:
+    """The longest that is taken can be told (`Notice`); once a run began and failed by it."""
+    path = written(tmp_path / f"{'x' * length}.yaml", GOOD)
+    if length > 60:
+        with pytest.raises(
+            ConfigError, match=r"rename the file: a scenario's name has at most 60 characters"
+        ):
+            read_scenario(str(path))
+    else:
+        read_scenario(str(path))
+        check_name(RUN + path.stem)
+
+
+def test_a_person_is_not_called_as_a_run() -> None:
+    with pytest.raises(
+        KeyNameError, match=r"user 'run\.bob': names that begin with 'run\.' are those of runs"
+    ):
+        user_launches(read_scenario("scenario_1"), Choices(), "run.bob")
+    with pytest.raises(KeyNameError, match=r"user 'run\.bob': names"):
+        CliRunner().invoke(user, ["run.bob"], catch_exceptions=False)
 
 
 def test_a_service_for_all_cannot_stand_under_user(tmp_path: Path) -> None:

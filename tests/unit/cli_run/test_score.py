@@ -88,6 +88,52 @@ def dispatched(object_id: str, kind: str, bay: str, user: str = "") -> Selection
     return event("dispatched", object_id, kind, user).model_copy(update={"bay": bay})
 
 
+def test_what_came_out_counts_by_for_whom_it_went_there_whatever_was_selected() -> None:
+    late = (TWO, event("selected", "a"), dispatched("a", "red", "3"))
+    assert of_reds(*late) == {**NONE, "missed": 1}
+    score = Score(("red",))
+    for message in (*late[1:], event("selected", "a")):  # the selector's may come later than the conveyor's
+        score.on_event(message)
+    score.on_selection(selection("a"))
+    assert score.counts() == {**NONE, "missed": 1}
+    assert score.dispatched() == {"3": {"red": 1}}
+
+
+def test_a_wrong_one_is_corrected_only_if_it_was_taken_back_before_it_was_too_late() -> None:
+    tried = (TWO, event("selected", "b"), event("deselected", "b"))
+    too_late = of_reds(*tried, dispatched("b", "blue", "1", "anna"))
+    assert too_late == {**NONE, "pending": 1, "wrong": 1}
+    in_time = of_reds(*tried, dispatched("b", "blue", "3"))
+    assert in_time == {**NONE, "pending": 1, "corrected": 1}
+    twice = of_reds(*tried, *tried[1:], dispatched("b", "blue", "3"))
+    assert twice["corrected"] == 2
+
+
+def test_what_left_while_the_selector_was_down_counts_as_the_conveyor_sent_it() -> None:
+    score = Score(("red",))
+    score.on_objects("conveyor", things(("a", "red"), ("b", "red"), ("c", "blue")))
+    for name in ("a", "c"):
+        score.on_event(event("selected", name))
+    for told in (
+        dispatched("a", "red", "1", "anna"),
+        dispatched("b", "red", "3"),
+        dispatched("c", "blue", "1", "anna"),
+    ):
+        score.on_event(told)
+    score.on_selection(selection("a", "c"))  # it is back, and does not know yet
+    score.on_selection(selection())
+    assert score.counts() == {**NONE, "selected": 1, "missed": 1, "wrong": 1}
+
+
+def test_corrections_of_what_is_forgotten_still_count() -> None:
+    score = Score(("red",))
+    score.on_event(event("selected", "b", "blue"))
+    score.on_event(event("deselected", "b", "blue"))
+    for number in range(MAX_OBJECTS):
+        score.on_event(dispatched(f"p{number}", "red", "1", "anna"))
+    assert score.counts() == {**NONE, "selected": MAX_OBJECTS, "corrected": 1}
+
+
 def test_bays_count_what_came_out_once_however_often_it_is_told() -> None:
     score = Score(("red",))
     for told in (dispatched("a", "red", "1", "anna"), dispatched("b", "blue", "3")):
@@ -218,6 +264,13 @@ def test_simulated_time_is_turned_into_the_walls() -> None:
     assert latency.quantiles_ms()["p50"] == pytest.approx(10, rel=0.003)
 
 
+def test_latency_includes_the_wire_at_the_walls_speed() -> None:
+    latency = Latency()
+    latency.on_cursor(cursor(100))
+    latency.on_frame(frame(100).model_copy(update={"light_s": 0.1}), 140 * MS, 4.0)
+    assert latency.quantiles_ms()["p50"] == pytest.approx(110, rel=0.003)
+
+
 def test_captures_that_are_never_shown_are_forgotten() -> None:
     latency = Latency()
     for number in range(RECENT + 1):
@@ -245,6 +298,12 @@ def test_a_clock_that_is_behind_gives_no_error() -> None:
     latency.on_cursor(cursor(100))
     latency.on_frame(frame(100), 99 * MS, 1.0)
     assert latency.quantiles_ms()["p50"] == pytest.approx(0.001)
+
+
+def test_summary_says_how_many_frames_each_controllers_link_carries() -> None:
+    assert summary_lines({**SUMMARY, "light_hz": {"/dev/leds": 8.71}})[-1] == (
+        "/dev/leds carries 8.7 frames a second."
+    )
 
 
 SUMMARY = {

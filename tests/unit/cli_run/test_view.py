@@ -16,6 +16,7 @@ from pointit.runtime import Exchange, MemoryBus
 from pointit.schemas import (
     Cursor,
     Environment,
+    Figure,
     Health,
     Hover,
     Interaction,
@@ -251,6 +252,21 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "monotonic", lambda: now_s + SILENT_S + 1)
     assert "look at: pui" in "\n".join(shown(monitor, 200))
     monkeypatch.undo()
+    await bus.close()
+
+
+async def test_rate_of_each_controller_is_shown_and_averaged() -> None:
+    bus = MemoryBus(Exchange())
+    monitor = monitor_of()
+    monitor.attach(bus)
+    reports = bus.publisher(HEALTH, "led-driver")
+    for rate_hz in (8.0, 10.0):
+        monitor.health.clear()
+        rate = Figure(name="frame rate /dev/leds", value=rate_hz, unit="Hz")
+        reports.put(health("led-driver").model_copy(update={"figures": (rate,)}))
+        await until(lambda: "led-driver" in monitor.health)
+    assert monitor.light_rates() == {"/dev/leds": 9.0}
+    assert "/dev/leds up to 10 Hz" in "\n".join(shown(monitor, 200))
     await bus.close()
 
 

@@ -168,7 +168,12 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
             ("dispatched", names[1], "1"),
         ]
         assert [event.seq for event in events] == [1, 2, 3]
-        assert [(bay.bay, bay.selected) for bay in states[-1].bays] == [("1", 1), ("3", 1)]
+        assert [(bay.bay, bay.selected) for bay in states[-1].bays] == [("1", 1), ("3", 0)]
+        told = [(gone.object_id, gone.bay, gone.user, gone.stamp_ns) for gone in states[-1].departures]
+        assert told == [
+            (names[0], "3", "", events[1].stamp_ns),
+            (names[1], "1", "anna", events[2].stamp_ns),
+        ]
         assert states[-1].refused == 1
 
 
@@ -238,7 +243,10 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         bench.put(MAP, LAB)
         await bench.settle()
         assert view.report().warnings == (
-            "lanes: map 'lab' has no strip '7', there are 0, 1; set surface and lanes",
+            (
+                "lanes: map 'lab' has no strip '7', there are 0, 1; "
+                "set conveyor-sim.surface and conveyor-sim.lanes"
+            ),
         )
         more = Strip(id="7", line_m=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)), pixels=10)
         bench.put(MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))

@@ -75,11 +75,11 @@ def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
     go(belts, 7.0)  # 3.5 m: bay 1 is 3 m along
     events = go(belts, 7.2, {name: "anna"})
     events += go(belts, 20.0, {name: "anna", "another": "bert"})
-    assert [(event.event, event.user) for event in events] == [("refused", "anna"), ("dispatched", "anna")]
+    assert [(event.event, event.user) for event in events] == [("refused", "anna"), ("dispatched", "")]
     assert events[0].reason == f"red {name} is past its last way to bay 1 and goes on to bay 3"
     assert events[1].bay == "3"
     assert belts.state(0).refused == 1
-    assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("3", 1, 1)]
+    assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("3", 1, 0)]
 
 
 def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back() -> None:
@@ -91,8 +91,44 @@ def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back(
     (refused,) = go(belts, 7.1)
     assert (refused.event, refused.user) == ("refused", "anna")
     belts.select({name: "anna"}, belts.now_ns)
+    assert go(belts, 7.2) == []
+    assert [event.event for event in go(belts, 7.3, {})] == ["refused"]  # told again: it was tried again
+    belts.select({name: "anna"}, belts.now_ns)
     (event,) = go(belts, 20.0)
     assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
+
+
+def test_a_deselection_that_comes_too_late_leaves_it_with_who_sent_it_there() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    name = belts.add("blue", "main", 0.3)
+    belts.select({name: "anna"}, 0)
+    go(belts, 7.0)
+    (refused, event) = go(belts, 20.0, {})
+    assert (refused.event, refused.user) == ("refused", "anna")
+    assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
+    assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("1", 1, 1)]
+
+
+def test_departures_of_what_was_selected_are_kept_for_who_was_away() -> None:
+    belts = plant(FORK, feeder={"sequence": []})
+    chosen, late, other = belts.add("red", "main", 0.3), "", ""
+    belts.select({chosen: "anna"}, 0)
+    go(belts, 2.0)
+    late = belts.add("red", "main", 0.3)
+    go(belts, 4.0)
+    other = belts.add("red", "main", 0.3)
+    go(belts, 9.0)  # the second is at 3.5 m, past the way to bay 1
+    events = go(belts, 40.0, {chosen: "anna", late: "anna"})
+    gone = {event.object_id: event.stamp_ns for event in events if event.event == "dispatched"}
+    assert gone.keys() == {chosen, late, other}
+    departures = belts.state(belts.now_ns).departures
+    assert [(d.object_id, d.bay, d.user) for d in departures] == [(chosen, "1", "anna"), (late, "3", "")]
+    assert [d.stamp_ns for d in departures] == [gone[chosen], gone[late]]
+    again = plant(FORK, feeder={"sequence": []})
+    again.restore(belts.snapshot())
+    assert again.state(0).departures == departures
+    again.reset()
+    assert again.state(0).departures == ()
 
 
 def test_the_diverter_is_set_when_a_package_comes_to_it() -> None:
@@ -115,7 +151,14 @@ def test_on_the_papers_conveyor_there_is_a_way_round_for_who_is_late() -> None:
 def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
     bays = FORK.model_copy(update={"bays": FORK.bays[1::-1]})
     belts = plant(bays, feeder={"sequence": []}, bay_rest="9")
-    assert bay_of(belts, belts.add("red", "main", 0.3)) == "1"
+    name = belts.add("red", "main", 0.3)
+    assert bay_of(belts, name) == "1"
+    assert until_ns(belts, name) is None  # it goes there whether it is selected or not
+
+
+def until_ns(belts: Plant, name: str) -> int | None:
+    objects = belts.tracked(belts.now_ns).objects
+    return next(tracked.bay_until_ns for tracked in objects if tracked.id == name)
 
 
 def test_reset_forgets_the_counts() -> None:

@@ -15,7 +15,7 @@ from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, co
 EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.sampled_from(sorted(ROOMS)),
     st.floats(1.0, 40.0),

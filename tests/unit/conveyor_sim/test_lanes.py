@@ -44,6 +44,20 @@ def test_kinds_come_in_sequence_round_the_lanes_an_interval_apart() -> None:
     assert [number(o) for o in objects] == [3, 1, 4, 2]
 
 
+def test_a_package_is_added_anywhere_along_a_belt_that_has_room() -> None:
+    belts = conveyor(10.0, 4.0)
+    belts.set_feeding(is_on=False)
+    first = belts.add("red", "1", 0.3, 0.5)
+    assert [(o.id, o.surface_position_m) for o in on(belts, "1")] == [(first, 2.0)]
+    with pytest.raises(NoRoomError, match=r"lane '1' has no room for 0\.3 m at 2\.08 m: ask again later"):
+        belts.add("red", "1", 0.3, 0.52)
+    belts.add("red", "1", 0.3, 0.25)
+    belts.add("red", "", 0.3, 1.0)
+    assert (places(belts, "1"), places(belts)) == ([1.0, 2.0], [10.0])
+    belts.step(S)
+    assert (places(belts, "1"), places(belts)) == ([1.5, 2.5], [])
+
+
 def test_objects_leave_when_their_centre_passes_the_end() -> None:
     belts = conveyor(1.0, count=1)
     assert belts.step(2 * S) == []

@@ -60,7 +60,7 @@ def check_order(before: tuple[TrackedObject, ...], after: tuple[TrackedObject, .
                 assert places[a.id].surface_position_m < places[b.id].surface_position_m, (a, b)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(sorted(EVERYWHERE)),
     st.lists(action, min_size=10, max_size=60),

@@ -47,7 +47,7 @@ def came(belts: Plant, until_ns: int) -> list[tuple[int, str, str]]:
     return sorted(found.values())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     intervals_ms=st.lists(st.integers(800, 5000), min_size=1, max_size=3),
     rest_ms=st.integers(1, 12_000),
@@ -81,7 +81,7 @@ def test_what_comes_after_a_rest_is_what_would_have_come_later_by_that_rest(
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.sampled_from(sorted(ROOMS)), st.integers(1, 30_000), st.integers(1, 60_000), st.integers(300, 2000))
 def test_belts_of_any_room_run_empty_while_feeders_rest(
     name: str, rest_ms: int, pause_ms: int, interval_ms: int

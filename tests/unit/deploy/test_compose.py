@@ -17,6 +17,7 @@ from pointit.runtime.config import read_yaml
 from pointit.runtime.process import load_config
 from pointit.services.registry import PROCESSES, process
 from tests.unit.deploy.stack import DEPLOY, VARIABLE, compose
+from tests.unit.deploy.test_locks import LOCKS
 
 BASE = compose("compose.yaml")
 PERSON = compose("compose.user.yaml", USER_NAME="anna")
@@ -185,7 +186,7 @@ def test_variables_are_explained() -> None:
 
 def test_the_image() -> None:
     text = (DEPLOY / "Dockerfile").read_text(encoding="utf-8")
-    assert "ARG BASE=docker.io/library/python:3.11-slim" in text
+    assert re.search(r"^ARG BASE=docker\.io/library/python:\d+\.\d+\.\d+-slim-\w+$", text, re.MULTILINE)
     last = text.split("FROM ${BASE}\n")[1]
     assert "\nUSER 10001:10001\n" in last
     assert "\nHEALTHCHECK " in last
@@ -193,9 +194,11 @@ def test_the_image() -> None:
     assert "COPY --from=build /opt/pointit" in last
     ignored = (DEPLOY.parent / ".dockerignore").read_text(encoding="utf-8").splitlines()
     assert "*" in ignored  # what is not named stays out: no key, no recording, no history
-    (extras,) = re.findall(r"ARG EXTRAS=(.*)", text)
+    assert re.findall(r"ARG REQUIREMENTS=(.*)", text) == ["image"]
+    assert text.count("pip install") == 2 + text.count("--no-deps /wheels/pointit-")
+    assert text.count("--require-hashes -r") == 2
     needed = {row.extra for row in PROCESSES if row.name in BASE["services"]} - {""}
-    assert needed <= set(extras.split(","))
+    assert needed <= LOCKS["image"]
 
 
 def _scripts() -> Sequence[Path]:

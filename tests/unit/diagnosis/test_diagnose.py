@@ -1,6 +1,7 @@
 """One test for each thing that can be found, and one for a site that is well."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from pointit.diagnosis.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
-from pointit.diagnosis.writers import split
+from pointit.diagnosis.writers import split, start_command
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
 
@@ -41,7 +42,7 @@ def observation(*newest: Health, before: Sequence[Health] = (), **fields: Any) -
 
 
 def deployment(*services: ExpectedService) -> dict[str, Deployment]:
-    return {"lab": Deployment(stamp_ns=0, name="scenario_3", services=services)}
+    return {"run.scenario_3": Deployment(stamp_ns=0, name="scenario_3", services=services)}
 
 
 def only(seen: Observation) -> Finding:
@@ -71,6 +72,13 @@ def test_empty() -> None:
     assert "`pointit run`" in finding.remedy
 
 
+def test_another_site_that_runs_there_is_named() -> None:
+    finding = only(replace(observation(), other_sites=("hall", "plant")))
+    assert (finding.code, finding.severity) == ("empty", "error")
+    assert finding.sentence == "no service runs on this site, but sites are there: hall, plant"
+    assert finding.remedy == "name the right one: --site hall"
+
+
 def test_who_may_do_nothing_is_told_so_instead_of_that_nobody_is_there() -> None:
     finding = only(observation(denied="this identity (anna) may do nothing here: it was revoked"))
     assert (finding.code, finding.severity) == ("denied", "error")
@@ -87,10 +95,26 @@ def test_a_router_alone_is_no_site_that_is_well() -> None:
 
 
 def test_absent_with_the_command_that_starts_it_again() -> None:
-    gone = ExpectedService(service="pointing", user="anna", command=("python", "-m", "x", "--user", "a b"))
+    gone = ExpectedService(service="pointing", user="anna", command=("python", "-m", "x", "--user", "anna"))
     finding = only(observation(WELL[2], deployments=deployment(gone)))
     assert (finding.code, finding.severity, finding.service) == ("absent", "error", "pointing.anna")
-    assert finding.remedy == "start it again: python -m x --user 'a b'"
+    assert finding.remedy.startswith("start it again: pointit service pointing --user anna (")
+
+
+def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
+    gone = ExpectedService(service="keeper", command=("python", "-m", "x"))
+    options = " --site hall --connect tcp/a:1"
+    seen = observation(WELL[2], deployments=deployment(gone), left=frozenset({"led-driver"}), options=options)
+    remedies = {finding.service: finding.remedy for finding in diagnose(seen)}
+    assert remedies["keeper"].startswith(f"start it again: pointit service keeper{options} (")
+    assert remedies["led-driver"] == f"if it should run: pointit service led-driver{options}"
+
+
+@pytest.mark.parametrize(
+    ("service", "user"), [("pui", "anna"), ("pointing", ""), ("nothing", ""), ("pointing", "a b")]
+)
+def test_there_is_no_command_for_a_service_of_another_scope_or_name(service: str, user: str) -> None:
+    assert start_command(service, user) == ""
 
 
 def test_absent_counts_even_when_it_reported_just_before() -> None:
@@ -159,7 +183,7 @@ def test_stale_input_is_explained_by_what_the_writer_says() -> None:
     )
     reader = health("pointing.anna", key(IMU, "in", None))
     stale = next(f for f in diagnose(observation(source, reader)) if f.code == "stale")
-    assert stale.remedy == "look at user-sim.anna, which says: there is no lamp; choose another map"
+    assert stale.remedy == "look at user-sim.anna, which says: “there is no lamp; choose another map”"
 
 
 def test_stale_input_that_is_written_is_lost_in_between() -> None:
@@ -323,7 +347,7 @@ def test_what_the_localizer_says_itself_is_not_said_twice() -> None:
     sentence = "the yaw of anna is uncertain by 14° because the IMU drifts; have them point at a lamp once"
     warned = certainty(yaw=14.0).model_copy(update={"warnings": (sentence,), "status": "degraded"})
     finding = only(observation(warned))
-    assert (finding.sentence, finding.remedy) == (sentence, "")  # it says what to do itself
+    assert (finding.sentence, finding.remedy) == (f"says: “{sentence}”", "")  # it says what to do itself
 
 
 def test_a_warning_that_only_says_what_is_wrong_is_looked_up() -> None:

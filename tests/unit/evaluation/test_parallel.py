@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import os
+import threading
 import time
 
 import pytest
@@ -31,6 +32,15 @@ def test_who_stops_reading_waits_for_nobody() -> None:
     work.close()
     assert_all_end()
     assert time.monotonic() - began < 15.0  # nobody slept to the end
+
+
+def test_no_thread_of_the_pool_is_left_for_the_end_of_python() -> None:
+    """There it would be woken by a pipe that it may be closing: a traceback from `threading._shutdown`."""
+    before = set(threading.enumerate())
+    work = spread(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
+    next(work)
+    work.close()
+    assert set(threading.enumerate()) <= before
 
 
 def test_an_error_in_the_work_is_the_readers() -> None:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.carousel import Carousel
+from pointit.evaluation.selection import document
 from pointit.evaluation.selection_condition import BENCHES, LAB, conditions
 from pointit.evaluation.selection_method import METHODS, selector_config
 from pointit.evaluation.selection_plot import check_plot, plot
-from pointit.evaluation.selection_row import Figures, SelectionRow, TimeSpread, document
+from pointit.evaluation.selection_row import Figures, SelectionRow, TimeSpread
 from pointit.evaluation.selection_score import Score, figures_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
@@ -92,7 +93,7 @@ def rows() -> list[SelectionRow]:
 
 
 def test_the_document_is_as_promised() -> None:
-    row = json.loads(json.dumps(document(rows())))["rows"][0]
+    row = json.loads(json.dumps(document(rows(), [])))["rows"][0]
     assert list(row)[:4] == ["bench", "condition", "method", "n"]
     assert row["time_s"] == {"median": 2.0, "p90": 3.0}
     assert row["wrong_rate"] == 0.0

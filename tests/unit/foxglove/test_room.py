@@ -161,7 +161,7 @@ odd_maps = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(odd_maps)
 def test_any_map_can_be_shown(environment: Environment) -> None:
     scene = Scene({}, 1.0)

@@ -8,7 +8,10 @@ from pointit.schemas import (
     NS_PER_S,
     ConveyorState,
     Deployment,
+    Environment,
     ExpectedService,
+    Lamp,
+    LampColor,
     Localization,
     Message,
     Selection,
@@ -19,7 +22,9 @@ from pointit.schemas.topics import (
     CLOCK,
     CONVEYOR_STATE,
     DEPLOYMENT,
+    LAMP_COLOR,
     LOCALIZATION,
+    MAP,
     POSE,
     PROFILE,
     SELECTION,
@@ -87,7 +92,8 @@ def test_who_leaves_takes_along_what_is_theirs() -> None:
 
 
 def deployment(name: str, *, scenario: str = "", is_over: bool = False) -> Deployment:
-    services = () if is_over else (ExpectedService(service="pui"), ExpectedService(service="selector"))
+    user = "" if scenario else name
+    services = () if is_over else tuple(ExpectedService(service=each, user=user) for each in ("pui", "goal"))
     return Deployment(stamp_ns=1, name=name, services=services, scenario=scenario)
 
 
@@ -95,15 +101,15 @@ def test_what_has_vanished_is_told_for_a_day() -> None:
     kept = shelf(forget_deployment_after_s=86_400.0)
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     run = Deployment(stamp_ns=1, name="demo", services=services)
-    kept.take(DEPLOYMENT, "demo", run, NOW_NS)
+    kept.take(DEPLOYMENT, "run.demo", run, NOW_NS)
     kept.take(DEPLOYMENT, "empty", Deployment(stamp_ns=1, name="empty"), NOW_NS)
-    assert set(held(kept, DEPLOYMENT)) == {"demo"}
+    assert set(held(kept, DEPLOYMENT)) == {"run.demo"}
     kept.set_instance("pointing.anna", NOW_NS, present=True)
     kept.set_instance("pui", NOW_NS, present=False)
     gone_ns = NOW_NS + 3600 * NS_PER_S
     kept.set_instance("pointing.anna", gone_ns, present=False)
     kept.pass_time(gone_ns + 86_399 * NS_PER_S)
-    assert held(kept, DEPLOYMENT) == {"demo": run}
+    assert held(kept, DEPLOYMENT) == {"run.demo": run}
     kept.pass_time(gone_ns + 86_400 * NS_PER_S)
     assert held(kept, DEPLOYMENT) == {}
 
@@ -119,9 +125,9 @@ def test_what_was_ended_on_purpose_is_missed_no_more() -> None:
 
 def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -> None:
     kept = shelf()
-    for name, scenario in (("scenario_4", "scenario_4"), ("anna", ""), ("scenario_2", "scenario_2")):
+    for name, scenario in (("run.scenario_4", "scenario_4"), ("anna", ""), ("run.scenario_2", "scenario_2")):
         kept.take(DEPLOYMENT, name, deployment(name, scenario=scenario), NOW_NS)
-    assert set(held(kept, DEPLOYMENT)) == {"anna", "scenario_2"}
+    assert set(held(kept, DEPLOYMENT)) == {"anna", "run.scenario_2"}
 
 
 def test_what_all_share_stays_until_long_after_its_writer() -> None:
@@ -187,7 +193,7 @@ def test_size_is_bounded() -> None:
     name = "x" * 12_000
     for number in range(200):
         services = (ExpectedService(service="pui", command=(name,)),)
-        kept.take(DEPLOYMENT, f"d{number}", Deployment(stamp_ns=1, name="d", services=services), NOW_NS)
+        kept.take(DEPLOYMENT, f"run.d{number}", Deployment(stamp_ns=1, name="d", services=services), NOW_NS)
     assert kept.size <= 1e6
     assert len(kept) + kept.refused == 200
     assert kept.refused > 0
@@ -222,3 +228,23 @@ def test_what_is_not_usable_is_counted_and_left_out() -> None:
     kept = shelf()
     assert kept.restore(Record(stamp_ns=1, states=states), NOW_NS) == 5
     assert len(kept) == 0
+
+
+def test_person_neither_ends_the_run_nor_has_others_missed() -> None:
+    kept = shelf()
+    kept.take(DEPLOYMENT, "run.scenario_4", deployment("scenario_4", scenario="scenario_4"), NOW_NS)
+    kept.take(DEPLOYMENT, "anna", deployment("scenario_2", scenario="scenario_2"), NOW_NS)
+    assert set(held(kept, DEPLOYMENT)) == {"run.scenario_4"}
+
+
+def test_lamps_that_are_not_in_the_map_give_way_to_everything_else() -> None:
+    kept = shelf(max_values=3)
+    lamp = LampColor(stamp_ns=1, color=(1, 2, 3))
+    room = Environment(stamp_ns=1, name="lab", lamps=(Lamp(id="real", position_m=(0.0, 0.0, 1.0)),))
+    kept.take(MAP, "", room, NOW_NS)
+    kept.take(LAMP_COLOR, "real", lamp, NOW_NS)
+    for number in range(10):
+        kept.take(LAMP_COLOR, f"x{number}", lamp, NOW_NS)
+    kept.take(SELECTION, "", Selection(stamp_ns=1), NOW_NS)
+    assert (set(held(kept, LAMP_COLOR)), set(held(kept, SELECTION))) == ({"real"}, {""})
+    assert kept.refused == 0

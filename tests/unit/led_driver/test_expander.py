@@ -1,21 +1,34 @@
 """The output: ports of their own, keep-alives, darkness at the end, late and stuck controllers, current."""
 
 import asyncio
+import contextlib
+import functools
+import os
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
+from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.runtime import ConfigError, Context, MemoryBus, WallClock
 from pointit.runtime.health import ServiceBus
 from pointit.runtime.memory_bus import Exchange
+from pointit.runtime.serial_port import PortSettings
+from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import (
     CURSOR,
     HEALTH,
+    MAP,
 )
 from pointit.services.led_driver.config import LedDriverConfig, OutputConfig
+from pointit.services.led_driver.expander import KEEP_ALIVE_S, ExpanderOutput, Picture
 from pointit.services.led_driver.service import LedDriver
+from pointit.services.led_driver.wiring import wire_time_s
 from tests.support.bench import ManualClock, memory_bench, until
-from tests.support.pty_device import Listener, pty_device
+from tests.support.pty_device import Listener, PtyDevice, pty_device
 from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
 
 
@@ -122,3 +135,156 @@ async def test_a_stuck_controller_is_said_and_holds_nobody_up(tmp_path: Path) ->
 
             await until(said, 20)
             await next_frame(frames)
+
+
+LONG = Environment(
+    stamp_ns=1,
+    name="long",
+    strips=tuple(Strip(id=name, line_m=((0, 0, 0), (2, 0, 0)), pixels=800) for name in "abcd"),
+)
+WIDE = LONG.model_copy(
+    update={"strips": tuple(LONG.strips[0].model_copy(update={"id": f"{k:02}"}) for k in range(48))}
+)
+
+
+class SlowReader:
+    """Reads so many bytes from a device in so many seconds, in a thread: a link slower than its baud rate."""
+
+    def __init__(self, device: PtyDevice, size_bytes: int, period_s: float) -> None:
+        self._device = device
+        self._size_bytes = size_bytes
+        self._period_s = period_s
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="slow reader", daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._period_s):
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._device.master, self._size_bytes)
+
+
+class Figures:
+    """Takes what an output tells of itself."""
+
+    def __init__(self) -> None:
+        self.told: dict[str, float | None] = {}
+
+    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+        assert unit
+        self.told[name] = value
+
+    def reached(self, latency_s: float) -> None:
+        assert latency_s >= 0.0
+
+    def warn(self, topic: str, sentence: str) -> None:
+        raise AssertionError(topic, sentence)
+
+    def clear(self, topic: str) -> None:
+        assert topic
+
+
+class SentAtOnce:
+    """A port of a healthy link: takes everything, in the time that a given clock says."""
+
+    out_waiting = 0
+    write_timeout = 1.0
+
+    def write(self, data: bytes) -> int:
+        return len(data)
+
+
+@pytest.mark.parametrize("pause_s", [0.0, KEEP_ALIVE_S])
+@pytest.mark.parametrize("baud", [100_000, 4_000_000])
+def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
+    pause_s: float, baud: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 0.0
+
+    def sleep(time_s: float) -> None:
+        nonlocal now_s
+        now_s += time_s
+
+    clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
+    monkeypatch.setattr("pointit.services.led_driver.expander.time", clock)
+    figures = Figures()
+    output = ExpanderOutput(OutputConfig(kind="expander", port="leds", baud=baud), figures)
+
+    def post(call: Callable[..., None], *arguments: object) -> None:
+        call(*arguments)
+
+    monkeypatch.setattr(output._thread, "post", post)
+    picture = Picture(((0, "GRB", bytes(3 * 81)),))
+    frame_s = max(wire_time_s(len(picture.data()), baud), picture.draw_time_s())
+    for _ in range(4):
+        output._send(cast("Any", SentAtOnce()), picture)
+        sleep(pause_s)
+    assert figures.told == {f"{FRAME_RATE} leds": pytest.approx(1.0 / frame_s)}
+
+
+async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the reader is a thread of a machine that may be busy
+    patient = functools.partial(PortSettings, write_timeout_s=20.0)
+    monkeypatch.setattr("pointit.services.led_driver.expander.PortSettings", patient)
+    clock = ManualClock()
+    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), baud=4_000_000)
+    with pty_device(tmp_path / "led") as device, SlowReader(device, 2048, 0.01):  # half of what is expected
+        async with memory_bench(clock) as bench:
+            reports = bench.collect(HEALTH)
+            frames = await started(bench, FAST.model_copy(update={"outputs": (output,)}))
+            bench.put(MAP, WIDE)  # 116 kB a frame, 0.6 s
+            step = 0
+
+            def is_slow() -> bool:
+                nonlocal step
+                step += 1
+                bench.put(CURSOR, cursor(clock, step % 20 / 10 + 0.05, "00"), "anna")
+                return bool(reports) and any(
+                    "something slows the link" in text for text in reports[-1].warnings
+                )
+
+            await until(is_slow, 30)
+            assert not any("no more data" in text for report in reports for text in report.warnings)
+            assert frames[-1].light_s > 0.2
+            latency = reports[-1].latency
+            assert latency is not None
+            assert latency.p50_s > 0.2
+            rate = next(figure for figure in reports[-1].figures if figure.name.startswith(FRAME_RATE))
+            assert rate.unit == "Hz"
+
+
+async def test_latency_and_rate_are_those_of_the_wire(tmp_path: Path) -> None:
+    clock = ManualClock()
+    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), baud=460_800)
+    with pty_device(tmp_path / "led") as device, Listener(device, lambda _data: None):
+        async with memory_bench(clock) as bench:
+            reports = bench.collect(HEALTH)
+            frames = await started(bench, FAST.model_copy(update={"outputs": (output,)}))
+            bench.put(MAP, LONG)  # 9666 bytes at 46080 a second: 210 ms
+            step = 0
+
+            def is_measured() -> bool:
+                nonlocal step
+                step += 1
+                bench.put(CURSOR, cursor(clock, step % 20 / 10 + 0.05), "anna")
+                latency = reports[-1].latency if reports else None
+                rates_hz = [
+                    each.value for report in reports[-1:] for each in report.figures if "rate" in each.name
+                ]
+                return latency is not None and latency.p50_s > 0.2 and max(rates_hz, default=9.0) < 4.8
+
+            await until(is_measured, 20)
+            assert any(
+                "4.8 frames a second; 592 pixels fit at 25 frames a second" in text
+                for text in reports[-1].warnings
+            )
+            assert not any("slows the link" in text for text in reports[-1].warnings)
+            assert frames[-1].light_s > 0.2

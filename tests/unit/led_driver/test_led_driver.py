@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 
+from pointit.runtime import RequestError
 from pointit.schemas import (
     FARTHEST,
     Cursor,
@@ -182,6 +183,10 @@ async def test_brightness_by_request() -> None:
         assert "20%" in reply.message
         await until(lambda: max(pixels(frames[-1], "a").values()) == (51, 51, 51))
         await until(lambda: shown() == {"brightness": 0.2})
+        await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("a",)))
+        await until(lambda: max(pixels(frames[-1], "a").values()) == (255, 255, 255))
+        with pytest.raises(RequestError, match="there is no strip 'x'"):
+            await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("x",)))
 
 
 async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:
@@ -302,7 +307,7 @@ def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
     scene.set_objects("conveyor", package(clock), clock.now_ns())
     clock.advance(-3600.0)
     scene.forget(clock.now_ns())
-    assert scene.cursors() == []
+    assert scene.cursors(clock.now_ns()) == []
     assert not len(scene.segments(clock.now_ns()).lines)
     assert scene.next_change_ns() is None
 

@@ -274,6 +274,28 @@ def test_brightness_scales_everything() -> None:
     assert stage.lit() == []
 
 
+def test_brightness_is_worked_out_when_it_is_set_and_not_in_every_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stage = Stage().point("anna", 0.5)
+    stage.lights.set_brightness(0.5)
+    stage.lights.set_brightness(0.2, ["back"])
+    monkeypatch.delattr("pointit.services.led_driver.lights.np")
+    assert (127, 127, 127) in stage.shown() or (128, 128, 128) in stage.shown()
+
+
+def test_brightness_of_one_strip_leaves_the_others_alone() -> None:
+    stage = Stage().profile("anna").put(item(0.6)).point("anna", 1.0, "back")
+    front, back = stage.shown(), stage.shown("back")
+    stage.lights.set_brightness(0.5, ["back"])
+    assert stage.shown() == front
+    assert stage.shown("back") == [tuple(round(value / 2) for value in color) for color in back]
+    with pytest.raises(ValueError, match="there is no strip 'left'; there are "):
+        stage.lights.set_brightness(0.5, ["left"])
+    stage.lights.set_brightness(1.0)
+    assert stage.shown("back") == back
+
+
 def test_a_frame_keeps_nothing_of_the_one_before() -> None:
     stage = Stage().put(item(0.6)).point("anna", 1.0, "back")
     assert stage.lit()

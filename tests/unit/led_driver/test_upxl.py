@@ -10,7 +10,8 @@ from pydantic import ValidationError
 from pointit.schemas import Strip
 from pointit.services.led_driver import upxl
 from pointit.services.led_driver.config import ChannelConfig, OutputConfig
-from pointit.services.led_driver.expander import Picture, wire
+from pointit.services.led_driver.expander import Picture
+from pointit.services.led_driver.wiring import wire
 
 
 def strip(name: str, pixels: int) -> Strip:

@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import (
@@ -36,7 +36,7 @@ def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, st
     return PointingRay(stamp_ns=stamp_ns, origin_m=origin, direction=direction)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=150)
 @given(
     st.lists(places, min_size=2, max_size=4, unique=True),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
@@ -67,7 +67,7 @@ def seen_from(
 AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(places, places), min_size=1, max_size=5),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
@@ -100,7 +100,7 @@ def test_robots_and_rays_anywhere(
         procedure.step(now_ns)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60)
 @given(
     st.lists(places, min_size=2, max_size=4, unique=True),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),

@@ -13,7 +13,7 @@ from pointit.services.localizer.drift import DriftFilter
 from pointit.services.localizer.estimator import Refusal
 from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.locating import Answer, Locating
-from pointit.services.localizer.moving_target import MovingTarget
+from pointit.services.localizer.moving_target import Following, MovingTarget
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.outside import OutsidePose
 from pointit.services.localizer.rays import mean
@@ -175,16 +175,16 @@ def test_without_rays_a_hold_ends_as_ever() -> None:
 
 
 def test_a_robot_is_followed_anew() -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(Following(reaction_s=0.0))
     procedure.start(START_NS)
     procedure.step(START_NS + S)
     back_ns = START_NS - 3600 * S
     (told,) = procedure.step(back_ns)
     assert isinstance(told, Localization)
     assert (told.phase, told.since_ns) == ("sampling", back_ns)
-    procedure.on_ray(Person().ray((1.0, 0.0, 1.0), back_ns + 1))
     robot = TrackedObject(id="drone", kind="robot", position_m=(1.0, 0.0, 1.0))
     procedure.on_objects("room", TrackedObjects(stamp_ns=back_ns, objects=(robot,)))
+    procedure.on_ray(Person().ray((1.0, 0.0, 1.0), back_ns + 1))
     (told,) = procedure.step(back_ns + S)
     assert isinstance(told, Localization)
     assert told.samples == 1

@@ -70,7 +70,7 @@ def check(pose: DriftPose, whole: NDArray[np.float64]) -> None:
     assert abs(pose.yaw_rad) <= math.pi
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @example([("predict", 76830445), ("heading", 0, 0.0, 0.0, 4.9e-55), ("reset", 0, 0.0, 0.0, 0.0, 6.0)], 0.0)
 @example([("heading", 0, 0.0, 0.0, 1e-200)] * 3, 0.0)
 @given(st.lists(steps, max_size=12), sigmas)
@@ -82,7 +82,7 @@ def test_whatever_happens_the_covariance_stays_one(happened: list[Step], sigma: 
     check(drift.at(2**62), drift._state.covariance)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.floats(20.0, 120.0), min_size=1, max_size=6), st.floats(-0.4, 0.4), st.integers(0, 999))
 def test_the_yaw_gets_surer_by_an_anchor_and_less_sure_in_between(
     pauses: list[float], rate_degps: float, seed: int
@@ -133,7 +133,7 @@ def history(
     return said, drift.predict(400 * NS_PER_S)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     angles,
     st.floats(-100.0, 100.0),

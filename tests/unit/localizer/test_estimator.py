@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -29,7 +29,6 @@ from tests.unit.localizer.solving import (
 )
 
 
-@settings(deadline=None)
 @given(coordinates, coordinates, angles, biases)
 def test_exact_rays_give_the_exact_pose(x: float, y: float, yaw_rad: float, bias_rad: float) -> None:
     person = Person(x, y, yaw_rad, bias_rad)
@@ -42,7 +41,6 @@ def test_exact_rays_give_the_exact_pose(x: float, y: float, yaw_rad: float, bias
     assert solution.residual_rad < 1e-3
 
 
-@settings(deadline=None)
 @given(coordinates, coordinates, angles, st.tuples(far, far, st.floats(-20, 20)))
 def test_the_world_origin_does_not_matter(x: float, y: float, yaw_rad: float, shift: Vec3) -> None:
     east, north, up = shift
@@ -55,7 +53,6 @@ def test_the_world_origin_does_not_matter(x: float, y: float, yaw_rad: float, sh
     assert np.allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(coordinates, coordinates, angles, angles, st.sampled_from([0.03, 0.12]))
 def test_turning_the_imu_turns_only_the_yaw(
     x: float, y: float, yaw_rad: float, turn_rad: float, noise_rad: float
@@ -107,7 +104,6 @@ def test_one_target_in_five_missed_by_20_degrees_hardly_moves_the_pose() -> None
     assert abs(yaw_difference(solution.yaw_rad, person.yaw_rad)) < math.radians(5.0)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10_000))
 def test_no_reflected_pose_with_three_targets(seed: int) -> None:
     """In random rooms what is accepted is never in another place altogether; nobody stands on a target."""

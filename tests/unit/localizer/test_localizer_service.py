@@ -317,7 +317,7 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
         bench.start(Localizer, LocalizerConfig(method="moving_target", autostart=True), USER)
         await bench.settle()
         assert progress[-1].phase == "sampling"
-        for tick in range(250):  # 10 s at 25 Hz
+        for tick in range(300):  # 12 s at 25 Hz: the reaction and a whole window
             now_ns = clock.advance(0.04)
             angle = math.tau * tick / 200.0
             robot: Vec3 = (2.5 + math.cos(angle), 1.0 + math.sin(angle), 0.7 + 0.4 * math.sin(2.0 * angle))

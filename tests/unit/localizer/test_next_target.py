@@ -74,7 +74,6 @@ def test_an_unknown_bias_costs_most_where_targets_are_few_and_high() -> None:
     assert bounds(corners, (0, 0, EYES_M), unknown)[0] < 1.05 * bounds(corners, (0, 0, EYES_M), ONE)[0]
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10_000))
 def test_the_information_is_that_of_the_solvers_residuals(seed: int) -> None:
     """J'J of the solver's own Jacobian at the truth; yaw does not matter."""
@@ -91,7 +90,7 @@ def test_the_information_is_that_of_the_solvers_residuals(seed: int) -> None:
     assert np.allclose(flat @ flat.T / ONE.ray_sigma_rad**2, told, rtol=1e-6, atol=1e-4 * told.max())
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000))
 def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> None:
     generator = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Environment, Lamp, Localization, PointingRay, SetPose
@@ -169,7 +169,7 @@ class World:
 
 delays = st.lists(st.floats(0.0, DELAY_S), min_size=len(NAMES), max_size=len(NAMES))
 areas = st.lists(st.sampled_from([LEFT, RIGHT]), min_size=2, max_size=len(NAMES))
-SOME = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+SOME = settings(max_examples=60)
 
 
 @SOME

@@ -26,15 +26,21 @@ bodies = st.builds(
 )
 
 
-def direction(ray: ArmRay, azimuth_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> vector.Vec3:
-    found = ray.direction(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad))
+def rayed(ray: ArmRay, azimuth_rad: float, elevation_rad: float) -> tuple[vector.Vec3, vector.Vec3]:
+    found = ray.ray(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad))
     assert found is not None
     return found
 
 
+def direction(ray: ArmRay, azimuth_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> vector.Vec3:
+    found = ray.ray(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad))
+    assert found is not None
+    return found[1]
+
+
 def test_a_level_arm_points_down_from_the_eyes_over_the_finger() -> None:
     ray = ArmRay()
-    assert ray.origin_m == (0.0, 0.0, 1.43 + 0.21)
+    assert rayed(ray, 0.0, 0.0)[0] == (0.0, 0.0, 1.43 + 0.21)
     # the finger is 0.73 m ahead and 0.21 m below the eyes
     assert vector.elevation(direction(ray, 0.0, 0.0)) == pytest.approx(math.atan2(-0.21, 0.73))
     assert vector.azimuth(direction(ray, 0.0, 0.0)) == pytest.approx(0.0)
@@ -53,24 +59,30 @@ def test_the_eye_finger_ray_goes_through_the_fingertip(
     arm = vector.scale(
         vector.direction(azimuth_rad, elevation_rad), body.shoulder_to_wrist_m + body.wrist_to_finger_m
     )
-    finger = vector.add((0.0, side, body.footprint_to_neck_m), arm)
-    reach = vector.subtract(finger, ray.origin_m)
+    shoulder = vector.turn((0.0, side, body.footprint_to_neck_m), azimuth_rad)
+    eyes = (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m)
+    reach = vector.subtract(vector.add(shoulder, arm), eyes)
     assert vector.angle_between(reach, direction(ray, azimuth_rad, elevation_rad, roll_rad)) < 1e-7
 
 
-@given(angles, elevations, angles)
-def test_turning_the_person_turns_the_ray(azimuth_rad: float, elevation_rad: float, yaw_rad: float) -> None:
-    ray = ArmRay()  # its shoulder is in the person's middle
-    turned = vector.turn(direction(ray, azimuth_rad, elevation_rad), yaw_rad)
-    assert vector.angle_between(turned, direction(ray, azimuth_rad + yaw_rad, elevation_rad)) < 1e-7
+@given(st.builds(ArmRay, bodies, hand=hands, model=models), angles, elevations, angles)
+def test_turning_the_person_or_the_yaw_origin_turns_the_ray(
+    ray: ArmRay, azimuth_rad: float, elevation_rad: float, yaw_rad: float
+) -> None:
+    origin, along = rayed(ray, azimuth_rad, elevation_rad)
+    turned_origin, turned_along = rayed(ray, azimuth_rad + yaw_rad, elevation_rad)
+    assert turned_origin == pytest.approx(vector.turn(origin, yaw_rad), abs=1e-6)
+    assert vector.angle_between(vector.turn(along, yaw_rad), turned_along) < 1e-6
 
 
 def test_the_left_shoulder_is_on_the_left() -> None:
     body = BodyMeasures(neck_to_shoulder_m=0.2)
     left, right = ArmRay(body, hand="left"), ArmRay(body, hand="right")
     assert direction(left, 0.0, 0.0)[1] > 0.0 > direction(right, 0.0, 0.0)[1]
-    assert ArmRay(body, hand="left", model="shoulder_arm").origin_m == (0.0, 0.2, 1.43)
-    assert ArmRay(body, hand="right", model="shoulder_arm").origin_m == (0.0, -0.2, 1.43)
+    left, right = (ArmRay(body, hand=hand, model="shoulder_arm") for hand in ("left", "right"))
+    assert rayed(left, 0.0, 0.0)[0] == (0.0, 0.2, 1.43)
+    assert rayed(right, 0.0, 0.0)[0] == (0.0, -0.2, 1.43)
+    assert rayed(right, math.pi / 2, 0.3)[0] == pytest.approx((0.2, 0.0, 1.43))
 
 
 @given(angles, elevations, st.sampled_from(["shoulder_arm", "forearm"]))
@@ -82,13 +94,13 @@ def test_arm_rays_go_along_the_arm(azimuth_rad: float, elevation_rad: float, mod
 
 def test_the_forearm_starts_at_the_elbow_of_a_hanging_upper_arm() -> None:
     ray = ArmRay(BodyMeasures(neck_to_shoulder_m=0.2), model="forearm")
-    assert ray.origin_m == pytest.approx((0.0, -0.2, 1.43 - 0.56 * 0.55))
+    assert rayed(ray, 0.0, 0.0)[0] == pytest.approx((0.0, -0.2, 1.43 - 0.56 * 0.55))
 
 
 def test_the_profile_chooses() -> None:
     body = BodyMeasures(neck_to_shoulder_m=0.2)
     profile = UserProfile(stamp_ns=0, body=body, hand="left", ray_model="shoulder_arm")
-    assert ArmRay.of(profile).origin_m == (0.0, 0.2, 1.43)
+    assert rayed(ArmRay.of(profile), 0.0, 0.0)[0] == (0.0, 0.2, 1.43)
 
 
 @given(bodies, hands, models, st.lists(st.tuples(angles, elevations, angles), min_size=1, max_size=20))
@@ -101,8 +113,9 @@ def test_many_at_once_are_the_same_as_one_by_one(
     ray = ArmRay(body, hand=hand, model=model)
     orientations = [rotation.from_azimuth_elevation(*arm) for arm in arms]
     origins, directions = ray.rays(np.array(orientations))
-    assert np.array_equal(origins, np.tile(ray.origin_m, (len(arms), 1)))
-    assert np.allclose(directions, [direction(ray, *arm) for arm in arms], atol=1e-12)
+    singly = [ray.ray(orientation) for orientation in orientations]
+    assert np.allclose(origins, [one[0] for one in singly if one], atol=1e-12)
+    assert np.allclose(directions, [one[1] for one in singly if one], atol=1e-12)
     assert np.allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
 
 
@@ -112,15 +125,15 @@ def test_a_norm_within_the_tolerance_does_not_matter(
 ) -> None:
     ray = ArmRay(model=model)
     x, y, z, w = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
-    found = ray.direction((norm * x, norm * y, norm * z, norm * w))
+    found = ray.ray((norm * x, norm * y, norm * z, norm * w))
     assert found is not None
-    assert vector.angle_between(found, direction(ray, azimuth_rad, elevation_rad)) < 1e-9
+    assert vector.angle_between(found[1], direction(ray, azimuth_rad, elevation_rad)) < 1e-9
 
 
 def test_a_finger_at_the_eyes_has_no_direction() -> None:
     ray = ArmRay(BodyMeasures(neck_to_eyes_m=0.73))
     up = rotation.from_azimuth_elevation(0.3, math.pi / 2)
-    assert ray.direction(up) is None
+    assert ray.ray(up) is None
     _, directions = ray.rays(np.array([up, rotation.IDENTITY]))
     assert np.isnan(directions[0]).all()
     assert np.isfinite(directions[1]).all()

@@ -42,6 +42,7 @@ async def room(**config: Any) -> AsyncGenerator[Room]:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         here = Room(bench, clock)
-        bench.start(Pui, PuiConfig(map="lab", **config))
+        values: dict[str, Any] = {"map": "lab"} | config
+        bench.start(Pui, PuiConfig(**values))
         await bench.settle()
         yield here

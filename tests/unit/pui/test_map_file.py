@@ -59,6 +59,11 @@ def loaded(path: Path, stamp_ns: int) -> Environment:
     return load_map(str(path), stamp_ns)
 
 
+def test_a_strip_without_a_direction_begins_at_its_lines_first_point(tmp_path: Path) -> None:
+    path = write(tmp_path, "strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9}}")
+    assert loaded(path, 0).strips[0].direction == 1
+
+
 def test_every_part_of_a_map_is_read(tmp_path: Path) -> None:
     read = loaded(write(tmp_path, WHOLE), 17)
     assert (read.stamp_ns, read.name) == (17, "site")
@@ -242,7 +247,6 @@ BROKEN = [
     ("leds: {'a/b': {position: [1, 2, 3]}}", "leds: |'a/b'|letters"),
     ("leds: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "leds: 1 stands there twice"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], direction: 1}}", "strips.s.pixels: is missing"),
-    ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9}}", "strips.s.direction: is missing"),
     ("strips: {s: {pixels: 9, direction: 1}}", "strips.s.line: is missing"),
     ("strips: {s: {line: [[0, 0, 0]], pixels: 9, direction: 1}}", "strips.s.line: |at least two points"),
     ("strips: {s: {line: 4, pixels: 9, direction: 1}}", "strips.s.line: |list of points|not 4"),

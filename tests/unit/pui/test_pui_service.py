@@ -360,7 +360,10 @@ def test_a_map_without_the_wanted_kinds_says_so() -> None:
     ("config", "said"),
     [
         ({"map": "nowhere.yaml"}, r"nowhere\.yaml: cannot be read"),
-        ({"surfaces": ("belt",)}, r"no belt to point at; choose kinds that the map has"),
+        (
+            {"surfaces": ("belt",)},
+            r"no belt to point at; use what it has \(--set pui.surfaces=\[strip,lamp\]\) or another map",
+        ),
     ],
 )
 async def test_a_broken_map_or_useless_surfaces_end_the_service_with_a_sentence(

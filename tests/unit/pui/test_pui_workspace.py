@@ -1,5 +1,6 @@
 """Workspaces and lamps through the service: asked for on the bus, refused, seen in cursors."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -55,6 +56,19 @@ async def test_what_cannot_be_is_refused_with_a_sentence() -> None:
         assert (await here.point_at(LAB.strips[0].line_m[0])).surface == "strip"
 
 
+async def test_workspace_needs_nothing_else_in_the_map(tmp_path: Path) -> None:
+    path = tmp_path / "lamps.yaml"
+    path.write_text("leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", encoding="utf-8")
+    Pui.check(PuiConfig(map=str(path), workspace="horizontal"))
+    with pytest.raises(ConfigError, match=r"has no strip or belt .*--set pui\.surfaces=\[lamp\]"):
+        Pui.check(PuiConfig(map=str(path)))
+    async with room(map=str(path), workspace="horizontal") as here:
+        await here.pose()
+        cursor = await here.point_at((3.0, -1.0, 0.0))
+        assert cursor.surface_id == "workspace/horizontal"
+        assert cursor.point_m == pytest.approx((3.0, -1.0, 0.0))
+
+
 async def test_the_configured_workspace_and_lamps() -> None:
     async with room(workspace="sphere", workspace_distance_m=1.5, lamp_angles_deg=180.0) as here:
         await here.pose()
@@ -68,5 +82,5 @@ async def test_the_configured_workspace_and_lamps() -> None:
 
 
 def test_unknown_priorities_are_refused_in_a_sentence() -> None:
-    with pytest.raises(ConfigError, match="pui: priority: 'strp' is neither a kind nor the id"):
+    with pytest.raises(ConfigError, match=r"^priority: 'strp' is neither a kind nor the id"):
         Pui.check(PuiConfig(priority={"strp": 1}))

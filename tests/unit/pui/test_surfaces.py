@@ -183,7 +183,7 @@ def test_eyes_within_a_thing_see_out_of_it() -> None:
     assert met(surfaces("cylinder", room=room), (5.0, 0.0, 1.0)) == ("cylinder", "c")
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.floats(-3.1, 3.1),
     st.floats(-1.2, 0.5),

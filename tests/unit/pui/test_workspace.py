@@ -73,7 +73,6 @@ def laid(kind: WorkspaceKind, through: Vec3, feet: Vec3 = (0.0, 0.0, 0.0)) -> Wo
 # where they are
 
 
-@settings(deadline=None)
 @given(
     stands,
     st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 3)),
@@ -153,7 +152,7 @@ def test_what_goes_with_the_person_and_what_stays() -> None:
 # switching
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     stands,
     angles,

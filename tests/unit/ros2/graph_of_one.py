@@ -33,6 +33,8 @@ class End:
 class Writer(End):
     """Keeps what it was given."""
 
+    is_read = False
+
     def __init__(self, close: Callable[[], None], sent: list[bytes]) -> None:
         super().__init__(close)
         self._sent = sent

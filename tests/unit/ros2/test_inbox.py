@@ -1,15 +1,28 @@
 """What comes from ROS, by a table like the real one."""
 
 import asyncio
+import math
+import struct
 from typing import Any
 
 import pytest
 
 from pointit.bridges.ros2.inbox import MOST_ASKED
+from pointit.bridges.ros2.routes import routes
 from pointit.runtime import RefusedError
 from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
 from pointit.schemas.environment import Belt
-from pointit.schemas.topics import ADD_PACKAGE, BUTTON, SET_FEEDING, SET_SPEED, WRIST
+from pointit.schemas.topics import (
+    ADD_PACKAGE,
+    BUTTON,
+    RESET_CONVEYOR,
+    SET_BRIGHTNESS,
+    SET_FEEDING,
+    SET_SPEED,
+    SET_YAW_ORIGIN,
+    WRIST,
+    Request,
+)
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench, bench
 from tests.unit.ros2.scenes import jazzy
@@ -221,6 +234,52 @@ async def test_a_service_is_answered_by_ours() -> None:
         assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
         assert any("there is no belt 3" in each for each in bridge.warnings())
         served.close()
+
+
+@pytest.mark.parametrize("speed_mps", [math.nan, math.inf, 6.0])
+async def test_an_invalid_request_gets_a_sentence_where_the_response_cannot_refuse(speed_mps: float) -> None:
+    async with bench(jazzy()) as bridge:
+        with pytest.raises(RefusedError, match=r"set_belt_speed: a speed of \w+ m/s was asked for: send one"):
+            await bridge.backend.servers["/set_belt_speed"](b"\0\1\0\0" + struct.pack("<f", speed_mps))
+        assert any("a speed of" in each for each in bridge.warnings())
+
+
+WITHOUT_RESULT: dict[str, tuple[str, Request[Any, Any]]] = {
+    "/set_belt_speed": ("conveyor_msgs/srv/SetBeltSpeed", SET_SPEED),
+    "/reset_pack_sim": ("std_srvs/srv/Empty", RESET_CONVEYOR),
+    "/anna/metawear_ros/set_yaw_origin": ("std_srvs/srv/Empty", SET_YAW_ORIGIN),
+    "/set_brightness": ("led_strip_msgs/srv/SetBrightness", SET_BRIGHTNESS),
+}
+
+
+def test_these_are_all_services_whose_response_cannot_refuse() -> None:
+    rows = [route for route in routes().served if not route.has_result]
+    assert [row.ros.replace("{user}", "anna") for row in rows] == list(WITHOUT_RESULT)
+
+
+@pytest.mark.parametrize("service", WITHOUT_RESULT)
+async def test_what_was_not_done_gets_a_sentence_where_the_response_cannot_refuse(service: str) -> None:
+    kind, ours = WITHOUT_RESULT[service]
+    is_locked = True
+
+    async def serve(_query: Any, _name: str) -> Done:
+        if is_locked:
+            raise RefusedError("it is locked")
+        return Done()
+
+    async with bench(jazzy()) as bridge:
+        bridge.inbox.join("anna")
+        with pytest.raises(RefusedError, match=f"from {service} was refused: "):
+            await bridge.backend.servers[service](b"\x00\x01")
+        with pytest.raises(RefusedError, match=f"from {service} was not done: "):
+            await ask(bridge, service, kind)  # nobody serves it
+        bridge.other.serve(ours, serve)
+        with pytest.raises(RefusedError, match=f"from {service} was not done: .*it is locked"):
+            await ask(bridge, service, kind)
+        assert any("it is locked" in each for each in bridge.warnings())
+        is_locked = False
+        await ask(bridge, service, kind)
+        assert not bridge.warnings()
 
 
 async def test_a_request_that_is_none_is_answered_too() -> None:

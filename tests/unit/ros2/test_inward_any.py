@@ -110,7 +110,7 @@ def check(found: Any) -> None:
 
 
 @pytest.mark.parametrize("name", [row.name for row in routes().inward])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) -> None:
     row, scene = into(name), furnished()
@@ -125,7 +125,7 @@ def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) ->
 
 
 @pytest.mark.parametrize("name", [row.name for row in routes().served])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
     row, scene = server(name), furnished()

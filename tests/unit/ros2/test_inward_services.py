@@ -78,8 +78,8 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
     [
         ({"kind": 200}, "kind 200 means nothing"),
         ({"belt": 2}, "there is no belt 2: there are 2, counted from 0"),
-        ({"position": 0.5}, "ask for 0"),
-        ({"position": -1.0}, "ask for 0"),
+        ({"position": 1.5}, "send 0 (start) to 1 (end)"),
+        ({"position": -1.0}, "send 0 (start) to 1 (end)"),
         ({"uid": 7}, "uid 7 is taken"),
         ({"uid": MOST + 1}, "beyond"),
     ],
@@ -115,6 +115,14 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
         ("set_yaw_origin", {}, SetYawOrigin(), "user1"),
         ("set_brightness", {"brightness": 0.5}, SetBrightness(brightness=0.5), ""),
         ("set_brightness", {"brightness": 7.0}, SetBrightness(brightness=1.0), ""),
+        (
+            "set_brightness",
+            {"brightness": 0.5, "channel_index_mask": 1},
+            SetBrightness(brightness=0.5, strips=("0",)),
+            "",
+        ),
+        ("add_pack", {"uid": 4, "position": 0.5}, AddPackage(kind="blue", lane="part_a", position=0.5), ""),
+        ("add_pack", {"uid": 4, "position": 5e-4}, AddPackage(kind="blue", lane="part_a"), ""),
     ],
 )
 def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: Any, on: str) -> None:
@@ -129,7 +137,7 @@ def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: An
     ("name", "fields", "told"),
     [
         ("set_belt_speed", {"speed": 6.0}, "±5 m/s"),
-        ("set_brightness", {"brightness": 0.5, "channel_index_mask": 1}, "leave it at 255"),
+        ("set_brightness", {"brightness": 0.5, "channel_index_mask": 1 << 7}, "means no strip: there are"),
     ],
 )
 def test_requests_that_ours_cannot_grant_are_refused(name: str, fields: dict[str, Any], told: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.map_parameters import LINES, SECTIONS, of_maps, parameters_of, prefixes, tree_of
@@ -137,7 +137,7 @@ TREE = st.fixed_dictionaries(
 
 
 # Others load the machine, too.
-PATIENT = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+PATIENT = settings(max_examples=50)
 
 
 @given(TREE, st.sampled_from(["", "map", "a.b"]))

@@ -9,7 +9,7 @@ from pointit.bridges.ros2.routes import Routes, routes
 from pointit.schemas import ButtonEvent, ClockTick, Health, Interaction, PointingRay, Selection, UserPose
 from pointit.schemas.topics import BUTTON, CLOCK, HEALTH, INTERACTION, POSE, RAY, SELECTION
 from tests.support.bench import START_NS, until
-from tests.unit.ros2.graph_of_one import Bench, bench
+from tests.unit.ros2.graph_of_one import Bench, Writer, bench
 from tests.unit.ros2.scenes import jazzy
 
 RAY_ROS, RAY_TYPE = "/anna/pointing_ray", "geometry_msgs/msg/PoseStamped"
@@ -43,6 +43,26 @@ async def test_it_may_be_sent_all_the_same() -> None:
     async with bench(jazzy(), unread=True) as bridge:
         take(bridge, RAY, ray(1))
         assert len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1
+
+
+async def test_a_route_is_told_of_its_first_reader_by_the_look_and_not_amid_a_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[int] = []
+    rows = [
+        dataclasses.replace(row, begins=lambda: begun.append(1))
+        for row in routes().outward
+        if row.name == "pointing_ray"
+    ]
+    async with bench(jazzy(), dataclasses.replace(routes(), outward=tuple(rows))) as bridge:
+        bridge.outbox.join("anna")
+        monkeypatch.setattr(Writer, "is_read", True)  # by a node that the graph does not show
+        take(bridge, RAY, ray(1))
+        assert len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1
+        assert not begun
+        bridge.look()
+        bridge.look()
+        assert begun == [1]
 
 
 async def test_of_what_comes_too_fast_the_newest_is_sent() -> None:

@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.backend import Qos
@@ -14,6 +15,7 @@ from pointit.bridges.ros2.routes import Routes, routes
 from pointit.bridges.ros2.rows import Outward
 from pointit.bridges.ros2.scene import TRACKED_NS
 from pointit.geometry import rotation, vector
+from pointit.runtime.clock import WallClock
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,
@@ -67,13 +69,17 @@ def test_the_arm_is_told_with_what_the_device_measures(table: Routes) -> None:
     (rotated,) = sent(out(table, "rotation"), plain, furnished())
     assert (turned(rotated.quaternion), rotated.header.frame_id) == (q, "user1/human_footprint")
     (value,) = sent(out(table, "imu"), plain, furnished())
-    assert (turned(value.orientation), value.header.frame_id) == (q, "user1/arm")
+    assert (turned(value.orientation), value.header.frame_id) == (q, "user1/human_footprint"), "in tf"
     assert value.angular_velocity_covariance[0] == value.linear_acceleration_covariance[0] == -1.0
     full = plain.model_copy(
         update={"angular_velocity_radps": (1.0, 2.0, 3.0), "acceleration_mps2": (4.0, 5.0, 6.0)}
     )
     (value,) = sent(out(table, "imu"), full, furnished())
-    assert (value.angular_velocity.y, value.linear_acceleration.z) == (2.0, 6.0)
+    for told, of_arm in (
+        (value.angular_velocity, (1.0, 2.0, 3.0)),
+        (value.linear_acceleration, (4.0, 5.0, 6.0)),
+    ):
+        assert (told.x, told.y, told.z) == pytest.approx(rotation.rotate(q, of_arm))
     assert value.angular_velocity_covariance[0] == 0.0
 
 
@@ -87,7 +93,24 @@ def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
     assert spread[0, 5] == spread[5, 0] == 0.001
     assert (spread[1, 5], spread[5, 5]) == (0.002, 0.003)
     assert spread[2, 2] == pytest.approx(0.01)
-    assert not spread[3:5].any()
+    assert spread.diagonal()[3:5] == pytest.approx(math.radians(1.0) ** 2)
+    assert not (spread - np.diag(spread.diagonal()))[3:5].any()
+    told = POSE.model_copy(update={"covariance": (0.0,) * 9, "z_sigma_m": 0.0})
+    (value,) = sent(out(table, "pose_with_covariance"), told, furnished())
+    spread = value.pose.covariance.reshape(6, 6)
+    assert spread.diagonal() == pytest.approx([0.01**2] * 3 + [math.radians(1.0) ** 2] * 3)
+
+
+def test_the_clock_is_published_while_time_is_simulated_only(table: Routes) -> None:
+    wall = WallClock().tick()
+    assert sent(out(table, "clock"), wall, furnished()) == []
+    assert sent(out(table, "clock"), wall, furnished(), again_ns=NOW_NS) == []
+    for simulated in (
+        ClockTick(stamp_ns=NOW_NS, sim_ns=NOW_NS, speed=2.0),
+        ClockTick(stamp_ns=NOW_NS, sim_ns=5 * NS_PER_S),
+    ):
+        (value,) = sent(out(table, "clock"), simulated, furnished())
+        assert value.clock.sec == simulated.sim_ns // NS_PER_S
 
 
 def test_tf_is_repeated_with_the_time_it_is_then(table: Routes) -> None:
@@ -297,7 +320,7 @@ ROWS = [(row.name, topic) for row in routes().outward for topic in row.reads]
 
 
 @pytest.mark.parametrize(("name", "topic"), ROWS, ids=[f"{name}-{topic.key}" for name, topic in ROWS])
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=12)
 @given(data=st.data())
 def test_whatever_the_bus_may_carry_is_converted_and_encoded(
     name: str, topic: Any, data: st.DataObject

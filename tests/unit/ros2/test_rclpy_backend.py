@@ -171,6 +171,27 @@ async def test_routes_whose_types_this_ros_lacks_are_left_out_and_named(package:
         assert set(ours.now) == {f"package {package}"}
 
 
+async def test_a_type_that_rclpy_refuses_costs_its_topics_only(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **_named: object) -> None:
+        raise RuntimeError("Caught an unknown exception!\nat all")
+
+    async with node_of_ours() as ours:
+        for method in ("create_publisher", "create_subscription", "create_service"):
+            monkeypatch.setattr(fake_rclpy.Node, method, refuse)
+        ours.backend.advertise("/a", BOOL, QOS).put(TRUE)
+        ours.backend.subscribe("/b", BOOL, QOS, lambda _cdr: None).close()
+        ours.backend.serve("/c", SET, answers).close()
+        monkeypatch.undo()
+        assert ours.now[f"refusal of {BOOL.name}"].startswith(
+            "rclpy refuses std_msgs/msg/Bool, so /b is left out"
+        )
+        assert "Caught an unknown exception!" in ours.now[f"refusal of {SET.name}"]
+        assert "at all" not in ours.now[f"refusal of {SET.name}"]
+    assert not wire.ends["publisher"]
+
+
 async def test_a_type_of_another_definition_is_neither_written_nor_read(wire: Wire) -> None:
     other = RosType(name=BOOL.name, hash="RIHS01_" + "0" * 64)
     async with node_of_ours() as ours:

@@ -7,6 +7,7 @@ import pytest
 from pointit.bridges.ros2 import service
 from pointit.bridges.ros2.attendance import MOST_REMEMBERED, Attendance
 from pointit.bridges.ros2.service import Ros2
+from pointit.bridges.ros2.types import Types
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import START_NS, Bench, memory_bench, until
@@ -58,6 +59,33 @@ async def test_who_returns_has_their_place_and_who_left_is_not_brought_back(
     here = bench.bus.announce(USER_ALIVE, "anna")
     await until(lambda: len(backend.sent["/tf"]) > count + 1 and len(backend.sent["/anna/pose"]) == 2)
     here.close()
+
+
+@pytest.mark.parametrize(
+    "error", [KeyError("no such type"), ValueError("a field that is none"), SyntaxError()]
+)
+async def test_a_type_that_cannot_be_used_costs_its_routes_only(
+    backend: FakeBackend, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    prepare = Types.prepare
+
+    def prepare_but_one(self: Types, *names: str) -> None:
+        if "sensor_msgs/msg/Imu" in names:
+            raise error
+        prepare(self, *names)
+
+    monkeypatch.setattr(Types, "prepare", prepare_but_one)
+    async with memory_bench() as bench:
+        reports = bench.collect(HEALTH)
+        bench.start(Ros2)
+        here = bench.bus.announce(USER_ALIVE, "anna")
+        await until(lambda: "/anna/pose" in backend.writers)
+        assert "/anna/imu" not in backend.writers
+        assert "/anna/imu_in" not in backend.readers
+        await until(lambda: bool(reports))
+        (warning,) = reports[-1].warnings
+        assert warning.startswith("without imu, imu_in: type sensor_msgs/msg/Imu cannot be used: ")
+        here.close()
 
 
 async def test_other_domains_are_others(bench: Bench, backend: FakeBackend) -> None:

@@ -4,7 +4,7 @@ import struct
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.definitions import Definitions
@@ -32,7 +32,7 @@ FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.field
 
 
 # Others load the machine, too; 28 tests make do with 40 examples each.
-PATIENT = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+PATIENT = settings(max_examples=40)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -295,3 +295,18 @@ def test_every_parameter_is_listed_with_option_type_and_default() -> None:
         "--limits.rate-hz": ("float", "none"),
     }
     assert [leaf.default for leaf in leaves(Needy)] == ["required"]
+
+
+def test_replaced_mapping_of_a_file_hides_the_one_below_and_an_option_changes_one_entry() -> None:
+    layers = Layers(("by_name",))
+    layers.add({"by_name": {"a": {"name": "x"}}, "arm": {"length_m": 0.5}}, "scenario.yaml")
+    layers.add({"by_name": {"b": {"name": "y"}, "c": {"name": "z"}}, "arm": {"side": "left"}}, "mine.yaml")
+    layers.add({"arm": {"side": "left"}}, "without.yaml")
+    assert layers.values["by_name"].keys() == {"b", "c"}
+    layers.add_text(("by_name", "b", "name"), "w", "--set")
+    layers.add_environment({"POINTIT_X__BY_NAME__C__NAME": "v"}, "POINTIT_X__")
+    config = layers.build(Large)
+    assert {name: part.name for name, part in config.by_name.items()} == {"b": "w", "c": "v"}
+    assert layers.values["arm"] == {"length_m": 0.5, "side": "left"}
+    layers.add_text(("by_name",), "{d: {name: u}}", "--set")
+    assert list(layers.build(Large).by_name) == ["d"]

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.names import MAX_NAMES, MAX_USERS, SILENT_S, Names, limit_of
+from pointit.runtime.names import MAX_NAMES, MAX_USERS, SILENT_S, Names, Places, limit_of
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import TOPICS
 
 
 def names() -> Names:
-    return Names("user", lambda key: key.removeprefix("users/"))
+    return Names("user", lambda key: key.removeprefix("users/"), Places())
 
 
 def test_a_flood_of_new_names_does_not_drive_out_who_is_heard() -> None:
@@ -37,6 +37,17 @@ def test_a_flood_of_new_names_does_not_drive_out_who_is_heard() -> None:
     assert f"more than {MAX_USERS} names" in said.pop()
 
 
+def test_names_of_the_map_have_a_place_whatever_others_make_up() -> None:
+    places = Places()
+    heard = Names("led", lambda key: key, places)
+    places.keep("led", ["lamp"])
+    for index in range(MAX_NAMES):
+        heard.admit(f"x{index}", 0.0)
+    with pytest.raises(KeyNameError, match="led 'y'"):
+        heard.admit("y", 0.0)
+    assert heard.admit("lamp", 0.0) == "lamp"
+
+
 def test_the_one_longest_silent_makes_room_after_a_minute() -> None:
     heard = names()
     for index in range(MAX_USERS):
@@ -55,7 +66,7 @@ def test_a_name_that_is_refused_takes_no_place() -> None:
             raise KeyNameError(key)
         return key
 
-    heard = Names("user", refuse)
+    heard = Names("user", refuse, Places())
     for index in range(MAX_USERS):
         with pytest.raises(KeyNameError):
             heard.admit(f"bad{index}", 0.0)

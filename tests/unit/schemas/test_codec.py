@@ -7,7 +7,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -47,7 +47,7 @@ def packed(**fields: Any) -> bytes:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40)
 @given(data=st.data())
 def test_every_message_survives_the_wire(kind: type[Message | Query], data: st.DataObject) -> None:
     message = data.draw(messages(kind))
@@ -59,7 +59,7 @@ def test_every_message_survives_the_wire(kind: type[Message | Query], data: st.D
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(payload=st.binary(max_size=200), schema=st.text(max_size=20))
 def test_random_bytes_raise_nothing_but_decode_errors(
     kind: type[Message | Query], payload: bytes, schema: str
@@ -75,7 +75,7 @@ json_like = st.recursive(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     values=st.dictionaries(
         st.sampled_from(["stamp_ns", "seq", "objects", "surprise"]), json_like, max_size=4
@@ -87,7 +87,7 @@ def test_well_formed_nonsense_raises_nothing_but_decode_errors(values: dict[str,
         decode(TrackedObjects, msgpack.packb(values), schema)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(data=st.data())
 def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject) -> None:
     payload = bytearray(encode(data.draw(messages(TrackedObjects))))

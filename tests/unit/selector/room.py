@@ -112,13 +112,9 @@ class Room:
 
     def list_objects(self) -> None:
         moved = [
-            package(
-                one.id,
-                one.surface_position_m + one.surface_speed_mps * self.time_s,
-                speed_mps=one.surface_speed_mps,
-                length_m=one.length_m,
-            )
+            one.model_copy(update={"position_m": (x_m, 0.0, 0.9), "surface_position_m": x_m})
             for one in self.objects
+            for x_m in (one.surface_position_m + one.surface_speed_mps * self.time_s,)
         ]
         self.take(self.selecting.on_objects("conveyor", packages(self.time_s, *moved)))
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from random import Random
 
 import pytest
 from hypothesis import given
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 
 from pointit.services.selector.dwell import Dwell, Method
 
-STEP_NS = 100_000_000
+MS = 1_000_000
+STEP_NS = 100 * MS
 WINDOW = 8
 RELEASE = 5
 
@@ -138,10 +140,88 @@ def test_the_last_object_of_a_timestep_is_the_timesteps(
     assert toggled == [None] * 16 + (["a", None] if fires else [None, None])
 
 
-def test_a_timestep_without_cursor_is_one_with_nothing_hovered() -> None:
+def put(dwell: Dwell, cursors: Sequence[tuple[int, str | None]]) -> list[tuple[int, str]]:
+    """Put (time in ms, object) cursors; return (time of the cursor that toggled, toggled)."""
+    toggles = [(time_ms, dwell.step(time_ms * MS, object_id)) for time_ms, object_id in cursors]
+    return [(time_ms, object_id) for time_ms, object_id in toggles if object_id is not None]
+
+
+def jittered_ms(rate_hz: int, jitter_ms: int, seed: int, duration_ms: int = 10_000) -> list[int]:
+    """Return times of cursors at `rate_hz`, each off by at most `jitter_ms`."""
+    random = Random(seed)
+    period_ms = 1000 / rate_hz
+    count = int(duration_ms / period_ms)
+    return [round((1 + k) * period_ms) + random.randint(-jitter_ms, jitter_ms) for k in range(count)]
+
+
+slow_wrists = st.sampled_from([(5, 25), (8, 60), (10, 45), (10, 0)]).flatmap(
+    lambda wrist: st.builds(jittered_ms, st.just(wrist[0]), st.just(wrist[1]), st.integers(0, 10_000))
+)
+
+
+@given(st.sampled_from([HOLD, FRACTION]), slow_wrists, st.sampled_from([0.1, 0.5]))
+def test_a_slow_wrist_with_jitter_toggles_after_the_window(
+    method: Method, times_ms: list[int], release_s: float
+) -> None:
+    toggles = put(Dwell(method, release_s=release_s), [(time_ms, "a") for time_ms in times_ms])
+    assert [object_id for _, object_id in toggles] == ["a"]
+    # the window's eight timesteps, and the rest of the last one and the gap to the cursor after it
+    assert 700 <= toggles[0][0] - times_ms[0] <= 800 + 100 + 250
+
+
+@given(slow_wrists, st.integers(1, 4), st.sampled_from(["b", None]))
+def test_a_slow_wrist_that_leaves_in_every_window_never_toggles_hold(
+    times_ms: list[int], on: int, other: str | None
+) -> None:
+    # one cursor at 5 Hz, or three in a row at a higher rate, are the newest at the end of some timestep
+    period_ms = times_ms[-1] / len(times_ms)
+    away = 1 if period_ms > 150 else 3
+    pattern = [*["a"] * min(on, int(500 / period_ms)), *[other] * away]
+    cursors = [(time_ms, pattern[k % len(pattern)]) for k, time_ms in enumerate(times_ms)]
+    assert "a" not in [object_id for _, object_id in put(Dwell("hold"), cursors)]
+
+
+def test_a_silence_within_the_longest_gap_is_held_and_a_longer_one_restarts() -> None:
+    def silent_from_400(silence_ms: int) -> list[tuple[int, str]]:
+        times_ms = [*range(0, 401, 10), *range(400 + silence_ms, 3000, 10)]
+        return put(Dwell("hold", longest_gap_s=0.25), [(time_ms, "a") for time_ms in times_ms])
+
+    assert silent_from_400(200) == [(800, "a")]
+    assert silent_from_400(400) == [(1600, "a")]  # nothing was hovered in the timesteps from 600 to 800
+    assert put(Dwell("hold", longest_gap_s=0.05), [(t, "a") for t in range(0, 3000, 200)]) == []
+
+
+@pytest.mark.parametrize(
+    ("last_ms", "next_ms", "toggled_ms"),
+    [(450, 700, 800), (449, 700, 1500), (449, 749, 1500), (400, 700, 1500), (400, 750, 1500)],
+)
+def test_hold_goes_on_while_the_cursor_is_at_most_the_longest_gap_old(
+    last_ms: int, next_ms: int, toggled_ms: int
+) -> None:
+    # the timestep from 600 has no cursor of its own: at its end that of 450 is exactly 250 ms old
+    times_ms = [*range(0, last_ms, 10), last_ms, next_ms, *range(800, 3000, 10)]
+    assert put(Dwell("hold"), [(time_ms, "a") for time_ms in times_ms]) == [(toggled_ms, "a")]
+
+
+@pytest.mark.parametrize("silence_ms", [310, 400, 490])
+def test_a_silence_shorter_than_the_release_neither_empties_a_fraction_nor_unlatches(silence_ms: int) -> None:
+    times_ms = [*range(0, 401, 10), *range(400 + silence_ms, 3000, 10)]
+    dwell = Dwell("fraction", fraction=0.6)
+    assert put(dwell, [(time_ms, "a") for time_ms in times_ms]) == [(max(800, 400 + silence_ms), "a")]
+    later_ms = range(3000 + silence_ms - 10, 6000, 10)
+    assert put(dwell, [(time_ms, "a") for time_ms in later_ms]) == []
+    assert list(dwell.latched) == ["a"]
+
+
+def test_an_object_that_toggled_counts_again_after_a_long_silence() -> None:
     dwell = Dwell("hold")
-    toggled = {step: dwell.step(step * STEP_NS, "a") for step in range(14) if step != 4}
-    assert {step for step, object_id in toggled.items() if object_id} == {13}  # 5 to 12 are the first window
+    assert put(dwell, [(time_ms, "a") for time_ms in range(0, 2000, 10)]) == [(800, "a")]
+    assert put(dwell, [(time_ms, "a") for time_ms in range(5000, 7000, 10)]) == [(5800, "a")]
+
+
+def test_an_object_left_during_a_silence_is_not_held() -> None:
+    cursors: list[tuple[int, str | None]] = [(time_ms, "a") for time_ms in range(0, 700, 10)]
+    assert put(Dwell("hold"), [*cursors, (710, None), (890, None), (1000, "a"), (1190, "a")]) == []
 
 
 def test_after_a_long_silence_nothing_old_fires() -> None:

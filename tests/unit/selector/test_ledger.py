@@ -160,3 +160,24 @@ def test_records_of_any_doings_tell_of_one_owner(doings: list[tuple[str, str, st
                 if record.cause in ("dwell", "clear"):
                     assert record.owner in (record.user, "carl")
         assert {o: owner for o, (owner, _) in selected(kept).items()} == story
+
+
+def test_a_refusal_older_than_the_deselection_brings_nothing_back_and_a_newer_one_still_does() -> None:
+    kept = ledger()
+    kept.toggle("a", "red", "anna", 100)
+    kept.toggle("a", "red", "anna", 200)
+    assert kept.correct("a", 150, "too late") is None
+    assert selected(kept) == {}
+    back = kept.correct("a", 250, "too late")
+    assert back is not None
+    assert back.event == "selected"
+    assert selected(kept) == {"a": ("anna", 250)}
+
+
+def test_a_refusal_of_what_was_selected_again_and_left_brings_nothing_back() -> None:
+    kept = ledger()
+    for stamp_ns in (100, 200, 300):
+        kept.toggle("a", "red", "anna", stamp_ns)
+    kept.drop(["a"], 400)
+    assert kept.correct("a", 450, "too late") is None
+    assert selected(kept) == {}

@@ -11,7 +11,8 @@ from click.testing import CliRunner
 
 from pointit.cli.audit import command as audit_command
 from pointit.runtime.state import state_directory
-from pointit.schemas.topics import HEALTH, OBJECTS, SELECTION, SELECTION_EVENTS
+from pointit.schemas import ConveyorState, Departure
+from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, OBJECTS, SELECTION, SELECTION_EVENTS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal
 from pointit.services.selector.outputs import TOLD_AGAIN
@@ -68,6 +69,31 @@ async def test_a_new_run_begins_with_nothing_selected_and_the_audit_stays() -> N
         assert after[0].objects == ()
     rows = json.loads(CliRunner().invoke(audit_command, ["--site", site, "--json"]).output)["events"]
     assert [(row["event"], row["user"]) for row in rows] == [("selected", "anna"), ("left", "anna")]
+
+
+async def test_the_audit_says_when_and_where_left_what_left_while_no_selector_ran(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        site = bench.bus.site
+        bench.start(Selector)
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a", "b")
+        as_left_by_a_kill(monkeypatch, tmp_path, "after")
+    left_ns = clock.advance(4.0)
+    clock.advance(20.0)
+    async with memory_bench(clock) as bench:
+        after = bench.collect(SELECTION)
+        gone = Departure(object_id="a", stamp_ns=left_ns, bay="1", user="anna")
+        state = ConveyorState(stamp_ns=left_ns, speed_mps=0.5, departures=(gone,))
+        bench.put(CONVEYOR_STATE, state)
+        bench.start(Selector)
+        await bench.settle()
+        assert after[-1].objects == ()
+    rows = json.loads(CliRunner().invoke(audit_command, ["--site", site, "--json"]).output)["events"]
+    assert [(row["event"], row["object_id"]) for row in rows] == [("selected", "a"), ("left", "a")]
+    assert (rows[-1]["stamp_ns"], rows[-1]["reason"]) == (left_ns, "left at bay 1")
 
 
 async def test_a_selection_that_was_kept_but_not_published_is_published_once(

@@ -29,7 +29,7 @@ class Place:
 
 
 @given(st.floats(0.9, 2.0), st.floats(0.0, 0.03), st.floats(0, 6.2), st.floats(5.9, 6.1))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 def test_the_rate_of_cursors_does_not_matter(
     arrival_s: float, wobble_m: float, phase: float, to_m: float
 ) -> None:
@@ -41,6 +41,21 @@ def test_the_rate_of_cursors_does_not_matter(
         assert room.told == [("selected", "a", "anna")]
         fired.append(room.events[0].stamp_ns)
     assert abs(fired[0] - fired[1]) <= 45_000_000  # one of each
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("rate_hz", [5.0, 8.0])
+def test_a_slow_wrist_selects(method: str, rate_hz: float) -> None:
+    room = Room(package("a", 5.0), method=method)
+    room.stay(2.0, rate_hz, anna=5.0)
+    assert room.told == [("selected", "a", "anna")]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_cursors_farther_apart_than_the_longest_gap_select_nothing(method: str) -> None:
+    room = Room(package("a", 5.0), method=method, longest_gap_s=0.05)
+    room.stay(3.0, 5.0, anna=5.0)
+    assert room.told == []
 
 
 @pytest.mark.parametrize(("method", "after_s"), [("gauge", 0.5), ("hold", 0.8), ("fraction", 0.8)])
@@ -96,6 +111,15 @@ def test_a_ray_that_passes_over_a_long_object_does_not_select_it_however_long_it
     resting = Room(package("a", 5.0, length_m=3.0))
     resting.stay(1.0, 100.0, anna=5.0)
     assert resting.told == [("selected", "a", "anna")]
+
+
+@pytest.mark.parametrize(("method", "selects"), [("gauge", False), ("hold", True), ("fraction", True)])
+def test_only_the_gauge_tells_a_ray_that_passes_over_an_object_from_one_that_stays(
+    method: str, *, selects: bool
+) -> None:
+    long = Room(package("a", 5.0, length_m=3.0), method=method, gauge={})  # with all as it is by default
+    long.stay(2.2, 100.0, anna=lambda time_s: 3.9 + time_s)
+    assert bool(long.events) == selects
 
 
 @pytest.mark.parametrize("speed_mps", [0.3, 1.0, 2.0])

@@ -111,7 +111,7 @@ def test_trackers_list_their_own_and_the_nearest_of_all_wins() -> None:
     assert under(whereabouts, cursor(1.05)) == "a"
     whereabouts.update("two", listing())
     assert under(whereabouts, cursor(1.15)) == "a"
-    assert whereabouts.kinds == {"a": "red"}
+    assert {o.id: o.kind for o in whereabouts.objects.values()} == {"a": "red"}
 
 
 def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
@@ -120,7 +120,7 @@ def test_of_trackers_without_number_the_longest_unheard_are_forgotten() -> None:
         whereabouts.update(f"x{number}", listing(on_strip(f"x{number}", 9.0)))
         whereabouts.update("ours", listing(on_strip("a", 1.0)))
     assert under(whereabouts, cursor(1.0)) == "a"
-    assert len(whereabouts.kinds) == MAX_TRACKERS
+    assert len(whereabouts.objects) == MAX_TRACKERS
 
 
 def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
@@ -131,7 +131,7 @@ def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
     assert under(whereabouts, cursor(1.0, stamp_ns=2 * S + 1)) is None
     assert whereabouts.silent(2 * S + 1) == ["one"]
     assert not whereabouts.forget(6 * S)
-    assert whereabouts.kinds == {"a": "red"}
+    assert {o.id: o.kind for o in whereabouts.objects.values()} == {"a": "red"}
     assert whereabouts.forget(6 * S + 1)
-    assert not whereabouts.kinds
+    assert not whereabouts.objects
     assert whereabouts.silent(6 * S + 1) == []

@@ -28,9 +28,14 @@ def test_the_ray_of_the_aimed_arm_meets_the_target(
 ) -> None:
     position = (1.0, -2.0, 0.0)
     body = BodyMeasures(neck_to_shoulder_m=shoulder_m)
-    stance = Stance(body, hand, position, yaw_rad)
+    stance = Stance(body, hand, position)
     if math.dist(stance.eyes_m, target) < 0.1:
         return
+    level_m = math.hypot(target[0] - position[0], target[1] - position[1])
+    rise_m = target[2] - stance.eyes_m[2]
+    highest_m = stance.arm_m + math.copysign(body.neck_to_eyes_m, -rise_m)  # finger above or below the eyes
+    if shoulder_m * abs(rise_m) > 0.98 * highest_m * level_m:
+        return  # an arm beside the neck cannot be brought before what is straight above or below the eyes
     azimuth_rad, elevation_rad = stance.aim_at(target)
     # what the wristband reads in {H}, and the ray the pointing service makes of it
     sample = ImuSample(
@@ -52,11 +57,12 @@ def test_a_short_arm_points_at_the_nearest_point_of_the_line() -> None:
 
 @pytest.mark.parametrize("beside_deg", [(10.0, 0.0), (0.0, 10.0), (-5.0, -8.0)])
 def test_the_line_over_the_finger_passes_beside_by_what_was_asked(beside_deg: tuple[float, float]) -> None:
-    stance = Stance(BodyMeasures(neck_to_shoulder_m=0.15), "left", (1.0, 2.0, 0.0), 0.7)
+    stance = Stance(BodyMeasures(neck_to_shoulder_m=0.15), "left", (1.0, 2.0, 0.0))
     target = (3.0, -1.0, 0.9)
     beside = (math.radians(beside_deg[0]), math.radians(beside_deg[1]))
     azimuth, elevation = stance.aim_at(target, beside)
-    finger = vector.add(stance.shoulder_m, vector.scale(vector.direction(azimuth, elevation), stance.arm_m))
+    shoulder = stance.shoulder_m(azimuth)
+    finger = vector.add(shoulder, vector.scale(vector.direction(azimuth, elevation), stance.arm_m))
     seen, meant = stance.sight_of(finger), stance.sight_of(target)
     assert (seen[0] - meant[0], seen[1] - meant[1]) == pytest.approx(beside)
 
@@ -71,10 +77,11 @@ def test_who_aims_by_the_arm_turns_it_to_the_thing() -> None:
 
 
 def test_whoever_moves_takes_eyes_and_shoulder_along() -> None:
-    moved = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", yaw_rad=1.0)
+    moved = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left")
     moved.move((1.0, -2.0, 0.0))
-    there = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", (1.0, -2.0, 0.0), 1.0)
-    assert (moved.eyes_m, moved.shoulder_m) == (there.eyes_m, there.shoulder_m)
+    there = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", (1.0, -2.0, 0.0))
+    assert (moved.eyes_m, moved.shoulder_m(0.3)) == (there.eyes_m, there.shoulder_m(0.3))
+    assert moved.shoulder_m(math.pi / 2) == pytest.approx((0.8, -2.0, 1.43))  # left of who faces y
 
 
 def test_the_eyes_themselves_are_no_crash() -> None:

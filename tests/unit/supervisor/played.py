@@ -1,12 +1,16 @@
 """What the life cycle hears and says, for its tests: samples of a wrist, outputs in short."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import Feedback, ImuSample, Interaction
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 
 S = 1_000_000_000
+
+Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
+Gesture = Literal["press", "double", "hold"]
 
 
 def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:

@@ -148,7 +148,7 @@ def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
         cycle.imu(*sample(now_s))
     outputs = cycle.pass_time(70 * S)
     assert told(outputs) == ["cancel", *went_back("refused", "pointing")]
-    assert "longer than 60 s" in shown(outputs).reason
+    assert "no further in 60 s" in shown(outputs).reason
     assert told(cycle.pass_time(72 * S)) == ["idle", "cue stopped"]  # the wrist is silent by now
 
 

@@ -66,6 +66,8 @@ class Life:
         self.eyes_m = Stance(BodyMeasures(), position_m=config.position_m).eyes_m
         self.person.see(0, ROOM)
         self.lights: Lights | None = None
+        self.is_told = True
+        """Whether cues say that they point past everything."""
 
     def cue(self, cue: Cue, text: str = "", target: str = "") -> None:
         waits = "wait" in text.lower()
@@ -114,6 +116,8 @@ class Life:
         self.off_rad = off_rad
         self.pui = PersonCursor(Surfaces(ROOM, ["strip"]))
         self.cursors: list[Cursor] = []
+        self.past: list[Feedback] = []
+        """Cues that they point past everything."""
         return self.lights
 
     def yield_for(self, duration_s: float, ray: Callable[[int], Vec3] | None = None) -> None:
@@ -136,6 +140,10 @@ class Life:
         if cursor is not None:
             self.cursors.append(cursor)
             lights.on_cursor("anna", cursor, self.now_ns)
+            past = self.pui.cue() if self.is_told else None
+            if past is not None:
+                self.past.append(past)
+                self.person.see(self.now_ns, past)
         frame = lights.frame(self.now_ns)
         assert frame is not None
         self.person.see(self.now_ns, frame)

@@ -130,7 +130,7 @@ def profile(color: tuple[int, int, int] = WHITE, **more: object) -> UserProfile:
     return UserProfile.model_validate({"stamp_ns": 0, "cursor_color": color, **more})
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.floats(0.0, 5.0),
     st.sampled_from(["0", "1"]),
@@ -197,6 +197,18 @@ def test_white_ends_alone_are_no_cursor() -> None:
     bench.open()
     span: Span = (("strip", "0"), 1.85, 2.15)
     # far from where the hand points they are not even thought of
+    assert bench.eyes.cursor("strip", STRIPS.strips[0].line_m[1], [span]) is None
+
+
+@pytest.mark.parametrize("width_m", [0.06, 0.08, 0.1])
+def test_ends_of_own_things_far_from_the_hand_are_no_cursor_however_wide_the_cursor_is(
+    width_m: float,
+) -> None:
+    bench = Bench(STRIPS, profile(cursor_width_m=width_m))
+    bench.put("a", "red", "strip", "0", 2.0)
+    bench.choose(a="anna")
+    bench.open()
+    span: Span = (("strip", "0"), 1.85, 2.15)
     assert bench.eyes.cursor("strip", STRIPS.strips[0].line_m[1], [span]) is None
 
 

@@ -64,6 +64,25 @@ def test_the_red_object_that_leaves_first_is_chosen_but_not_one_beyond_reach() -
     life.cue("deselected")
 
 
+def decided(name: str, along_m: float, at_s: float) -> TrackedObject:
+    return thing(name, "red", along_m, 0.25).model_copy(update={"bay_until_ns": round(at_s * NS_PER_S)})
+
+
+def test_what_cannot_be_had_any_more_is_not_tried() -> None:
+    life = at_work()
+    life.before_step = lambda: life.objects(
+        decided("gone", 2.5, 0.0), decided("soon", 2.0, 1.5), decided("later", 1.5, 60.0)
+    )
+    assert choice(life) == "object later"
+
+
+def test_what_cannot_be_had_any_more_is_let_go() -> None:
+    life = at_work()
+    life.before_step = lambda: life.objects(decided("a", 1.0, 4.0 if life.now_ns < NS_PER_S else 1.5))
+    assert choice(life) == "object a"
+    assert choice(life, 1.5) == "rest"
+
+
 @pytest.mark.parametrize(("along_m", "speed_mps"), [(0.0, 0.1), (5.0, -0.1)])
 def test_an_object_that_is_still_coming_in_is_waited_for(along_m: float, speed_mps: float) -> None:
     life = at_work()
@@ -183,7 +202,10 @@ def test_time_is_left_until_the_point_of_no_return(
     sight = Sight(0.0, deadlines)
     sight.show(0, HALL)
     sight.look(0)
-    assert sight.time_left_s(on_belt(belt, along_m), 0) == pytest.approx(left_s)
+    seen = on_belt(belt, along_m)
+    assert sight.time_left_s(seen, 0) == pytest.approx(left_s)
+    told = seen.thing.model_copy(update={"bay_until_ns": NS_PER_S})
+    assert sight.time_left_s(SeenObject(told, 0), 0) == pytest.approx(min(left_s, 1.0))
     assert sight.has_come(on_belt("on", 0.1), 0)  # it was on another belt before
     assert not sight.has_come(on_belt("in", 0.1), 0)
 

@@ -5,8 +5,8 @@ import pytest
 from pointit.bridges.web import belief as module
 from pointit.bridges.web.belief import Belief
 from pointit.bridges.web.hub import Hub
-from pointit.schemas import UserPose
-from pointit.schemas.topics import POSE
+from pointit.schemas import Environment, Lamp, LampColor, UserPose
+from pointit.schemas.topics import LAMP_COLOR, MAP, POSE
 
 
 def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -20,3 +20,16 @@ def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -
     ]
     assert taken == [True] * 10 + [False] * 90
     assert len(belief.last_minute.recording("lab", 10**12).entries) == 10
+
+
+def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "Hub", lambda: Hub(most_keys=3))
+    belief = Belief("web", 0.0, 0.0)
+    room = Environment(stamp_ns=1, name="lab", lamps=(Lamp(id="real", position_m=(0.0, 0.0, 1.0)),))
+    lamp = LampColor(stamp_ns=1, color=(1, 2, 3))
+    assert belief.take(MAP, "", room, 1, 0.0)
+    for number in range(10):
+        assert belief.take(LAMP_COLOR, f"x{number}", lamp, 1, 0.0)
+    assert belief.take(LAMP_COLOR, "real", lamp, 1, 0.0)
+    assert belief.take(POSE, "anna", UserPose(stamp_ns=1, yaw_rad=0.0, position_m=(0.0, 0.0, 0.0)), 1, 0.0)
+    assert belief.hub.names(LAMP_COLOR) == ["real"]

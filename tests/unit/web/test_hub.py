@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.hub import MOST_GONE, Hub
+from pointit.bridges.web.hub import HISTORY, MOST_GONE, Hub
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS, STRIPS_FRAME
@@ -12,7 +12,7 @@ from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION
 FAST_HZ = 1e6
 
 
-def test_a_new_page_gets_what_is_true_and_no_old_events() -> None:
+def test_a_new_page_gets_what_is_true_and_what_happened_last() -> None:
     hub = Hub()
     hub.put(CURSOR, "anna", b"1")
     hub.put(CURSOR, "anna", b"2")
@@ -23,7 +23,17 @@ def test_a_new_page_gets_what_is_true_and_no_old_events() -> None:
     assert batch is not None
     assert batch.n == 1
     assert batch.states == (("users/{user}/cursor", "anna", b"2"),)
-    assert batch.events == ()
+    assert batch.events == (("users/{user}/feedback", "anna", b"past"),)
+    assert batch.dropped == 0
+
+
+def test_a_new_page_gets_no_more_history_than_is_of_use_and_none_of_it_counts_as_dropped() -> None:
+    hub = Hub()
+    for number in range(HISTORY + 5):
+        hub.put(FEEDBACK, "anna", b"%d" % number)
+    batch = hub.open(60.0).take(0.0)
+    assert batch is not None
+    assert [payload for _, _, payload in batch.events] == [b"%d" % number for number in range(5, HISTORY + 5)]
     assert batch.dropped == 0
 
 
@@ -176,6 +186,7 @@ def test_events_beyond_the_ring_are_counted() -> None:
     assert feed.dropped == 6
 
 
+RING = 5
 STATES = (CURSOR, HOVER, MAP)
 ACTIONS = st.lists(
     st.one_of(
@@ -224,7 +235,7 @@ class Story:
     """A hub, two pages, and what is true."""
 
     def __init__(self) -> None:
-        self.hub = Hub(most_events=5)
+        self.hub = Hub(most_events=RING)
         self.true: dict[tuple[str, str], bytes] = {}
         self.events: list[bytes] = []
         self.pages = [Page(self.hub), Page(self.hub)]
@@ -245,7 +256,7 @@ class Story:
 
     def open(self, _which: int, _name: str) -> None:
         self.hub.close(self.pages[0].feed)
-        self.pages[0] = Page(self.hub, len(self.events))
+        self.pages[0] = Page(self.hub, max(0, len(self.events) - RING))
 
     def take(self, which: int, _name: str) -> None:
         self.pages[which].take(self.now_s)

@@ -34,10 +34,9 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 def seen_from(profile: UserProfile, arm: Quaternion, feet_m: Vec3, yaw_rad: float) -> tuple[Vec3, Vec3]:
     """Return where in {W} the pointing service has the ray start, and where it goes."""
-    ray = ArmRay.of(profile)
-    direction = ray.direction(arm)
-    assert direction is not None
-    return vector.add(feet_m, vector.turn(ray.origin_m, yaw_rad)), vector.turn(direction, yaw_rad)
+    ray = ArmRay.of(profile).ray(arm)
+    assert ray is not None
+    return vector.add(feet_m, vector.turn(ray[0], yaw_rad)), vector.turn(ray[1], yaw_rad)
 
 
 profiles = st.builds(
@@ -59,8 +58,15 @@ def test_the_ray_of_the_arm_meets_the_place(
     profile: UserProfile, feet_m: Vec3, yaw_rad: float, at_m: Vec3
 ) -> None:
     body = profile.body
-    # an arm shorter than the way from the eyes to the shoulder reaches not every line of sight
+    # an arm shorter than the way from the eyes to the shoulder reaches not every line of sight, nor one that
+    # stays beside the neck a line that goes straight up or down
     assume(body.shoulder_to_wrist_m > 1.01 * math.hypot(body.neck_to_eyes_m, body.neck_to_shoulder_m))
+    level_m = math.hypot(at_m[0] - feet_m[0], at_m[1] - feet_m[1])
+    rise_m = at_m[2] - feet_m[2] - body.footprint_to_neck_m - body.neck_to_eyes_m
+    arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
+    highest_m = arm_m + math.copysign(body.neck_to_eyes_m, -rise_m)  # finger above or below the eyes
+    assume(body.neck_to_shoulder_m * abs(rise_m) <= 0.98 * highest_m * level_m)
+    assume(level_m > 1.05 * body.neck_to_shoulder_m)
     arm = MouseArm()
     arm.wear(profile)
     arm.stand(feet_m, yaw_rad)

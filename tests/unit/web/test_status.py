@@ -9,7 +9,7 @@ from pointit.schemas import Deployment, Health, KeyHealth
 from pointit.schemas.system import ExpectedService
 
 DEPLOYED = {
-    "s": Deployment(
+    "run.s": Deployment(
         stamp_ns=0,
         name="s",
         services=(ExpectedService(service="pui", command=("pointit", "service", "pui")),),

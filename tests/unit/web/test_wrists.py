@@ -55,10 +55,10 @@ def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(wrists: 
     wrists.pose("anna", UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
     wrists.take("anna", "page1", "mouse")
     aim(wrists, "page1")
-    ray = ArmRay.of(profile)
-    direction = ray.direction(only(wrists.step(START)).orientation_xyzw)
-    assert direction is not None
-    start_m = vector.add((-1.0, 2.0, 0.0), vector.turn(ray.origin_m, 1.0))
+    ray = ArmRay.of(profile).ray(only(wrists.step(START)).orientation_xyzw)
+    assert ray is not None
+    origin, direction = ray
+    start_m = vector.add((-1.0, 2.0, 0.0), vector.turn(origin, 1.0))
     sight = vector.subtract((4.0, 2.0, 1.0), start_m)
     assert vector.angle_between(vector.turn(direction, 1.0), sight) < 1e-6
 

@@ -100,15 +100,17 @@ def entities(user: str, person: Person, now_ns: int) -> list[Drawn]:
 
 def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> Drawn:
     profile, rgb = person.profile, person.color
-    stance = Stance(profile.body, profile.hand, pose.position_m, pose.yaw_rad, ray_model=profile.ray_model)
+    stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
     limbs = [
         shapes.column(pose.position_m, profile.body.footprint_to_neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)
     ]
     cursor = person.cursor
     if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
         met = vector.add(cursor.origin_m, vector.scale(cursor.direction, cursor.range_m or FREE_RAY_M))
-        arm = vector.scale(vector.direction(*stance.aim_at(met)), stance.arm_m)
-        limbs.append(shapes.limb(stance.shoulder_m, vector.add(stance.shoulder_m, arm), ARM_M, rgb))
+        azimuth, elevation = stance.aim_at(met)
+        arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
+        shoulder = stance.shoulder_m(azimuth)
+        limbs.append(shapes.limb(shoulder, vector.add(shoulder, arm), ARM_M, rgb))
     rim_m = person.rim_m
     return shapes.entity(
         f"person {user}",

@@ -11,7 +11,8 @@ CDR = b"\x00\x01\x00\x00"
 """How every message begins that we send: little endian, plain CDR. ROS nodes die of other bytes."""
 
 Server = Callable[[bytes], Awaitable[bytes]]
-"""Takes a request's CDR, returns the response's; what it raises is answered by nothing, so it must not."""
+"""Takes a request's CDR, returns the response's. The text of a `RefusedError` goes to the caller where the
+middleware has a place for it (DDS has none: the response is empty); it raises nothing else."""
 
 
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
@@ -87,6 +88,8 @@ class Graph:
     endpoints: frozenset[Endpoint]
     unreadable: int = 0
     """Tokens that were none of ours to read."""
+    unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
+    """Kind and topic of endpoints that exchange messages with us, but that no token names."""
 
     def within(self, domain: int) -> "Graph":
         """Return it without the endpoints of other domains, which ours never meet."""
@@ -103,6 +106,11 @@ class Closable(Protocol):
 
 class Writer(Closable, Protocol):
     """Writes one topic."""
+
+    @property
+    def is_read(self) -> bool:
+        """Return True if the middleware knows a reader, in the graph or not; False if it cannot tell."""
+        ...
 
     def put(self, cdr: bytes) -> None:
         """Send; returns at once, and never blocks on readers."""

@@ -12,9 +12,7 @@ from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
-from pointit.bridges.ros2.over_zenoh.dialect import Dialect
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.ros2dds import Ros2Dds
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health import Warnings
@@ -24,15 +22,9 @@ from pointit.runtime.zenoh_session import ENDPOINT, MAX_PORT
 
 log = logging.getLogger(__name__)
 
-REMEDIES = {
-    "rmw_zenoh": "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it",
-    "ros2dds": "start zenoh-bridge-ros2dds there, or set endpoint to where it listens",
-}
+REMEDY = "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
 
-NEEDS = {
-    "rmw_zenoh": "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router",
-    "ros2dds": "they need a zenoh-bridge-ros2dds that is connected to the same router",
-}
+NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
 """What other nodes need to be seen."""
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -87,24 +79,19 @@ async def opened(
     waiting = Complaints(warnings)
     try:
         session = await open_plain(
-            PlainLink(endpoint=config.endpoint, mode=mode, remedy=REMEDIES[config.kind]),
+            PlainLink(endpoint=config.endpoint, mode=mode, remedy=REMEDY),
             patience_s=patience_s,
             on_wait=functools.partial(waiting.hold, "router"),
         )
     finally:
         waiting.close()
     try:
-        dialect: Dialect
-        if config.kind == "rmw_zenoh":
-            dialect = RmwZenoh(
-                session=session.zid,
-                node=config.node,
-                domain=config.domain_id,
-                enclave=BRIDGE if is_bridge else ENCLAVE,
-            )
-        else:
-            log.warning("ros2dds has not been tried against the real zenoh-bridge-ros2dds yet")
-            dialect = Ros2Dds(session=session.zid, node=config.node, domain=config.domain_id)
+        dialect = RmwZenoh(
+            session=session.zid,
+            node=config.node,
+            domain=config.domain_id,
+            enclave=BRIDGE if is_bridge else ENCLAVE,
+        )
         backend = ZenohBackend(
             session,
             dialect,
@@ -114,7 +101,7 @@ async def opened(
             distro=config.distro,
             now_ns=now_ns,
             max_bytes=config.max_message_bytes,
-            needs=NEEDS[config.kind],
+            needs=NEEDS,
         )
     except ValueError as error:
         await session.close()

@@ -20,11 +20,11 @@ MOST_GUESTS = 100
 class BackendConfig(Config):
     """How the bridge joins the ROS graph."""
 
-    kind: Literal["rmw_zenoh", "dds", "ros2dds"] = Field(
+    kind: Literal["rmw_zenoh", "dds"] = Field(
         default="rmw_zenoh",
         description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
         "whatever else the ROS speaks that is installed and sourced here, by its rclpy (mode and endpoint do "
-        "not matter then); ros2dds, through zenoh-bridge-ros2dds (not yet tried against the real one)",
+        "not matter then)",
     )
     mode: Literal["auto", "peer", "client", "router"] = Field(
         default="auto",

@@ -17,9 +17,9 @@ COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
 }
 
 
-Matching = Literal["definition", "type", "topic"]
+Matching = Literal["definition", "type"]
 """What two ends must have in common for messages to go from one to the other, besides the topic's name: the
-type and its definition, the type's name only, or nothing."""
+type and its definition, or the type's name only."""
 
 End = tuple[str, EndpointKind]
 """By name and kind: going through everybody else for each of ours would hold up the loop."""
@@ -69,7 +69,11 @@ def findings(
         found += _qualities(mine, [each for each in theirs if _meets(mine, each, matching)])
     found += _domains(counterparts, elsewhere, domain, is_lonely=not others)
     where = f"in domain {domain}{needs and f': {needs}'}"
-    found += [_nobody(where)] if not others else _lonely(counterparts, matching)
+    found += _unseen(graph)
+    if others:
+        found += _lonely(counterparts, matching, graph)
+    elif not graph.unseen:
+        found += [_nobody(where)]
     return tuple({each.about: each for each in reversed(found)}.values())[::-1]
 
 
@@ -112,12 +116,12 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
     found: list[Finding] = []
     strangers = [each for each in counterparts if each.type.name != mine.type.name]
     if strangers:
-        what = "what arrives is read as something else" if matching == "topic" else "nothing arrives"
         found.append(
             Finding(
                 about=f"type of {mine.name}",
                 sentence=f"ROS {nodes(strangers, 'uses', 'use')} {mine.name} as "
-                f"{short(strangers[0].type.name)}, we as {mine.type.name}: {what}; rename one of the two",
+                f"{short(strangers[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one of "
+                "the two",
             )
         )
     rebuilt = [
@@ -194,18 +198,42 @@ def _domains(
     ]
 
 
+def _unseen(graph: Graph) -> list[Finding]:
+    """Return that messages are exchanged with nodes that no token names."""
+    exchanged = [
+        f"{listed(names)} {'is' if len(names) == 1 else 'are'} {what} by"
+        for kind, what in (("subscriber", "read"), ("publisher", "written"))
+        if (names := sorted(name for end, name in graph.unseen if end == kind))
+    ]
+    if not exchanged:
+        return []
+    return [
+        Finding(
+            about="unseen",
+            sentence=f"{' and '.join(exchanged)} a node that the ROS graph does not show, as one that was "
+            "started before the router: messages pass, but nobody sees that node; start it again",
+        )
+    ]
+
+
 def _nobody(where: str) -> Finding:
     return Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}")
 
 
-def _lonely(counterparts: Counterparts, matching: Matching) -> list[Finding]:
+def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
     """Return that nobody is there for some of our topics."""
     found: list[Finding] = []
-    for kind, what in (("publisher", "subscribes to"), ("subscriber", "publishes")):
+    kinds: tuple[tuple[EndpointKind, str], ...] = (
+        ("publisher", "subscribes to"),
+        ("subscriber", "publishes"),
+    )
+    for kind, what in kinds:
         names = [
             mine.name
             for mine, theirs in counterparts.items()
-            if mine.kind == kind and not any(_meets(mine, each, matching) for each in theirs)
+            if mine.kind == kind
+            and (COUNTERPART[kind], mine.name) not in graph.unseen
+            and not any(_meets(mine, each, matching) for each in theirs)
         ]
         if names:
             sentence = f"nobody in ROS {what} {listed(dict.fromkeys(names))}"
@@ -224,8 +252,6 @@ def _wanted(mine: Endpoint) -> End:
 
 def _meets(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
     """Return whether messages go from one to the other."""
-    if matching == "topic":
-        return True
     return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
 
 

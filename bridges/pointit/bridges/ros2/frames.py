@@ -9,8 +9,6 @@ WORLD = "{world}"
 """Stands for the frame {W} in a route."""
 PERSON = "{person}"
 """Stands for a person's frame {H} in a route."""
-ARM = "{user}/arm"
-"""A person's arm: x along it to the finger."""
 
 MOST_NAMES = 10_000
 """Names that are kept apart; nobody has so many people or lamps."""

@@ -13,7 +13,7 @@ from pointit.bridges.ros2.scene import Scene
 from pointit.bridges.ros2.site import Site
 from pointit.runtime.bus import Publisher
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import BusError, RequestError
+from pointit.runtime.errors import BusError, RefusedError, RequestError
 from pointit.schemas import Message, Reply
 from pointit.schemas.topics import Request, Topic
 
@@ -190,7 +190,7 @@ class Inbox:
                 replies = await asyncio.gather(*(self._ask(said, about) for said in asked))
             finally:
                 self._open -= len(asked)
-            if is_well and None not in replies:
+            if is_well and not any(isinstance(each, str) for each in replies):
                 self._site.bus.clear(about)
 
         self._run(ask)
@@ -200,17 +200,22 @@ class Inbox:
         self._asked.add(task)
         task.add_done_callback(self._asked.discard)
 
-    async def _ask(self, said: Said, about: str) -> Reply | None:
-        """Return the reply; none, and a warning, where there is none."""
+    async def _ask(self, said: Said, about: str) -> Reply | str:
+        """Return the reply; where there is none, the sentence that says why, which is a warning too."""
         try:
             reply: Reply = await self._site.bus.call(said.at, said.what, said.name)  # type: ignore[arg-type]  # a row of both kinds
         except (BusError, RequestError) as error:
-            self._site.bus.warn(about, f"what came {about} was not done: {error}")
-            return None
+            sentence = f"what came {about} was not done: {error}"
+            self._site.bus.warn(about, sentence)
+            return sentence
         return reply
 
     async def _answer(self, route: Served, name: str, cdr: bytes) -> bytes:
-        """Answer a request of ROS: always, as nobody tells a ROS client that nothing will come."""
+        """Answer a request of ROS.
+
+        Raises:
+            RefusedError: It was not done, and its response could not say so.
+        """
         scene = self._site.scene
         types = scene.types
         about = _about(route, scene, name)
@@ -218,20 +223,26 @@ class Inbox:
         try:
             value = types.decode(types.request_of(route.type), cdr, max_bytes=route.max_bytes)
         except ValueError as error:
-            self._site.bus.warn(about, f"what came {about} was refused: {error}")
+            sentence = f"what came {about} was refused: {error}"
+            self._site.bus.warn(about, sentence)
+            if not route.has_result:
+                raise RefusedError(sentence) from error
             return types.encode(response, types.make(response))
         told = About(scene, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
         asked = route.asks(value, told)
-        reply: Reply | None = None
+        reply: Reply | str = ""
         try:
             if isinstance(asked, Warned):
+                reply = asked.sentence
                 self._warn(about, [asked])
             else:
                 reply = await self._ask(asked, about)
-                if reply is not None:
+                if not isinstance(reply, str):
                     self._site.bus.clear(about)
         finally:  # also when this is cancelled: the route may wait for what comes of it
-            answer = route.answers(value, reply, told)
+            answer = route.answers(value, None if isinstance(reply, str) else reply, told)
+        if isinstance(reply, str) and not route.has_result:
+            raise RefusedError(reply)
         return types.encode(response, answer)
 
     def _warn(self, about: str, warned: list[Warned]) -> None:

@@ -18,11 +18,16 @@ MOST_LINES = 2000
 class _Line:
     """One route to one name in ROS."""
 
-    def __init__(self, route: Outward, ros: str, site: Site, is_wanted: Callable[[str], bool]) -> None:
+    def __init__(
+        self, route: Outward, ros: str, site: Site, has_reader: Callable[[str], bool], *, unread: bool
+    ) -> None:
         self.route = route
         self.ros = ros
         self._site = site
-        self._is_wanted = is_wanted
+        self._has_reader = has_reader
+        """Whether the ROS graph shows one."""
+        self._unread = unread
+        self._is_read = False
         self._pace = Pace(route.rate_hz)
         self._loop = asyncio.get_running_loop()
         self._writer: Writer | None = None
@@ -48,6 +53,13 @@ class _Line:
             self._hide()
         elif self._writer is None and self._back is None:
             self._back = self._site.bus.call_later(back_s(), self._open)
+
+    def look(self) -> None:
+        """Tell the route when somebody begins to read it."""
+        is_read = self._has_readers
+        if is_read and not self._is_read and self.route.begins is not None:
+            self.route.begins()
+        self._is_read = is_read
 
     def close(self) -> None:
         """End."""
@@ -103,7 +115,7 @@ class _Line:
         self._write(message, name)
 
     def _write(self, message: Message, name: str, *, again_ns: int | None = None) -> None:
-        if self._writer is None or not (self._keeps or self._is_wanted(self.ros)):
+        if self._writer is None or not (self._has_readers or self._keeps or self._unread):
             return
         encode = self._site.scene.types.encode
         try:
@@ -132,6 +144,14 @@ class _Line:
     def _whose(self, name: str) -> str:
         """Return whose messages those of `name` displace."""
         return name if self.route.is_each else ""
+
+    @property
+    def _has_readers(self) -> bool:
+        """Return whether somebody reads it.
+
+        The graph does not show a node that is older than the router, but its middleware knows that it reads.
+        """
+        return self._has_reader(self.ros) or (self._writer is not None and self._writer.is_read)
 
     @property
     def _keeps(self) -> bool:
@@ -215,15 +235,11 @@ class Outbox:
     def look(self, graph: Graph) -> None:
         """Take up who reads, and leave to others what they publish."""
         others = [each for each in graph.endpoints if not each.is_ours]
-        read_before, self._read = (
-            self._read,
-            frozenset(each.name for each in others if each.kind == "subscriber"),
-        )
+        self._read = frozenset(each.name for each in others if each.kind == "subscriber")
         self._given = frozenset(each.name for each in others if each.kind == "publisher")
         for line in self._lines.values():
             self._yield(line)
-            if line.route.begins is not None and line.ros in self._read - read_before:
-                line.route.begins()
+            line.look()
 
     def close(self) -> None:
         """End."""
@@ -241,7 +257,7 @@ class Outbox:
                 )
                 return None
             ros = route.ros_name(self._site.scene, name)
-            line = self._lines[key] = _Line(route, ros, self._site, self._is_wanted)
+            line = self._lines[key] = _Line(route, ros, self._site, self._has_reader, unread=self._unread)
             self._yield(line)
         return line
 
@@ -254,5 +270,5 @@ class Outbox:
         if line.route.yields:
             line.make_room(is_given=line.ros in self._given)
 
-    def _is_wanted(self, ros: str) -> bool:
-        return self._unread or ros in self._read
+    def _has_reader(self, ros: str) -> bool:
+        return ros in self._read

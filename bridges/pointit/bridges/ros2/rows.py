@@ -145,3 +145,5 @@ class Served(_Route):
     """From the ROS request and our reply, none where it was refused; returns the ROS response."""
     max_bytes: int = MAX_BYTES
     """A request that is longer is refused unread."""
+    has_result: bool = False
+    """The response says whether it was done. Without, a request that was not done gets an error."""

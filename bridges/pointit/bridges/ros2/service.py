@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from pointit.bridges.ros2.addresses import check_apart
@@ -16,6 +16,7 @@ from pointit.bridges.ros2.guests import Guests
 from pointit.bridges.ros2.inbox import Inbox
 from pointit.bridges.ros2.outbox import Outbox
 from pointit.bridges.ros2.routes import Routes, routes
+from pointit.bridges.ros2.rows import Inward, Outward, Served
 from pointit.bridges.ros2.scene import HEARD, Scene
 from pointit.bridges.ros2.site import Site
 from pointit.bridges.ros2.types import Types
@@ -41,12 +42,21 @@ class Ros2(Service[Ros2Config]):
     def __init__(self, config: Ros2Config, context: Context) -> None:
         """Make types and routes; nothing is heard before the ROS graph is joined."""
         super().__init__(config, context)
-        self._table = _enabled(routes(config.routes))
+        self._table = _only(routes(config.routes), lambda route: route.enabled)
         types = Types(config.backend.distro)
-        types.prepare(*{route.type for route in self._table.all})
+        self._leave_out(_unusable(self._table, types))
         file = self._table.file
         self._scene = Scene(types, world=file.world, person=file.person, kinds=file.kinds)
         self._people, self._services = Attendance("user"), Attendance("service")
+
+    def _leave_out(self, unusable: Mapping[str, str]) -> None:
+        """Do without the routes of types that cannot be used, and say why."""
+        for name, why in unusable.items():
+            left_out = ", ".join(route.name for route in self._table.all if route.type == name)
+            sentence = f"without {left_out}: type {name} cannot be used: {why}"
+            self.bus.warn(f"type {name}", sentence)
+            log.warning("%s", sentence)
+        self._table = _only(self._table, lambda route: route.type not in unusable)
 
     @classmethod
     def check(cls, config: Ros2Config) -> None:
@@ -144,12 +154,23 @@ def _note(backend: Backend) -> None:
         log.info("%s", note)
 
 
-def _enabled(table: Routes) -> Routes:
-    """Return the routes that are not left out."""
+def _unusable(table: Routes, types: Types) -> dict[str, str]:
+    """Return why types of `table` cannot be used, by their names; one costs its routes, not the bridge."""
+    unusable: dict[str, str] = {}
+    for name in dict.fromkeys(route.type for route in table.all):
+        try:
+            types.prepare(name)
+        except Exception as error:  # noqa: BLE001 - whatever the library makes of one definition
+            unusable[name] = " ".join(str(each) for each in error.args) or type(error).__name__
+    return unusable
+
+
+def _only(table: Routes, condition: Callable[[Outward | Inward | Served], bool]) -> Routes:
+    """Return the routes for which `condition` holds."""
     return Routes(
-        tuple(route for route in table.outward if route.enabled),
-        tuple(route for route in table.inward if route.enabled),
-        tuple(route for route in table.served if route.enabled),
+        tuple(route for route in table.outward if condition(route)),
+        tuple(route for route in table.inward if condition(route)),
+        tuple(route for route in table.served if condition(route)),
         table.file,
     )
 

@@ -160,8 +160,8 @@ class Types:
         computed = self._rihs01.service(name) if is_service else self._rihs01.message(name)
         if (expected := self._golden.get(name, computed)) != computed:
             raise ConfigError(
-                f"{name}: the hash of its definition is {computed}, in ROS 2 it is {expected}; reinstall "
-                "PointIt and rosbags: pip install --force-reinstall 'pointit[ros2]'"
+                f"{name}: the hash of its definition is {computed}, in ROS 2 it is {expected}; remove "
+                "the folder .venv and run `scripts/setup ros2` in the folder of PointIt"
             )
         return computed
 

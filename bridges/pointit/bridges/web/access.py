@@ -83,20 +83,22 @@ class Access:
         return bool(asked.origin) and asked.origin.lower() == f"{asked.scheme}://{asked.host}".lower()
 
     def enter(self, token: str, asked: Asked, now_s: float) -> Role | None:
-        """Return the role that the `token` of a link gives; none when it is wrong, or may not be tried."""
-        if not asked.is_navigation or self.is_barred(asked.address, now_s):
-            return None
-        return self._judged(cookie_value(token), asked.address, now_s)
+        """Return the role that the `token` of a link gives; None if it is wrong, or something embeds it.
+
+        The right one always lets in: others on this machine have the same address and must not lock it out.
+        """
+        return self._judged(cookie_value(token), asked.address, now_s) if asked.is_navigation else None
 
     def admit(self, asked: Asked, now_s: float) -> Role | None:
         """Return the role that the request's cookie gives."""
         secret = asked.cookies.get(cookie_name(asked), "")
-        if not secret or self.is_barred(asked.address, now_s):
-            return None
-        return self._judged(secret, asked.address, now_s)
+        return self._judged(secret, asked.address, now_s) if secret else None
 
     def is_barred(self, address: str, now_s: float) -> bool:
-        """Return whether `address` has guessed too often and must wait; the same wrong token counts once."""
+        """Return whether `address` has guessed too often, so that refusals take long.
+
+        The same wrong token counts once.
+        """
         guesses = self._guesses.get(address)
         if guesses is None:
             return False
@@ -114,6 +116,8 @@ class Access:
         ]
         if roles:
             return roles[0]
+        if self.is_barred(address, now_s):
+            return None
         guesses = self._guesses.setdefault(address, {})
         self._guesses.move_to_end(address)
         guesses.setdefault(hashlib.sha256(given).digest(), now_s)

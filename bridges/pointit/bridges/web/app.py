@@ -1,5 +1,6 @@
 """What is at which path: the ASGI application of the page's listeners."""
 
+import asyncio
 import time
 from collections.abc import Awaitable, Callable, Sequence
 
@@ -23,9 +24,12 @@ ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt
 """For who comes by a link of another site: a redirection would not send the cookie, which is strict."""
 
 NOT_ADMITTED = (
-    "Open the link that PointIt has printed where it was started; it ends in ?token=... and lets you in."
+    "Open the link that PointIt printed where it was started, or the file that its log names; "
+    "the link ends in ?token=... and lets you in."
 )
-BARRED = "Too many wrong links came from your address: wait a minute, then open the right one."
+BARRED = "Too many wrong links came from your address. Open the right one, which always lets you in."
+REFUSAL_S = 1.0
+"""How long a refusal takes an address that has guessed too often."""
 
 OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
 Download = Callable[[Request], Awaitable[Response]]
@@ -72,19 +76,20 @@ class _Page:
         token = request.query_params.get("token")
         if token is not None:
             if self._doors.enter(token, asked, now_s) is None:
-                return self._refused(asked, now_s)
+                return await self._refused(asked, now_s)
             # elsewhere, so that the token is not to be seen in the address bar
             response = HTMLResponse(ONWARDS) if asked.site == "cross-site" else RedirectResponse("/", 303)
             response.headers["Set-Cookie"] = access.cookie(asked, token)
             response.headers["Cache-Control"] = "no-store"
             return response
         if self._doors.admit(asked, now_s) is None:
-            return self._refused(asked, now_s)
+            return await self._refused(asked, now_s)
         return file_response(request, self._bundle, "index.html")
 
     async def socket(self, socket: WebSocket) -> None:
         role = self._doors.admit(asked_of(socket), time.monotonic())
         if role is None:
+            await self._slow_down(asked_of(socket))
             await socket.send_denial_response(PlainTextResponse(NOT_ADMITTED, 403))
         else:
             await self._open_page(socket, role)
@@ -92,13 +97,20 @@ class _Page:
     async def recording(self, request: Request) -> Response:
         role = self._doors.admit(asked_of(request), time.monotonic())
         if role != "operator":
+            await self._slow_down(asked_of(request))
             return refusal(403, "Not for you", "Open the page by the operator's link to take a recording.")
         return await self._download(request)
 
     async def static(self, request: Request) -> Response:
         return file_response(request, self._bundle, request.path_params["name"])
 
-    def _refused(self, asked: Asked, now_s: float) -> Response:
+    async def _slow_down(self, asked: Asked) -> None:
+        """Wait if the address has guessed too often."""
+        if self._doors.is_barred(asked.address, time.monotonic()):
+            await asyncio.sleep(REFUSAL_S)
+
+    async def _refused(self, asked: Asked, now_s: float) -> Response:
+        await self._slow_down(asked)
         if self._doors.is_barred(asked.address, now_s):
             return refusal(429, "Not now", BARRED)
         return refusal(403, "This page is not open to everybody", NOT_ADMITTED)

@@ -11,8 +11,8 @@ from pointit.bridges.web.hub import Hub
 from pointit.bridges.web.recording import LastMinute
 from pointit.bridges.web.status import Sight
 from pointit.bridges.web.wire import PersonLine, Status
-from pointit.schemas import Deployment, Health, Message, encode
-from pointit.schemas.topics import OBJECTS, STRIPS_FRAME, Topic
+from pointit.schemas import Deployment, Environment, Health, Message, encode
+from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
 
 
 class Belief:
@@ -31,6 +31,8 @@ class Belief:
         self._sight = Sight(now_s)
         self._trackers = Trackers()
         self._deployments = Deployments(own)
+        self._lamps: frozenset[str] | None = None
+        """Of the map; None before there is one."""
 
     @property
     def present(self) -> frozenset[str]:
@@ -39,8 +41,15 @@ class Belief:
 
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int, now_s: float) -> bool:
         """Take a message, encoded here once for all; where there is no room for its key, return False."""
+        if isinstance(message, Environment):
+            self._lamps = frozenset(lamp.id for lamp in message.lamps)
+        elif topic is LAMP_COLOR and self._lamps is not None and name not in self._lamps:
+            return True  # made up, perhaps: of what is not in the map nothing is shown
+        elif isinstance(message, Deployment):
+            message = message.believed(name)
         payload = encode(message)
-        if not self.hub.put(topic, name, payload, urgent=topic is STRIPS_FRAME):
+        is_urgent = topic is STRIPS_FRAME
+        if not self.hub.put(topic, name, payload, stamp_ns=message.stamp_ns, urgent=is_urgent):
             return False
         self.last_minute.add(topic, name, message, payload, now_ns)
         if topic is OBJECTS:

@@ -25,7 +25,7 @@ class WebConfig(Config):
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
     )
     operator_token: str = Field(
-        default="", description="whoever has it may control; empty: made at random, and logged once"
+        default="", description="whoever has it may control; empty: made at random, and kept in a file"
     )
     viewer_token: str = Field(default="", description="whoever has it may look on; empty: made at random")
     lan: bool = Field(

@@ -6,6 +6,7 @@ and costs the others nothing.
 """
 
 from collections import OrderedDict, deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,9 @@ MOST_KEYS = 4096
 
 MOST_EVENTS = 1024
 """Events that a page may lag behind."""
+
+HISTORY = 200
+"""Last events that a page is told that comes late, for its messages."""
 
 MOST_GONE = 256
 """Keys kept as gone for pages that have not been told; more are looked through for those that all know."""
@@ -58,20 +62,26 @@ class Hub:
         self._version = 0
         self.urgent_version = 0
         """Of the newest state that is not to wait."""
-        self._events: deque[News] = deque(maxlen=most_events)
+        self._events: deque[tuple[int, News]] = deque(maxlen=most_events)
+        """With their stamps, in the order of their coming."""
+        self._past: list[tuple[int, News]] = []
+        """Events that did not come here, see `recall`."""
         self._event_count = 0
         """Events so far, those that have fallen out of the ring too."""
         self._gone = 0
         self._feeds: set[Feed] = set()
 
-    def put(self, topic: Topic[Any], name: str, payload: bytes, *, urgent: bool = False) -> bool:
+    def put(
+        self, topic: Topic[Any], name: str, payload: bytes, *, stamp_ns: int = 0, urgent: bool = False
+    ) -> bool:
         """Take a message of `topic` at `name`; return whether there was room for its key.
 
-        What is `urgent` waits for nothing but pages that are slow, see `Feed.wait_s`.
+        What is `urgent` waits for nothing but pages that are slow, see `Feed.wait_s`. By their `stamp_ns`
+        events have their place in the history.
         """
         news = (topic.key, name, payload)
         if topic.delivery is Delivery.EVENT:
-            self._events.append(news)
+            self._events.append((stamp_ns, news))
             self._event_count += 1
             return True
         if (topic.key, name) not in self._entries and len(self._entries) >= self._most_keys:
@@ -82,6 +92,15 @@ class Hub:
         if urgent:
             self.urgent_version = self._version
         return True
+
+    def recall(self, past: Iterable[tuple[int, News]]) -> None:
+        """Take events, with their stamps, that did not come here; they replace those recalled before."""
+        self._past = list(past)
+
+    def history(self) -> list[News]:
+        """Return the last `HISTORY` events, those that were recalled too, the latest last."""
+        happened = sorted((*self._past, *self._events), key=lambda event: event[0])
+        return [news for _, news in happened[-HISTORY:]]
 
     def forget(self, topic: Topic[Any], name: str) -> bool:
         """Say that what was put last is no longer true; return whether there was something."""
@@ -136,7 +155,7 @@ class Hub:
         """Return the events after the first `count`, as far as they are still there."""
         behind = min(self._event_count - count, len(self._events))
         start = len(self._events) - behind
-        return [self._events[index] for index in range(start, len(self._events))]
+        return [self._events[index][1] for index in range(start, len(self._events))]
 
     def _set(self, news: News) -> None:
         key = (news[0], news[1])
@@ -166,6 +185,8 @@ class Feed:
         self._pace = Bucket(rate_hz, 2.0)
         self._sent = 0
         self._acked = 0
+        self._history = hub.history()
+        """What the page is yet to be told of before it came."""
         self._events = hub.event_count
         self.version = 0
         """Of the newest state that the page was sent."""
@@ -183,8 +204,8 @@ class Feed:
         Of two batches that may be sent at once one is left for what is urgent: it would wait for what came
         just before it otherwise.
         """
-        has_news = self.version < self._hub.version or self._events < self._hub.event_count
-        if not has_news or self.in_flight >= IN_FLIGHT:
+        is_behind = self.version < self._hub.version or self._events < self._hub.event_count
+        if not (is_behind or self._history) or self.in_flight >= IN_FLIGHT:
             return None
         is_urgent = self.version < self._hub.urgent_version
         return self._pace.wait_s(now_s, 1.0 if is_urgent else 2.0)
@@ -195,15 +216,16 @@ class Feed:
             return None
         hub = self._hub
         states = tuple(hub.states_since(self.version))
-        events = tuple(hub.events_since(self._events))
+        events = hub.events_since(self._events)
         dropped = hub.event_count - self._events - len(events)
+        history, self._history = self._history, []
         self.version, self._events = hub.version, hub.event_count
         self.dropped += dropped
-        if not states and not events and not dropped:
+        if not states and not history and not events and not dropped:
             return None
         self._pace.take(now_s)
         self._sent += 1
-        return Batch(self._sent, states, events, dropped)
+        return Batch(self._sent, states, (*history, *events), dropped)
 
     def ack(self, n: int) -> bool:
         """Take the page's word that it shows batch `n`, and so all before; return whether that can be."""

@@ -77,9 +77,7 @@ class MouseArm:
 
     def _stance(self) -> Stance:
         profile = self._profile
-        return Stance(
-            profile.body, profile.hand, self._position_m, self._yaw_rad, ray_model=profile.ray_model
-        )
+        return Stance(profile.body, profile.hand, self._position_m, ray_model=profile.ray_model)
 
     def _turn(self) -> None:
         if self._at_m is not None:

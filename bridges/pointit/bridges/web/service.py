@@ -5,6 +5,7 @@ import functools
 import importlib.metadata
 import logging
 import socket
+from pathlib import Path
 from typing import Any, ClassVar
 
 from starlette.websockets import WebSocket
@@ -19,8 +20,10 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.download import Downloads
 from pointit.bridges.web.hub import MOST_KEYS
 from pointit.bridges.web.lan import Lan
+from pointit.bridges.web.link_file import keep_link
 from pointit.bridges.web.pages import Pages
 from pointit.bridges.web.pairing import Pairing
+from pointit.bridges.web.past import Past
 from pointit.bridges.web.people import People
 from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
@@ -30,7 +33,7 @@ from pointit.bridges.web.slow_link import SlowLink
 from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrist_motion import WristMotion
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import Context, RefusedError, Service, WallClock
+from pointit.runtime import ConfigError, Context, RefusedError, Service, WallClock
 from pointit.runtime.service import Scope
 from pointit.schemas import (
     Deployment,
@@ -40,6 +43,7 @@ from pointit.schemas import (
     Interaction,
     Localization,
     Message,
+    SelectionEvent,
     UserPose,
     UserProfile,
 )
@@ -74,6 +78,7 @@ class Web(Service[WebConfig]):
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([exposure.address(config, config.port)[0]])
         self._belief = Belief(self.NAME, config.record_s, self._now_s())
+        self._past = Past(self.bus, self.clock, self._belief.hub)
         self._downloads = Downloads(self._belief.last_minute, self.bus.site, self.clock)
         self._wrists = Wrists(config)
         self._pairing = Pairing()
@@ -117,6 +122,7 @@ class Web(Service[WebConfig]):
         )
         self._link = SlowLink(socket.gethostname())
         self._wall = WallClock()
+        self._link_file: Path | None = None
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
@@ -129,24 +135,39 @@ class Web(Service[WebConfig]):
         """Serve until cancelled, then close every connection."""
         try:
             await self._listener.start()
-            shown = f"?token={self._token}" if not self.config.operator_token else ""
             where = url("http", *exposure.address(self.config, self._listener.port))
-            log.info("the page is at %s/%s", where, shown)
+            log.info("the page is at %s/", where)
+            if not self.config.operator_token:
+                self._keep_link(f"{where}/?token={self._token}")
             if self.config.lan:
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick(), name="web tick")
+                group.create_task(self._past.run(), name="web past")
                 group.create_task(self._motion.run(), name="web wrists")
         finally:
             self._downloads.close()
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
+            if self._link_file is not None:
+                self._link_file.unlink(missing_ok=True)
 
     @property
     def port(self) -> int:
         """Return the port at which it listens."""
         return self._listener.port
+
+    def _keep_link(self, link: str) -> None:
+        """Say where the link is that lets in: nobody knows the token, and no log may hold it."""
+        try:
+            self._link_file = keep_link(self.bus.site, link)
+        except ConfigError as error:
+            sentence = f"nobody can be let in: its link cannot be kept ({error}); set operator_token"
+            log.error("%s", sentence)  # noqa: TRY400 - a sentence
+            self.bus.warn("link file", sentence)
+        else:
+            log.info("who may control opens %s, a file that holds the link", self._link_file)
 
     async def _open_lan(self) -> None:
         try:
@@ -185,6 +206,7 @@ class Web(Service[WebConfig]):
         )
 
     async def _open(self, socket: WebSocket, role: Role) -> None:
+        await self._past.is_asked.wait()  # a page's first batch has what happened before
         await self._pages.open(socket, role, self, self._on_closed)
 
     def _on_closed(self, page: str) -> None:
@@ -220,6 +242,8 @@ class Web(Service[WebConfig]):
         """Let wrists, phones and pages have what matters to them."""
         if isinstance(message, Deployment):
             self._changed()
+        elif isinstance(message, SelectionEvent):
+            self._past.hear(message)
         elif isinstance(message, Health):
             self._link.hear(message, self._wall.now_ns(), self._now_s())
         elif isinstance(message, Environment):
@@ -239,6 +263,7 @@ class Web(Service[WebConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._belief.set_service(instance, present, self._now_s())
+        self._past.set_service(instance, present)
         self._pages.news()
         self._changed()
 

@@ -14,7 +14,9 @@ Server to page:
   topics) the newest only, and nil instead of a payload where the key's message is no longer true (its writer,
   person or scenario has gone): the page forgets it; `events` has every event in order, `dropped` counts those
   of this page that were lost because it was too slow. The first batch has the newest of everything that is
-  still true. States of a person may come before `Status.people` has them: it decides who is shown.
+  still true; its events happened before the page came (at most `hub.HISTORY`, those of the selector's
+  journal among them, see `past`), for its messages. States of a person may come before `Status.people` has
+  them: it decides who is shown.
 
 Page to server, JSON text, `{"kind": ...}`:
 

@@ -1,6 +1,6 @@
 """Parameters of the simulated conveyor."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -79,6 +79,8 @@ class TrackingConfig(Config):
 class ConveyorSimConfig(Config):
     """What of the map moves and how fast, what is fed, where it goes, what is kept."""
 
+    REPLACED: ClassVar[tuple[str, ...]] = ("feeders",)
+
     surface: Literal["strip", "belt"] = Field(
         default="belt", description="belt: the map's belts; strip: its LED strips taken as belts"
     )
@@ -102,7 +104,7 @@ class ConveyorSimConfig(Config):
         default=FeederConfig(), description="what is put on the lanes in turn, without feeders and schedule"
     )
     feeders: dict[str, NamedFeederConfig] = Field(
-        default={}, description="feeders by name, instead of `feeder`"
+        default={}, description="feeders by name, instead of `feeder`; a file's replace those of the scenario"
     )
     schedule: str = Field(
         default="", description="a file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"

@@ -134,12 +134,16 @@ class CrossingGuard:
         package.lane, package.is_exclusive = passage.lane, passage.is_exclusive
         self._inside[zone][package.id] = package
 
-    def _passage(self, package: Package, gate: Gate, piece: int) -> _Passage:
-        way: list[int] = [] if piece == package.piece else [piece]
+    def way(self, piece: int, gate: Gate, bay: str) -> tuple[list[int], Gate]:
+        """Return the pieces after `piece` through the zone of `gate` on it, on the way to `bay`.
+
+        And where on the last of them, or on `piece`, the zone lies.
+        """
+        way: list[int] = []
         here, inside = piece, gate
         while inside.end_m > self._pieces[here].length_m:
-            following = self._routes.next_of(here, package.bay)
-            if following == END or following in way:
+            following = self._routes.next_of(here, bay)
+            if following == END or following in (piece, *way):
                 break
             onward = next(
                 (g for g in self._zones.gates[following] if g.zone == gate.zone and g.start_m < 0.0), None
@@ -148,6 +152,13 @@ class CrossingGuard:
                 break
             here, inside = following, onward
             way.append(here)
+        return way, inside
+
+    def _passage(self, package: Package, gate: Gate, piece: int) -> _Passage:
+        way, inside = self.way(piece, gate, package.bay)
+        if piece != package.piece:
+            way.insert(0, piece)
+        here = way[-1] if way else piece
         first, last = self._pieces[piece], self._pieces[here]
         exit_m = min(inside.end_m, last.length_m)
         along = first.direction(max(gate.start_m, 0.0)) @ last.direction(exit_m)

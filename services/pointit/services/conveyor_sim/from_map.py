@@ -25,7 +25,8 @@ def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
         what = f"no {surface} {missing[0]!r}" if missing else f"no {surface}s"
         listed = ", ".join(lines) or "none"
         raise UnusableMapError(
-            f"lanes: map {environment.name!r} has {what}, there are {listed}; set surface and lanes"
+            f"lanes: map {environment.name!r} has {what}, there are {listed}; "
+            "set conveyor-sim.surface and conveyor-sim.lanes"
         )
     try:
         chosen = {lane: Polyline(lines[lane]) for lane in wanted}

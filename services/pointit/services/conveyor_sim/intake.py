@@ -63,8 +63,8 @@ class Intake:
             default=math.inf,
         )
 
-    def add(self, kind: str, belt: str, length_m: float) -> str:
-        """Put one package where `belt` begins, and return its id.
+    def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
+        """Put one package where they come onto `belt`, or at a share of its length, and return its id.
 
         Raises:
             UnknownLaneError: there is no such belt.
@@ -76,6 +76,16 @@ class Intake:
             raise NoRoomError(
                 f"{length_m:g} m do not fit round the junctions, at most {longest_m:g} m do; set longest_m"
             )
+        if position is not None:
+            at_m = position * self._network.lines[belt].length_m
+            place = self._network.at(belt, at_m)
+            if not self._traffic.is_clear(*place, length_m):
+                raise NoRoomError(
+                    f"lane {belt!r} has no room for {length_m:g} m at {at_m:.2f} m: ask again later"
+                )
+            package = self._package(kind, length_m)
+            self._put(package, *place)
+            return package.id
         wait_m = self._wait_m(belt, length_m)
         if wait_m > 0.0:
             speed_mps = self._traffic.speeds[belt]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pointit.schemas import NS_PER_S, ConveyorState, Environment, SelectionEvent, TrackedObjects
+from pointit.schemas import NS_PER_S, ConveyorState, Departure, Environment, SelectionEvent, TrackedObjects
 from pointit.schemas.environment import BeltSpeed
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.dispatch import Dispatch
@@ -47,7 +47,9 @@ class Plant:
         self.network = network_of(environment, config)
         routes = Routes(self.network)
         self._traffic = Traffic(self.network, routes, longest_m=config.longest_fed_m)
-        self._dispatch = Dispatch(routes, bay_selected=config.bay_selected, bay_rest=config.bay_rest)
+        self._dispatch = Dispatch(
+            routes, self._traffic.last_way, bay_selected=config.bay_selected, bay_rest=config.bay_rest
+        )
         self._entries = list(config.lanes) or self.network.entries
         self._feeders = Feeders(
             config, entries=self._entries, belts=self.network.lines, seed=seed, is_on=is_feeding
@@ -57,7 +59,8 @@ class Plant:
                 if belt not in self.network.lines:
                     raise UnusableMapError(
                         f"feeders.{feeder.name}: map {environment.name!r} has no {config.surface} {belt!r}, "
-                        f"there are {', '.join(self.network.lines)}"
+                        f"there are {', '.join(self.network.lines)}; "
+                        f"set conveyor-sim.feeders.{feeder.name}.belt"
                     )
         prefix = f"{start_ns // 1_000_000:x}"  # unique across restarts and maps
         self._intake = Intake(self._traffic, self._dispatch.send, prefix=prefix)
@@ -126,7 +129,8 @@ class Plant:
 
     def tracked(self, now_ns: int) -> TrackedObjects:
         """Return every package where it exactly is, belt by belt, stamped `now_ns`."""
-        return TrackedObjects(stamp_ns=now_ns, objects=tuple(tracked_objects(self._traffic)))
+        objects = tracked_objects(self._traffic, lambda package: self._dispatch.until_ns(package, now_ns))
+        return TrackedObjects(stamp_ns=now_ns, objects=tuple(objects), latency_sigma_s=0.0)
 
     def state(self, now_ns: int) -> ConveyorState:
         """Return speeds and counts, stamped `now_ns`."""
@@ -144,6 +148,7 @@ class Plant:
             refused=dispatch.refused,
             step=schedule.name if schedule else "",
             feeding=self.is_feeding,
+            departures=tuple(dispatch.departures),
         )
 
     def select(self, owners: Mapping[str, str], now_ns: int) -> None:
@@ -173,15 +178,17 @@ class Plant:
         self._feeders.is_on = is_on
         self.changes += 1
 
-    def add(self, kind: str, belt: str, length_m: float) -> str:
-        """Put one package where `belt` begins (empty: the first entry), and return its id.
+    def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
+        """Put one package on `belt` (empty: the first entry), and return its id.
+
+        `position` is a share of the belt's length from its start, or None for where packages come onto it.
 
         Raises:
             UnknownLaneError: there is no such belt.
             NoRoomError: another package is in the way, or it is too long.
         """
         self.changes += 1
-        return self._intake.add(kind, belt or self._entries[0], length_m)
+        return self._intake.add(kind, belt or self._entries[0], length_m, position)
 
     def reset(self) -> None:
         """Take everything off, set the counts to 0 and start the feeders again; those that rest, rest on."""
@@ -205,6 +212,7 @@ class Plant:
             "left": dispatch.left,
             "refused": dispatch.refused,
             "counts": [[*key, *counts] for key, counts in dispatch.counts.items()],
+            "departures": [departure.model_dump() for departure in dispatch.departures],
             "speed_mps": self._speed_mps,
             "own_speeds": dict(self._own_speeds),
             "is_reverse": dict(intake.is_reverse),
@@ -219,6 +227,7 @@ class Plant:
         intake.prefix, intake.ids, intake.fed = kept["prefix"], kept["ids"], kept["fed"]
         dispatch.left, dispatch.refused = kept["left"], kept["refused"]
         dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in kept["counts"]}
+        dispatch.departures.extend(Departure(**values) for values in kept.get("departures", ()))
         self._run_at(kept["speed_mps"])
         for belt, speed_mps in kept["own_speeds"].items():
             self.set_speed(speed_mps, (belt,))

@@ -30,6 +30,10 @@ class Routes:
         lengths_m = self._length_m.get(bay)
         return lengths_m is not None and lengths_m[piece] < math.inf
 
+    def has(self, bay: str) -> bool:
+        """Return whether the network has a bay of that name."""
+        return bay in self._length_m
+
     def best(self, piece: int, wanted: str) -> str:
         """Return `wanted` if it can be reached from `piece`, else the nearest bay, else none."""
         if self.reaches(piece, wanted):

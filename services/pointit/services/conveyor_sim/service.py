@@ -161,7 +161,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     async def _on_add(self, query: AddPackage, _name: str) -> AddPackageReply:
         plant = self._up_to_date()
         try:
-            object_id = plant.add(query.kind, query.lane, query.length_m)
+            object_id = plant.add(query.kind, query.lane, query.length_m, query.position)
         except (NoRoomError, UnknownLaneError) as error:
             raise RefusedError(str(error)) from error
         self._report(plant, self._stepped_ns)

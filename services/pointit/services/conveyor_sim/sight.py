@@ -1,13 +1,19 @@
 """Packages as a perfect tracker sees them."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from pointit.schemas import FARTHEST, TrackedObject
+from pointit.services.conveyor_sim.package import Package
 from pointit.services.conveyor_sim.traffic import Traffic
 
 
-def tracked_objects(traffic: Traffic) -> list[TrackedObject]:
-    """Return every package of `traffic`, belt by belt, with exact places and speeds."""
+def tracked_objects(traffic: Traffic, until_ns: Callable[[Package], int | None]) -> list[TrackedObject]:
+    """Return every package of `traffic`, belt by belt, with exact places and speeds.
+
+    `until_ns`: the time until which the bay of a package can be changed, None without limit.
+    """
     objects: list[TrackedObject] = []
     for piece, held in zip(traffic.network.pieces, traffic.held, strict=True):
         if not held:
@@ -34,6 +40,7 @@ def tracked_objects(traffic: Traffic) -> list[TrackedObject]:
                     surface_position_m=position_m,
                     surface_speed_mps=package.speed_mps,
                     bay=package.bay,
+                    bay_until_ns=until_ns(package),
                 )
             )
     return objects

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 
 from pointit.services.conveyor_sim.crossing_guard import CrossingGuard
 from pointit.services.conveyor_sim.gaps import Gaps
+from pointit.services.conveyor_sim.last_way import LastWay
 from pointit.services.conveyor_sim.network import Network, Piece
 from pointit.services.conveyor_sim.package import NO_ZONE, Package
 from pointit.services.conveyor_sim.rings import Rings
@@ -37,6 +38,7 @@ class Traffic:
         self.speeds = dict.fromkeys(network.lines, 0.0)
         rings = Rings(network, self.zones, longest_m)
         self.guard = CrossingGuard(network, routes, self.zones, rings, held=self.held, speeds=self.speeds)
+        self.last_way = LastWay(network, routes, self.zones, self.guard, self.speeds)
         self._gaps = Gaps(network, routes, self.held, longest_m)
         self._order = list(network.front_first)
 

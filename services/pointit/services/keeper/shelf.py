@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.schemas import NS_PER_S, Message, SchemaError, decode, encode
-from pointit.schemas.topics import DEPLOYMENT, Topic
+from pointit.schemas import NS_PER_S, Deployment, Environment, Message, SchemaError, decode, encode
+from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, Topic
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import KEPT, has_owner, is_personal, is_replaced, is_shared, misleads
 from pointit.services.keeper.record import KeptState, Record
@@ -38,6 +38,8 @@ class Shelf:
         self._values: dict[tuple[str, str], _Value] = {}
         self._users: set[str] = set()
         self._instances: set[str] = set()
+        self._lamps: frozenset[str] = frozenset()
+        """The map's lamps; states of other lamps make room for new ones."""
         self.size = 0
         """Bytes of what is kept."""
         self.refused = 0
@@ -51,7 +53,10 @@ class Shelf:
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int) -> None:
         """Keep `message` in place of what was kept under `name`, or forget that where it would mislead."""
         self._drop((topic.key, name))
-        if topic is DEPLOYMENT:
+        if isinstance(message, Environment):
+            self._lamps = frozenset(lamp.id for lamp in message.lamps)
+        if isinstance(message, Deployment):
+            message = message.believed(name)
             for where, value in list(self._values.items()):
                 if is_replaced(value.message, message):
                     self._drop(where)
@@ -132,6 +137,8 @@ class Shelf:
         return self._deployment_ns if topic is DEPLOYMENT else self._site_ns
 
     def _gives_way(self, _key: str, name: str, value: _Value) -> bool:
+        if value.topic is LAMP_COLOR:
+            return name not in self._lamps
         return not is_shared(value.topic) and not self._is_owned(name, value)
 
     def _drop(self, where: tuple[str, str]) -> None:

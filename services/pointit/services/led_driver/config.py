@@ -38,6 +38,9 @@ class OutputConfig(Config):
     )
     port: str = Field(default="", description="path or name of the controller's port")
     baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
+    wanted_rate_hz: float = Field(
+        default=25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
+    )
     board: Board = Field(
         default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
     )
@@ -95,6 +98,9 @@ class CursorsConfig(Config):
 
     draw_snapped: bool = Field(
         default=False, description="draw cursors where the selector draws them to, not where they truly are"
+    )
+    passed_level: Level = Field(
+        default=0.5, description="brightness of the blinking pixel nearest to who points past everything"
     )
     distance: Literal["angle", "metres"] = Field(
         default="angle",

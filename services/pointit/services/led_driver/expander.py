@@ -1,9 +1,11 @@
 """An output to a serial LED expander: the newest frame, no faster than wire and board take it."""
 
+import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import serial
@@ -14,6 +16,9 @@ from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver import upxl
 from pointit.services.led_driver.config import OutputConfig
 from pointit.services.led_driver.power import Load, Power
+from pointit.services.led_driver.wiring import FRAME_RATE, Wiring, too_slow, wire, wire_time_s
+
+log = logging.getLogger(__name__)
 
 KEEP_ALIVE_S = 1.0
 """An unchanged frame is sent again after this: a board that was plugged in or lost a frame recovers."""
@@ -24,20 +29,16 @@ LIMIT_SHOWN_S = 2.0
 FIGURE_NAME = 50
 """So many letters of the port's name are in that of its figure."""
 
-CHANNELS = 64
-BITS_PER_BYTE = 10
-"""On the wire, with start and stop bit."""
+PIECE_BYTES = 256
+"""Written at a time: a link that takes one of these within the port's time-out is slow, not stuck."""
 
+SENT_FRAMES = 5
+"""A link counts as slow when the fastest of so many frames was."""
 
-@dataclass(frozen=True, slots=True)
-class Wiring:
-    """A strip's place on the board."""
+SLOW_SHARE = 1.5
+"""A link is slow when its frames take more than this many times what they take by the baud rate."""
 
-    strip_id: str
-    channel: int
-    order: str
-    pixels: int
-    """As many as are sent: not more than the board drives."""
+DRAIN_POLL_S = 0.002
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,10 @@ class Picture:
     """What the board shows: (channel, order, rgb) of each strip."""
 
     channels: tuple[tuple[int, str, bytes], ...] = ()
+    shown_s: float = field(default=0.0, compare=False)
+    """When it was given to be shown, monotonic."""
+    age_s: float = field(default=0.0, compare=False)
+    """How old what it shows was by then."""
 
     def dark(self) -> "Picture":
         """Return the same channels, all black."""
@@ -66,6 +71,10 @@ class Account(Warnings, Protocol):
         """Show a number of its own; none takes it away."""
         ...
 
+    def reached(self, latency_s: float) -> None:
+        """Count how old what was captured is now that it can be seen."""
+        ...
+
 
 class ExpanderOutput:
     """Sends frames to one expander from a thread of its own; unsent frames give way to newer ones."""
@@ -81,33 +90,43 @@ class ExpanderOutput:
         self._thread = SerialThread(
             PortSettings(port=config.port, baud=config.baud), self._write, self._on_port_change, self._wake
         )
-        self.sent = 0
-        """Frames written since the start."""
+        self._took_s = deque[float](maxlen=SENT_FRAMES)
+        """How long each of the last frames took to leave."""
+        self._busy_s = deque[float](maxlen=SENT_FRAMES)
+        """How long wire and board were busy with each of them."""
+        self.light_s = 0.0
+        """Time from `show` to the last byte on the wire, of the last new frame, s; 0.0 before the first."""
 
     def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Take the map's strips; says in health what of them the board cannot show."""
+        """Take the map's strips; says in health what of them board and wire cannot show."""
         self._wirings, problems = wire(self._config, strips)
+        self._took_s.clear()
+        self._busy_s.clear()
+        if slow := too_slow(self._config, self._wirings):
+            problems.append(slow)
+            log.warning("%s: %s", self._config.port, slow)
         if problems:
             self._account.warn(self._topic("wiring"), f"{self._config.port}: " + "; ".join(problems))
         else:
             self._account.clear(self._topic("wiring"))
 
-    def show(self, frame: StripsFrame) -> None:
-        """Have `frame` sent; returns at once."""
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Have `frame`, which shows what was captured `age_s` ago, sent; returns at once."""
         pixels = {strip.id: strip.rgb for strip in frame.strips}
         shown = [wiring for wiring in self._wirings if wiring.strip_id in pixels]
         data, load = self._power.send([pixels[each.strip_id][: 3 * each.pixels] for each in shown])
         self._tell(load)
         picture = Picture(
-            tuple((each.channel, each.order, rgb) for each, rgb in zip(shown, data, strict=True))
+            tuple((each.channel, each.order, rgb) for each, rgb in zip(shown, data, strict=True)),
+            time.monotonic(),
+            age_s,
         )
         with self._change:
             self._newest = picture
             self._change.notify()
 
     def _tell(self, load: Load) -> None:
-        # a figure's name is short, a port's path may not be; its end tells ports apart
-        self._account.figure(f"current {self._config.port[-FIGURE_NAME:]}", load.drawn_a, "A")
+        self._account.figure(self._figure("current"), load.drawn_a, "A")
         now_s = time.monotonic()
         if load.limited:
             self._limited_s = now_s
@@ -131,9 +150,18 @@ class ExpanderOutput:
     def _topic(self, what: str) -> str:
         return f"{what} {self._config.port}"
 
+    def _figure(self, what: str) -> str:
+        # a figure's name is short, a port's path may not be; its end tells ports apart
+        return f"{what} {self._config.port[-FIGURE_NAME:]}"
+
     def _on_port_change(self, why: str) -> None:
         if why:
             self._account.warn(self._topic("port"), f"LED controller: {why}")
+            self._took_s.clear()
+            self._busy_s.clear()
+            self.light_s = 0.0
+            self._account.figure(self._figure(FRAME_RATE), None)
+            self._account.clear(self._topic("link"))
         else:
             self._account.clear(self._topic("port"))
 
@@ -150,9 +178,10 @@ class ExpanderOutput:
             if shown is None:
                 # The board may be in the middle of a frame of ours that broke off: it swallows this one.
                 self._send(port, picture)
+            is_new = picture != shown
             shown = picture
             sent_s = time.monotonic()
-            self._send(port, picture)
+            self._send(port, picture, is_new=is_new)
         if shown is not None:
             self._send(port, shown.dark())
 
@@ -167,38 +196,52 @@ class ExpanderOutput:
                 self._change.wait(left_s if newest is not None else KEEP_ALIVE_S)
         return None
 
-    def _send(self, port: serial.Serial, picture: Picture) -> None:
+    def _send(self, port: serial.Serial, picture: Picture, *, is_new: bool = False) -> None:
         """Write, and wait until wire and board are done: a buffer full of old frames would be latency."""
         began_s = time.monotonic()
         data = picture.data()
-        port.write(data)
-        self.sent += 1
-        wire_s = len(data) * BITS_PER_BYTE / self._config.baud
-        time.sleep(max(0.0, max(wire_s, picture.draw_time_s()) + began_s - time.monotonic()))
+        for start in range(0, len(data), PIECE_BYTES):
+            port.write(data[start : start + PIECE_BYTES])
+        wire_s = wire_time_s(len(data), self._config.baud)
+        time.sleep(max(0.0, began_s + wire_s - time.monotonic()))
+        _drain(port)
+        now_s = time.monotonic()
+        self._thread.post(self._on_sent, picture, wire_s, now_s - began_s, now_s if is_new else None)
+        time.sleep(max(0.0, began_s + picture.draw_time_s() - time.monotonic()))
 
-
-def wire(config: OutputConfig, strips: Sequence[Strip]) -> tuple[tuple[Wiring, ...], list[str]]:
-    """Return which strips go to which channels, and sentences about what does not fit the board."""
-    problems: list[str] = []
-    wirings: list[Wiring] = []
-    if config.channels:
-        places = {name: (channel.channel, channel.order) for name, channel in config.channels.items()}
-        missing = [name for name in places if name not in {strip.id for strip in strips}]
-        if missing:
-            problems.append(f"the map has no strip {', '.join(missing)}: correct `channels`")
-    else:
-        places = {strip.id: (number, "GRB") for number, strip in enumerate(strips[:CHANNELS])}
-        if len(strips) > CHANNELS:
-            problems.append(f"the map has {len(strips)} strips, one expander bus drives {CHANNELS}")
-    for strip in strips:
-        if strip.id not in places:
-            continue
-        channel, order = places[strip.id]
-        limit = upxl.PIXEL_LIMITS[config.board]["W" in order]
-        if strip.pixels > limit:
-            problems.append(
-                f"strip {strip.id} has {strip.pixels} pixels, a channel of board {config.board} drives "
-                f"{limit}: only the first {limit} light; split the strip, or set `board` to what you have"
+    def _on_sent(self, picture: Picture, wire_s: float, took_s: float, new_s: float | None) -> None:
+        """Count a frame whose last byte has left, at `new_s` if its picture is new."""
+        if new_s is not None:
+            self.light_s = new_s - picture.shown_s
+            self._account.reached(picture.age_s + self.light_s)
+        self._took_s.append(took_s)
+        self._busy_s.append(max(took_s, picture.draw_time_s()))
+        # not how often frames were sent: of a scene that stands still few are
+        self._account.figure(self._figure(FRAME_RATE), len(self._busy_s) / sum(self._busy_s), "Hz")
+        took_s = min(self._took_s)
+        slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._config.wanted_rate_hz)
+        if took_s <= slow_s:
+            self._account.clear(self._topic("link"))
+        elif len(self._took_s) == SENT_FRAMES:
+            self._account.warn(
+                self._topic("link"),
+                f"{self._config.port}: takes {took_s * 1e3:.0f} ms a frame, {1.0 / took_s:.1f} frames a "
+                f"second; at {self._config.baud} baud {wire_s * 1e3:.0f} ms would do: something slows the "
+                "link (adapter, hub, flow control); use a faster one, or fewer pixels",
             )
-        wirings.append(Wiring(strip.id, channel, order, min(strip.pixels, limit)))
-    return tuple(wirings), problems
+
+
+def _drain(port: serial.Serial) -> None:
+    """Wait until what was written has left, as long as there is progress.
+
+    Raises:
+        serial.SerialTimeoutException: nothing leaves any more.
+    """
+    waiting, since_s = port.out_waiting, time.monotonic()
+    while waiting:
+        time.sleep(DRAIN_POLL_S)
+        left = port.out_waiting
+        if left < waiting:
+            waiting, since_s = left, time.monotonic()
+        elif time.monotonic() - since_s > (port.write_timeout or 0.0):
+            raise serial.SerialTimeoutException("nothing leaves the port")

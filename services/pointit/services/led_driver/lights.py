@@ -1,5 +1,7 @@
 """All that shines: what was heard in, frames of the strips and colours of the lamps out."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pointit.schemas import (
@@ -18,7 +20,7 @@ from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.lamps import Lamps
 from pointit.services.led_driver.layout import Layout
-from pointit.services.led_driver.render import Renderer
+from pointit.services.led_driver.render import Bytes, Renderer
 from pointit.services.led_driver.scene import Scene
 
 
@@ -33,15 +35,27 @@ class Lights:
         self._layout: Layout | None = None
         self._renderer: Renderer | None = None
         self._seq = 0
-        self._strips: dict[str, StripFrame] = {}
-        """As last drawn: most strips are as they were, and a message of them need not be made anew."""
-        self._dimmed = np.arange(256, dtype=np.uint8)
-        self.set_brightness(config.brightness)
+        self.brightness = config.brightness
+        """Brightness of all strips but those in `_own_dimming`, 0 to 1."""
+        self._dimming = _table(config.brightness)
+        self._own_dimming: dict[str, Bytes] = {}
 
-    def set_brightness(self, brightness: float) -> None:
-        """Dim all strips to `brightness`, 0 to 1."""
-        self.brightness = brightness
-        self._dimmed = np.rint(np.arange(256) * brightness).astype(np.uint8)
+    def set_brightness(self, brightness: float, strips: Sequence[str] = ()) -> None:
+        """Dim `strips`, or (empty) all of them, to `brightness`, 0 to 1.
+
+        Raises:
+            ValueError: There is no such strip; its text lists those there are.
+        """
+        known = () if self._layout is None else tuple(self._layout.slices)
+        missing = [name for name in strips if name not in known]
+        if missing:
+            raise ValueError(f"there is no strip {missing[0]!r}; there are {', '.join(known) or 'none'}")
+        if strips:
+            self._own_dimming.update(dict.fromkeys(strips, _table(brightness)))
+        else:
+            self.brightness = brightness
+            self._dimming = _table(brightness)
+            self._own_dimming.clear()
 
     def on_map(self, environment: Environment) -> None:
         """Lay the strips out anew.
@@ -53,7 +67,9 @@ class Lights:
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
         self._layout = layout
-        self._strips.clear()
+        self._own_dimming = {
+            name: table for name, table in self._own_dimming.items() if name in layout.slices
+        }
         self._scene.set_layout(layout)
         self._lamps.set_lamps({lamp.id for lamp in environment.lamps})
 
@@ -90,23 +106,34 @@ class Lights:
         """Take a cue, whoever it is for: the state lamp flashes in its colour."""
         self._lamps.on_feedback(feedback)
 
-    def frame(self, now_ns: int) -> StripsFrame | None:
-        """Return the strips as they are to be seen at `now_ns`; none before there is a map."""
+    def frame(self, now_ns: int, light_s: float = 0.0) -> StripsFrame | None:
+        """Return the strips as they are to be seen at `now_ns`, `light_s` later, or None without a map."""
         if self._renderer is None or self._layout is None:
             return None
         self._scene.forget(now_ns)
-        pixels = self._renderer.render(self._scene.segments(now_ns), self._scene.cursors())
-        data = (pixels if self.brightness == 1.0 else self._dimmed[pixels]).tobytes()
+        pixels = self._renderer.render(self._scene.segments(now_ns), self._scene.cursors(now_ns))
+        data = self._dimmed(pixels.ravel(), self._layout).tobytes()
         new_ns = self._scene.take_new_ns()
         self._seq += 1
         return StripsFrame(
             stamp_ns=now_ns if new_ns is None else new_ns,
             seq=self._seq,
             strips=tuple(StripFrame(id=name, rgb=data[where]) for name, where in self._layout.slices.items()),
+            light_s=light_s,
         )
 
+    def _dimmed(self, shades: Bytes, layout: Layout) -> Bytes:
+        """Return `shades`, 0 to 255, scaled by the brightness of their strips."""
+        if self.brightness == 1.0 and not self._own_dimming:
+            return shades
+        dimmed = self._dimming.take(shades)
+        for name, table in self._own_dimming.items():
+            where = layout.slices[name]
+            dimmed[where] = table.take(shades[where])
+        return dimmed
+
     def next_change_ns(self) -> int | None:
-        """Return when the strips change although nothing more is heard: something grows too old."""
+        """Return when the strips change although nothing more is heard: something is too old, or blinks."""
         return self._scene.next_change_ns()
 
     @property
@@ -121,3 +148,8 @@ class Lights:
     def next_lamp_change_ns(self, now_ns: int) -> int | None:
         """Return when lamps change although nothing more is heard."""
         return self._lamps.next_change_ns(now_ns)
+
+
+def _table(brightness: float) -> Bytes:
+    """Return every shade from 0 to 255 at `brightness`, 0 to 1."""
+    return np.asarray(np.rint(np.arange(256) * brightness), dtype=np.uint8)

@@ -13,6 +13,7 @@ from pointit.schemas import (
     NS_PER_S,
     Cursor,
     Hover,
+    Passed,
     Selection,
     TrackedObject,
     TrackedObjects,
@@ -26,6 +27,11 @@ from pointit.services.led_driver.looks import NOBODY, Looks, Wardrobe
 from pointit.services.led_driver.render import CursorMark, Segments, tails
 
 T = TypeVar("T")
+
+BLINK_NS = NS_PER_S // 2
+"""The pixel nearest to who points past is lit for so long, then dark for as long: at 1 Hz."""
+
+NOWHERE = Cursor(stamp_ns=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +66,8 @@ class Scene:
         self._profiles: dict[str, UserProfile] = {}
         self._selection: Selection | None = None
         self._new_ns: int | None = None
+        self._blink_ns: int | None = None
+        """When a pixel nearest to who points past changes next."""
         self._placed: _Placed | None = None
         self._looks: Looks | None = None
 
@@ -69,13 +77,18 @@ class Scene:
         self._placed = self._looks = None
 
     def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
-        """Take where `user` points; return whether that shows: their cursor is, or was, on a line."""
-        before = self._cursors.get(user)
+        """Take where `user` points; return whether that shows.
+
+        It does if their cursor is, or was, on a line, or if another pixel is nearest to who points past.
+        """
+        _, before = self._cursors.get(user, (0, NOWHERE))
         self._cursors[user] = (now_ns, cursor)
         if cursor.surface in LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
             return True
-        return before is not None and before[1].surface in LINES
+        if before.surface in LINES:
+            return True
+        return cursor.passed != before.passed and self._pixels(cursor) != self._pixels(before)
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Take what `user`'s cursor is on."""
@@ -113,9 +126,11 @@ class Scene:
             self._placed = self._looks = None
 
     def next_change_ns(self) -> int | None:
-        """Return when something will be too old if nothing more is heard of it."""
+        """Return when something will be too old if nothing more is heard of it, or blinks."""
         ends = [at + self._cursor_timeout_ns for at, _ in (*self._cursors.values(), *self._hovers.values())]
         ends += [at + self._objects_timeout_ns for at, _ in self._objects.values()]
+        if self._blink_ns is not None:
+            ends.append(self._blink_ns)
         return min(ends, default=None)
 
     def take_new_ns(self) -> int | None:
@@ -123,11 +138,16 @@ class Scene:
         new_ns, self._new_ns = self._new_ns, None
         return new_ns
 
-    def cursors(self) -> list[CursorMark]:
-        """Return the cursors on strips and belts, by user name."""
+    def cursors(self, now_ns: int) -> list[CursorMark]:
+        """Return the cursors on strips and belts, by user name, and pixels nearest to who points past."""
         marks: list[CursorMark] = []
+        blinks = now_ns // BLINK_NS
+        self._blink_ns = None
         for user in sorted(self._cursors):
             cursor = self._cursors[user][1]
+            if cursor.passed is not None and (marked := self._pixel(user, cursor.passed)):
+                self._blink_ns = (blinks + 1) * BLINK_NS
+                marks += marked if blinks % 2 == 0 else []
             if cursor.surface not in LINES:
                 continue
             line = self._layout.line(cursor.surface, cursor.surface_id)
@@ -142,6 +162,27 @@ class Scene:
                     )
                 )
         return marks
+
+    def _pixel(self, user: str, passed: Passed) -> list[CursorMark]:
+        """Return the mark of a person who points past everything: a pixel, dim, where they come nearest."""
+        line = self._layout.line(passed.surface, passed.surface_id)
+        if line is None:
+            return []
+        profile = self._profiles.get(user, NOBODY)
+        tints = profile.cursor_colormap
+        color = colormap(tints).rgb(0.0) if tints else profile.cursor_color
+        red, green, blue = (round(value * self._cursor_looks.passed_level) for value in color)
+        return [CursorMark(line=line, at_m=passed.position_m, width_m=0.0, color=(red, green, blue))]
+
+    def _pixels(self, cursor: Cursor) -> list[int]:
+        """Return the numbers of the pixels that `_pixel` lights, one of each strip beside a belt."""
+        passed = cursor.passed
+        line = None if passed is None else self._layout.line(passed.surface, passed.surface_id)
+        if passed is None or line is None:
+            return []
+        at_m = np.array([passed.position_m])
+        _, entries = self._layout.lit(np.array([line], dtype=np.intp), at_m, at_m)
+        return [int(pixel) for pixel in self._layout.pixels[entries]]
 
     def _drawn_at_m(self, user: str, cursor: Cursor) -> float:
         if self._cursor_looks.draw_snapped and user in self._hovers:

@@ -5,7 +5,7 @@ from collections import Counter
 from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
-from pointit.runtime import ConfigError, Context, Service
+from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.bus import Publisher
 from pointit.runtime.service import Scope
 from pointit.schemas import (
@@ -23,6 +23,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.pointing import LINES
 from pointit.schemas.topics import (
     CURSOR,
     FEEDBACK,
@@ -72,7 +73,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamp_seqs = Counter[str]()
         self._ended = False
         self._outputs = self._make_outputs()
-        self._frames = self.bus.publisher(STRIPS_FRAME)
+        self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
         self.bus.figure("brightness", self._lights.brightness)
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
         self.bus.subscribe(MAP, self._on_map)
@@ -147,9 +148,9 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish()
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        # one that shows nothing must not take the place in time of one that does
+        # only one on a line is drawn at once: no other must take its place in time
         if self._lights.on_cursor(user, cursor, self.clock.now_ns()):
-            self._wish(fresh=True)
+            self._wish(fresh=cursor.surface in LINES)
         self._wish_lamps()
 
     def _on_localization(self, localization: Localization, user: str) -> None:
@@ -161,10 +162,14 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish_lamps()
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
-        self._lights.set_brightness(query.brightness)
-        self.bus.figure("brightness", query.brightness)
+        try:
+            self._lights.set_brightness(query.brightness, query.strips)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
+        self.bus.figure("brightness", self._lights.brightness)
         self._wish()
-        return Done(message=f"the strips' brightness is {query.brightness:.0%} now")
+        whose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
+        return Done(message=f"the {whose} is {query.brightness:.0%} now")
 
     def _wish(self, *, fresh: bool = False) -> None:
         """Have a frame drawn, at once if a `fresh` cursor came and the rate allows."""
@@ -182,12 +187,13 @@ class LedDriver(Service[LedDriverConfig]):
             self._frame_timer = None
         self._pacer.drawn(asyncio.get_running_loop().time())
         now_ns = self.clock.now_ns()
-        frame = self._lights.frame(now_ns)
+        frame = self._lights.frame(now_ns, max((output.light_s for output in self._outputs), default=0.0))
         if frame is None:
             return
         self._frames.put(frame)
+        age_s = (now_ns - frame.stamp_ns) / NS_PER_S / self.clock.speed
         for output in self._outputs:
-            output.show(frame)
+            output.show(frame, age_s)
         self._watch_expiry(now_ns)
 
     def _wish_lamps(self) -> None:
@@ -234,11 +240,15 @@ class LedDriver(Service[LedDriverConfig]):
             )
 
     def _watch_expiry(self, now_ns: int) -> None:
-        """Have a frame drawn when something grows old; one timer at a time, which looks again."""
+        """Have a frame drawn when something grows old or blinks; one timer at a time, which looks again."""
         end_ns = self._lights.next_change_ns()
-        if end_ns is None or self._expiry_timer is not None:
+        if end_ns is None:
             return
         wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
+        if self._expiry_timer is not None:
+            if self._expiry_timer.when() <= asyncio.get_running_loop().time() + wait_s:
+                return
+            self._expiry_timer.cancel()
         self._expiry_timer = self.bus.call_later(wait_s, self._expire)
 
     def _expire(self) -> None:

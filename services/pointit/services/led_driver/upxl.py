@@ -16,6 +16,9 @@ ALL_CHANNELS = 0xFF
 PIXEL_LIMITS = {"v1": (240, 180), "v2": (800, 602), "v3": (1600, 1202)}
 """Pixels that a channel of each board drives, with three and with four colours; longer frames are ignored."""
 
+SET_CHANNEL_BYTES, DRAW_ALL_BYTES = 14, 10
+"""Sizes of the two frames without pixels."""
+
 PIXEL_TIME_S = 30e-6
 LATCH_TIME_S = 300e-6
 """What drawing takes: a draw command that comes earlier is dropped by the board."""

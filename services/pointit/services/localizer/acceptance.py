@@ -48,6 +48,15 @@ def accepted(
     return solution
 
 
+def untimely(solution: Solution, trust: Trust) -> str:
+    """Return what to do about a pose that is uncertain only because of the tracker's latency."""
+    return (
+        f"{_stated(solution, trust)}: the latency of what tracks the target is uncertain "
+        f"by {trust.latency_sigma_s:.2f} s; "
+        "have the tracker state its `latency_sigma_s`, or the target move slower"
+    )
+
+
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     """Return what is wrong with rays that miss the targets."""
     if _is_one_view(rays):
@@ -60,11 +69,7 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
 
 def _unsure(solution: Solution, rays: Rays, trust: Trust) -> str:
     """Return why the pose is not certain enough, and what would make it so."""
-    stated = (
-        f"the pose is uncertain by {min(solution.position_sigma_m, 99.0):.2f} m and "
-        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
-        f"{trust.max_position_sigma_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted"
-    )
+    stated = _stated(solution, trust)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
     if float(np.max(np.abs(rays.heights))) < LEVEL_M:
@@ -72,6 +77,14 @@ def _unsure(solution: Solution, rays: Rays, trust: Trust) -> str:
     if solution.rival > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
+
+
+def _stated(solution: Solution, trust: Trust) -> str:
+    return (
+        f"the pose is uncertain by {min(solution.position_sigma_m, 99.0):.2f} m and "
+        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
+        f"{trust.max_position_sigma_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted"
+    )
 
 
 def _is_one_view(rays: Rays) -> bool:

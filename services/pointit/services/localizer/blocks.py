@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.services.localizer.sphere import Array
 
@@ -21,6 +22,9 @@ JUMP_M = 0.3
 
 STILL_M = 0.05
 """A target that keeps within this stands still."""
+
+SHORTEST_S = 1e-3
+"""Least time between two blocks of which a velocity is told."""
 
 LEAP_RAD = math.radians(20.0)
 """A ray that turns more within one sample belongs to another block."""
@@ -49,6 +53,12 @@ class Pointings:
         steps = np.diff(self.stamps_s)
         return float(np.sum(steps[(steps > 0.0) & (steps <= GAP_S)]))
 
+    def only(self, kept: NDArray[np.bool_]) -> "Pointings":
+        """Return those that are `kept` (n)."""
+        return Pointings(
+            self.stamps_s[kept], self.origins_m[kept], self.directions[kept], self.targets_m[kept]
+        )
+
 
 @dataclass(frozen=True)
 class Blocks:
@@ -62,6 +72,8 @@ class Blocks:
     """m: number of the hold, a stretch without a pause at one target, to which each belongs."""
     held_s: Array
     """Of each hold, how long it lasted."""
+    velocities_mps: Array
+    """m x 3: of the targets, {W}."""
     is_still: bool
     """Whether no target moved while it was pointed at."""
 
@@ -91,10 +103,29 @@ def blocks(pointings: Pointings) -> Blocks:
     directions = mean(pointings.directions)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     drift = np.abs(targets - targets[first][hold]).max()
+    means_m = mean(targets)
     return Blocks(
-        Pointings(t[where], mean(pointings.origins_m), directions, mean(targets)),
+        Pointings(t[where], mean(pointings.origins_m), directions, means_m),
         count,
         hold[where].astype(np.float64),
         held_s,
+        _velocities(mean(t[:, None]), means_m, hold[where]),
         is_still=bool(drift <= STILL_M),
     )
+
+
+def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Array:
+    """Return central differences of `places_m` (m x 3), one-sided at the ends of a hold.
+
+    Args:
+        times_s: of the blocks, m x 1.
+        places_m: of their targets, m x 3.
+        hold: to which each belongs, m.
+    """
+    index = np.arange(len(hold))
+    after = np.minimum(index + 1, index[-1])
+    after = np.where(hold[after] == hold, after, index)
+    before = np.maximum(index - 1, 0)
+    before = np.where(hold[before] == hold, before, index)
+    steps_s = np.maximum(times_s[after] - times_s[before], SHORTEST_S)
+    return np.asarray((places_m[after] - places_m[before]) / steps_s, dtype=np.float64)

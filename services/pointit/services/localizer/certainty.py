@@ -1,8 +1,9 @@
 """How sure a pose is: what the rays tell, less what they cannot know (pointing.md §4).
 
-Three things are added to the inverse of the information: samples of a hold err together, so they count as
-few; residuals larger than was believed widen it; and what is wrong with everybody's eyes, fingers and
-measures is wrong all the time, so no number of rays takes it away.
+Four things are added to the inverse of the information: samples of a hold err together, so they count as
+few; residuals larger than was believed widen it; what is wrong with everybody's eyes, fingers and
+measures is wrong all the time, so no number of rays takes it away; and a tracker whose latency is not known
+shifts a moving target along its way. No residual shows that shift: on a circle it is a turn of the pose.
 """
 
 from dataclasses import dataclass
@@ -37,13 +38,15 @@ class Doubt:
     """What is believed about the errors of pointing."""
 
     sigma_rad: Array
-    """2: of one pointing, sideways and upwards."""
+    """Standard deviations of one pointing, sideways and upwards, rad. Shape (2)."""
     independent_hz: float
     """Independent pointings per second of a hold."""
     body_sigma_m: float
-    """Of where the eyes are over the feet."""
+    """Standard deviation of the horizontal position of the eyes over the feet, m."""
     model_sigma_rad: float
-    """Of what is wrong with the ray in a direction fixed in {H}: eyes or finger beside the model."""
+    """Standard deviation of an error of the ray that is constant in {H}, as of eyes or finger, rad."""
+    latency_sigma_s: float
+    """Standard deviation of the delay between rays and target reports that have equal stamps, s."""
 
 
 def independent(blocks: Blocks, rate_hz: float) -> Array:
@@ -53,8 +56,10 @@ def independent(blocks: Blocks, rate_hz: float) -> Array:
     return np.asarray(worth[hold] / np.bincount(hold)[hold], dtype=np.float64)
 
 
-def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: Doubt) -> Array:
-    """Return the covariance (5 x 5) of `pose`, `VAGUE` where nothing is known.
+def covariance(
+    rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: Doubt, *, velocities_mps: Array
+) -> tuple[Array, Array]:
+    """Return the covariance (5 x 5) of `pose`, `VAGUE` where nothing is known, and the latency's part of it.
 
     The yaw is that of pointing: an error of the model that turns all rays alike is in the yaw when the
     person points later, too, and does not count.
@@ -65,6 +70,7 @@ def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: D
         worth: of each block, see `independent`.
         weights: for the priors.
         doubt: about the errors of pointing.
+        velocities_mps: of the targets, m x 3.
     """
     angles, jacobian = (values[0] for values in residuals(rays, pose[None]))
     flat = jacobian.reshape(PARAMETERS, -1)
@@ -87,9 +93,14 @@ def covariance(rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: D
     moved = answer @ weighted @ np.concatenate([turned, lifted], axis=1).T
     moved[2] += (turned / np.maximum(cos_el, STEEP)).mean(axis=1)
     out = out + doubt.model_sigma_rad**2 * moved @ moved.T
+    # a target that moves changes the residuals as a move of the person and the floor the other way does
+    passed = np.einsum("pan,np->an", jacobian[[0, 1, 4]], velocities_mps)
+    shift = answer @ weighted @ passed.ravel()  # of the pose, per second of latency
+    late = doubt.latency_sigma_s**2 * np.outer(shift, shift)
+    out += late
     out += VAGUE * untold @ untold.T
     out[[0, 1], [0, 1]] += doubt.body_sigma_m**2
-    return np.asarray(0.5 * (out + out.T), dtype=np.float64)
+    return np.asarray(0.5 * (out + out.T), dtype=np.float64), np.asarray(late, dtype=np.float64)
 
 
 def _inverse(information: Array) -> tuple[Array, Array]:

@@ -56,7 +56,7 @@ class LocalizerConfig(Config):
         default=1.5,
         ge=0,
         le=30,
-        description="static_targets: rays this soon after a lamp lights are skipped, s",
+        description="rays this soon after a lamp lights, or a robot to follow was named, are skipped, s",
     )
     hold_s: float = Field(
         default=2.0, gt=0, le=60, description="static_targets: rays are gathered for this long per lamp, s"
@@ -83,7 +83,10 @@ class LocalizerConfig(Config):
         default="", description="moving_target: object to follow; empty: the robot that the rays fit best"
     )
     window_s: float = Field(
-        default=10.0, gt=1, le=120, description="moving_target: older rays are forgotten, s"
+        default=10.0,
+        gt=1,
+        le=120,
+        description="moving_target: the robot is followed for this long, and older rays are forgotten, s",
     )
     give_up_s: float = Field(
         default=30.0, gt=1, le=3600, description="moving_target: refused when nothing fits until then, s"
@@ -151,7 +154,9 @@ class LocalizerConfig(Config):
         """Return what is followed, and for how long."""
         return Following(
             target_id=self.robot_id,
+            reaction_s=self.reaction_s,
             window_s=self.window_s,
             give_up_s=self.give_up_s,
             continuous=self.autostart,
+            yaw_rate_sigma_radps=math.radians(self.drift.rate_sigma_degps),
         )

@@ -57,6 +57,13 @@ class TrustConfig(Config):
         le=100,
         description="independent pointings per second, Hz: a hold errs as one",
     )
+    latency_sigma_s: float = Field(
+        default=_TRUST.latency_sigma_s,
+        ge=0,
+        le=10,
+        description="moving_target: 1 sigma of the latency of a tracker that does not state it "
+        "(`TrackedObjects.latency_sigma_s`), s",
+    )
     min_samples: int = Field(default=_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
     model_sigma_deg: float = Field(
         default=_degrees(_TRUST.model_sigma_rad),
@@ -106,6 +113,7 @@ class TrustConfig(Config):
             body_sigma_m=self.body_sigma_m,
             height_sigma_m=FREE_HEIGHT_M if free_height else self.height_sigma_m,
             independent_hz=self.independent_hz,
+            latency_sigma_s=self.latency_sigma_s,
             min_samples=self.min_samples,
             model_sigma_rad=math.radians(self.model_sigma_deg),
             max_residual_rad=math.radians(self.max_residual_deg),

@@ -29,6 +29,9 @@ from pointit.services.localizer.sighting import Sight, measured, unusable
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
+RATE_FORGOTTEN = "the yaw does not change at the rate that was believed, which is forgotten"
+"""Note of an anchor that contradicts the rate alone."""
+
 LEAST_SIGMA = 1e-6
 """Nothing is measured better (rad, rad/s)."""
 
@@ -42,8 +45,14 @@ class DriftFilter:
         self._state = DriftState(fix, self._settings)
         self._anchored_ns = 0
         self._fixed_ns = 0
+        self._agreed = 0
+        """How many yaws in a row fit one rate."""
+        self._agreed_ns = 0
+        """Time of the newest of them."""
+        self._other: tuple[DriftState, int, int] | None = None
+        """State, `_agreed` and `_agreed_ns` as they are if the anchor against the rate is an outlier."""
         self._rejected: list[Rejected] = []
-        self._took(fix)
+        self._took(fix, fits=False)
 
     @property
     def settings(self) -> DriftSettings:
@@ -62,8 +71,10 @@ class DriftFilter:
         if now_ns is None or not self._is_set_back(now_ns):
             return
         self._state.stamp_ns = now_ns
+        self._other = None
         self._anchored_ns = min(self._anchored_ns, now_ns)
         self._fixed_ns = min(self._fixed_ns, now_ns)
+        self._agreed_ns = min(self._agreed_ns, now_ns)
         self._rejected.clear()
 
     def reset(self, fix: Fix, *, now_ns: int | None = None) -> None:
@@ -72,8 +83,9 @@ class DriftFilter:
         The person may have walked anywhere, so the old position is forgotten. The yaw of {H} is the IMU's
         yaw origin and does not change by walking: where the new yaw fits the predicted one within the gate,
         both are fused, which tells the rate as well. Where it does not, the new one is taken as it is and the
-        rate counts as unknown again. Where the rays of both fixes overlap in time, the new one replaces the
-        old one and the rate is kept: the same rays never count twice.
+        rate counts as unknown again, and is forgotten unless it was confirmed. Where the rays of both fixes
+        overlap in time, the new one replaces the old one and the rate is kept: the same rays never count
+        twice.
 
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
@@ -81,8 +93,9 @@ class DriftFilter:
         """
         self.heed(now_ns)
         since_ns = fix.since_ns if fix.since_ns is not None else fix.stamp_ns
-        self._state.move_to(fix, keeps_yaw=since_ns >= self._fixed_ns)
-        self._took(fix)
+        is_new = since_ns > self._fixed_ns
+        fits = self._state.move_to(fix, keeps_yaw=is_new, keeps_rate=self._is_confirmed)
+        self._took(fix, fits=fits and is_new)
 
     def lose_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
         """Take that the IMU's yaw origin is another one from `stamp_ns` on: only the yaw is unknown.
@@ -94,8 +107,10 @@ class DriftFilter:
         self.heed(stamp_ns)
         self._state.advance(stamp_ns)
         self._state.forget_yaw()
+        self._other = None
         if is_restarted:
             self._state.forget_rate()
+            self._agreed = 0
         self._rejected.clear()
 
     def predict(self, now_ns: int) -> DriftPose:
@@ -122,9 +137,11 @@ class DriftFilter:
     ) -> AnchorResult:
         """Take one pointing at a known place without a cursor.
 
-        Rejected when it is beyond the gate. When `believe_after` in a row are rejected and agree, the IMU was
-        turned or the person moved: then they are believed. When `despair_after` in a row contradict each
-        other, the pose becomes uncertain and the reason asks for a new localization.
+        Rejected when it is beyond the gate, unless only an unconfirmed rate puts it there: that rate may come
+        from a jump, so it is forgotten and the anchor is taken, until the next one tells which of the two was
+        wrong. When `believe_after` in a row are rejected and agree, the IMU was turned or the person moved:
+        then they are believed. When `despair_after` in a row contradict each other, the pose becomes
+        uncertain and the reason asks for a new localization.
 
         Args:
             stamp_ns: the middle of the hold; the filter goes on to it where it is newer.
@@ -151,6 +168,7 @@ class DriftFilter:
         if wrong:
             return AnchorResult(accepted=False, reason=wrong)
         self._state.advance(stamp_ns)
+        self._decide(sight)
         innovation, slope, noise = self._sighted(sight)
         azimuth, elevation = -float(innovation[0]), -float(innovation[1])
         allowed = self._settings.gate * np.sqrt(np.diag(slope @ self._state.covariance @ slope.T) + noise)
@@ -158,7 +176,15 @@ class DriftFilter:
             self._rejected.clear()
             self._state.update(innovation, slope, np.diag(noise))
             self._anchored_ns = max(self._anchored_ns, stamp_ns)
+            self._agree(stamp_ns)
             return AnchorResult(accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation)
+        if not self._is_confirmed and self._fits_without_rate(sight):
+            self._rejected.clear()
+            self._anchored_ns = max(self._anchored_ns, stamp_ns)
+            self._agree(stamp_ns, is_first=True)
+            return AnchorResult(
+                accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation, note=RATE_FORGOTTEN
+            )
         return self._doubted(Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed)
 
     def heading(
@@ -194,15 +220,18 @@ class DriftFilter:
         late_s = self._state.late_s(stamp_ns)
         slope = np.array([[0.0, 0.0, 1.0, -late_s]])
         yaw = azimuth_w_rad - vector.azimuth(direction_h)
+        self._other = None
         away = math.remainder(yaw - float(self._state.mean[YAW] - late_s * self._state.mean[RATE]), math.tau)
         noise = max(sigma_rad, LEAST_SIGMA) ** 2
         note = ""
         if away**2 > settings.gate**2 * (float((slope @ self._state.covariance @ slope.T)[0, 0]) + noise):
             note = f"the yaw was off by {math.degrees(away):+.0f}° and was set anew"
             self._state.doubt(away**2, 0.0)
+            self._contradict_rate()
         self._state.update(np.array([away]), slope, np.array([[noise]]))
         self._rejected.clear()
         self._anchored_ns = max(self._anchored_ns, stamp_ns)
+        self._agree(stamp_ns)
         return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
 
     def still(
@@ -253,9 +282,50 @@ class DriftFilter:
     def _is_set_back(self, now_ns: int) -> bool:
         return now_ns < self._state.stamp_ns - self._settings.max_late_s * NS_PER_S
 
-    def _took(self, fix: Fix) -> None:
+    @property
+    def _is_confirmed(self) -> bool:
+        return self._agreed >= self._settings.confirmed_after
+
+    def _agree(self, stamp_ns: int, *, is_first: bool = False) -> None:
+        """Count a yaw at `stamp_ns` that fits the ones before, or that contradicts them and `is_first`."""
+        if is_first or not self._agreed:
+            self._agreed, self._agreed_ns = 1, stamp_ns
+        elif stamp_ns - self._agreed_ns >= self._settings.confirming_s * NS_PER_S:
+            self._agreed, self._agreed_ns = self._agreed + 1, stamp_ns
+
+    def _contradict_rate(self) -> None:
+        """Forget the rate unless it was confirmed: an IMU that is turned drifts as before."""
+        if not self._is_confirmed:
+            self._state.forget_rate()
+            self._agreed = 0
+
+    def _fits_without_rate(self, sight: Sight) -> bool:
+        """Update the state with `sight` and without the rate, where it fits so; return whether it does."""
+        state = self._state.without_rate(self._agreed_ns)
+        innovation, slope, noise = measured(state.mean, sight, state.late_s(sight.stamp_ns), self._settings)
+        variances = np.diag(slope @ state.covariance @ slope.T) + noise
+        if np.any(innovation**2 > self._settings.gate**2 * variances):
+            return False
+        state.update(innovation, slope, np.diag(noise))
+        self._other = (self._state, self._agreed, self._agreed_ns)
+        self._state = state
+        return True
+
+    def _decide(self, sight: Sight) -> None:
+        """Return to the state without the anchor against the rate, where `sight` is likelier there."""
+        if self._other is None:
+            return
+        state, agreed, agreed_ns = self._other
+        self._other = None
+        state.advance(self._state.stamp_ns)
+        if _unlikeliness(state, sight, self._settings) < _unlikeliness(self._state, sight, self._settings):
+            self._state, self._agreed, self._agreed_ns = state, agreed, agreed_ns
+
+    def _took(self, fix: Fix, *, fits: bool) -> None:
         self._floor_m = fix.floor_m
-        self._fixed_ns = fix.stamp_ns
+        self._fixed_ns = fix.until_ns if fix.until_ns is not None else fix.stamp_ns
+        self._agree(fix.stamp_ns, is_first=not fits)
+        self._other = None
         self._rejected.clear()
         if fix.is_anchored:
             self._anchored_ns = fix.stamp_ns
@@ -293,6 +363,7 @@ class DriftFilter:
             self._rejected.clear()
             if verdict == AGREED:
                 self._state.doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+                self._contradict_rate()
             else:
                 self._state.doubt_rate(settings.max_rate_radps)
             for one in believed:
@@ -304,3 +375,10 @@ class DriftFilter:
             self._rejected.clear()
             self._state.doubt(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
         return result
+
+
+def _unlikeliness(state: DriftState, sight: Sight, settings: DriftSettings) -> float:
+    """Return minus twice the logarithm of the likelihood of `sight`, but for a constant."""
+    innovation, slope, noise = measured(state.mean, sight, state.late_s(sight.stamp_ns), settings)
+    variances = np.diag(slope @ state.covariance @ slope.T) + noise
+    return float(np.sum(innovation**2 / variances + np.log(variances)))

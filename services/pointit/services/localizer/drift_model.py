@@ -34,6 +34,10 @@ class DriftSettings:
     """Measurements farther off are rejected, sigmas."""
     believe_after: int = 2
     """So many rejected anchors in a row that say the same are believed."""
+    confirmed_after: int = 3
+    """A yaw rate is confirmed by so many yaws in a row: two tell it, even if the IMU jumped."""
+    confirming_s: float = 15.0
+    """Yaws closer together in time tell too little of the rate to confirm it."""
     despair_after: int = 3
     """After so many in a row that contradict each other the pose is no longer trusted."""
     moved_sigma_m: float = 0.5
@@ -60,7 +64,9 @@ class Fix:
     """3 x 3, of x, y, yaw; positive semidefinite; zero where exact."""
     stamp_ns: int
     since_ns: int | None = None
-    """When the first of its rays was measured; none: at `stamp_ns`."""
+    """Stamp of its first ray, ns. None if all were measured at `stamp_ns`."""
+    until_ns: int | None = None
+    """Stamp of its last ray, ns. None if all were measured at `stamp_ns`."""
     floor_m: float = 0.0
     """Height of the feet in {W}."""
     is_anchored: bool = True

@@ -1,5 +1,6 @@
 """The state of the drift filter: x, y, yaw, yaw rate and how sure they are, at one time."""
 
+import copy
 import math
 
 import numpy as np
@@ -84,8 +85,8 @@ class DriftState:
         self.covariance = keep @ covariance @ keep.T + gain @ noise @ gain.T
         self._bound()
 
-    def move_to(self, fix: Fix, *, keeps_yaw: bool) -> None:
-        """Take a new localization; the old position is forgotten.
+    def move_to(self, fix: Fix, *, keeps_yaw: bool, keeps_rate: bool) -> bool:
+        """Take a new localization; the old position is forgotten. Return False if the yaws contradict.
 
         A fix that is older than the state goes on to its time as the filter itself does, with the rate that
         is known. Where its yaw and the old one fit within the gate, both are fused, which tells the rate too;
@@ -95,12 +96,14 @@ class DriftState:
         Args:
             fix: the new pose.
             keeps_yaw: whether the old yaw counts; without it the rate stays as it was.
+            keeps_rate: whether the old rate is where to begin from when the yaws do not fit, rather than 0.
         """
         settings = self._settings
         self.advance(fix.stamp_ns)
         late_s = self.late_s(fix.stamp_ns)
         rate, rate_variance = float(self.mean[RATE]), float(self.covariance[RATE, RATE])
         mean, covariance = self._brought(fix, rate, rate_variance, late_s)
+        fits = True
         if keeps_yaw and not self.is_blank:
             yaw, shared = float(self.mean[YAW]), float(self.covariance[YAW, RATE])
             joint = np.zeros((5, 5))
@@ -118,9 +121,12 @@ class DriftState:
                 keep = np.eye(5) - np.outer(both / total, apart)
                 covariance = (keep @ joint @ keep.T)[:4, :4]  # as it is, not by a difference: stays positive
             else:
+                fits = False
+                rate = rate if keeps_rate else 0.0
                 mean, covariance = self._brought(fix, rate, settings.rate_sigma_radps**2, late_s)
         self.mean, self.covariance = mean, covariance
         self._bound()
+        return fits
 
     def doubt(self, yaw_variance: float, position_variance: float) -> None:
         """Make the pose less certain, its parts for themselves, and forget what is known of the rate."""
@@ -135,6 +141,17 @@ class DriftState:
         self.covariance[RATE, :3] = self.covariance[:3, RATE] = 0.0
         self.covariance[RATE, RATE] = sigma_radps**2
         self._bound()
+
+    def without_rate(self, since_ns: int) -> "DriftState":
+        """Return the state as if nothing had been known of the rate since the yaw of `since_ns`."""
+        other = copy.copy(self)
+        passed_s = max(0, self.stamp_ns - since_ns) / NS_PER_S
+        back = np.eye(4)
+        back[YAW, RATE] = -passed_s
+        other.mean, other.covariance = back @ self.mean, back @ self.covariance @ back.T
+        other.covariance[YAW, YAW] += (passed_s * self._settings.rate_sigma_radps) ** 2
+        other.forget_rate()
+        return other
 
     def forget_yaw(self) -> None:
         """Make the yaw unknown; place and rate stay."""

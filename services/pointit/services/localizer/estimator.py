@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pointit.services.localizer.acceptance import AMBIGUOUS_COST, NOWHERE, accepted
+from pointit.services.localizer.acceptance import AMBIGUOUS_COST, NOWHERE, accepted, untimely
 from pointit.services.localizer.blocks import GAP_S, Blocks, Pointings, blocks
 from pointit.services.localizer.certainty import covariance, independent
 from pointit.services.localizer.descent import costs_of, descend, starts
@@ -27,6 +27,12 @@ NEGLIGIBLE = 1e-3
 NEAREST_M = 0.4
 """Nobody points with a straight arm at what is nearer to their eyes."""
 
+TRIMMED = 0.1
+"""Share of the samples, the worst, that may be bad without spoiling the rest."""
+
+LESS = math.sqrt(1.0 + TRIMMED * math.log(TRIMMED) / (1.0 - TRIMMED))
+"""Rms of the others beside that of all, for normal errors on both axes: their squares are exponential."""
+
 SAME_PLACE_M = 0.05
 """Targets closer together than this are one."""
 
@@ -39,6 +45,9 @@ def solve(
     start: Solution | None = None,
 ) -> Solution | Refusal:
     """Return the pose whose view of the targets fits the rays best, or why none can be had.
+
+    Single bad samples pull less (Huber), and must not decide either: rays that miss the targets by too much
+    are tried once more without the worst tenth of them.
 
     Args:
         pointings: at least `trust.min_samples`, at two or more places.
@@ -68,17 +77,28 @@ def solve(
     if not len(poses):
         return Refusal(NOWHERE)
     solution = _solution(rays, summary, poses, trust)
-    exact = Rays.of(pointings.origins_m, pointings.directions, targets - centre)
+    missed = _missed_rad(Rays.of(pointings.origins_m, pointings.directions, targets - centre), poses[0])
+    residual_rad = math.sqrt(float(np.mean(missed * missed)))
+    limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
+    if residual_rad > limit_rad and trust.trims:
+        kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
+        again = solve(pointings.only(kept), trust.trimmed(LESS), floor_m=floor_m, start=start)
+        if isinstance(again, Solution):
+            return again
     solution = replace(
         solution,
         x_m=float(solution.x_m + centre[0]),
         y_m=float(solution.y_m + centre[1]),
-        residual_rad=_missing_rad(exact, poses[0]),
+        residual_rad=residual_rad,
         samples=count,
     )
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
-    limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
-    return accepted(solution, place_m, rays, trust, limit_rad)
+    result = accepted(solution, place_m, rays, trust, limit_rad)
+    if isinstance(result, Refusal) and solution.late.any():
+        timely = replace(solution, covariance=solution.covariance - solution.late)
+        if isinstance(accepted(timely, place_m, rays, trust, limit_rad), Solution):
+            return Refusal(untimely(solution, trust), result.residual_rad)
+    return result
 
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
@@ -97,11 +117,15 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Soluti
     odds: Array = np.exp(costs.min() - costs)
     odds /= odds.sum()
     best = poses[0]
-    spread = np.zeros((len(best), len(best)))
+    spread, late = np.zeros((2, len(best), len(best)))
     for pose, share in zip(poses[odds >= NEGLIGIBLE], odds[odds >= NEGLIGIBLE], strict=True):
         off = pose - best
         off[2] = math.remainder(float(off[2]), math.tau)
-        spread += share * (covariance(rays, pose, worth, weights, doubt) + np.outer(off, off))
+        found, of_latency = covariance(
+            rays, pose, worth, weights, doubt, velocities_mps=summary.velocities_mps
+        )
+        spread += share * (found + np.outer(off, off))
+        late += share * of_latency
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0))
     return Solution(
         x_m=float(best[0]),
@@ -115,14 +139,14 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Soluti
         z_sigma_m=float(sigma[4]),
         bias_sigma_rad=float(sigma[3]),
         rival=float(1.0 - odds[0]),
+        late=late[:3, :3],
     )
 
 
-def _missing_rad(rays: Rays, pose: Array) -> float:
-    """Return the rms angle between `rays` and the targets as `pose` (5) would see them."""
+def _missed_rad(rays: Rays, pose: Array) -> Array:
+    """Return the angles (n) between `rays` and the targets as `pose` (5) would see them."""
     left, above = misses(rays, pose[None])
-    exact: Array = 2.0 * np.arctan(0.5 * np.hypot(left, above))
-    return math.sqrt(float(np.mean(exact * exact)))
+    return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 
 
 def _pose_of(solution: Solution, centre: Array) -> Array:

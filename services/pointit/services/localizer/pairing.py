@@ -17,6 +17,12 @@ Bools = NDArray[np.bool_]
 MAX_GAP_S = 0.5
 """Between two reports of a target further apart in time, its place is not known."""
 
+LEAST_HZ = 3.0
+"""Rate of reports that keeps them closer than `MAX_GAP_S`, with some jitter."""
+
+AHEAD_S, BEHIND_S = 0.5, 1.0
+"""Reports stamped so much later or earlier than the rays of the same moment: the clocks differ."""
+
 MAX_RAYS = 8192
 """A window holds no more, whatever the rate."""
 
@@ -89,21 +95,51 @@ class Track:
     def __init__(self, window_s: float) -> None:
         self._window_ns = round((window_s + 2.0 * MAX_GAP_S) * NS_PER_S)
         self._places: deque[tuple[int, Vec3]] = deque(maxlen=MAX_RAYS)
+        self.latency_sigma_s: float | None = None
+        """As the newest report states it; None if it does not."""
+        self.is_reported = False
+        """Whether a report came since this was last set to False."""
 
     @property
     def newest_ns(self) -> int:
         """Return the newest report's stamp; -1 when there is none."""
         return self._places[-1][0] if self._places else -1
 
-    def add(self, stamp_ns: int, position_m: Vec3) -> None:
+    def add(self, stamp_ns: int, position_m: Vec3, latency_sigma_s: float | None = None) -> None:
         """Take the place at `stamp_ns` unless it is older than one already taken; see `RayWindow.add`."""
         if stamp_ns < self.newest_ns - self._window_ns:
             self._places.clear()
         if stamp_ns <= self.newest_ns:
             return
+        self.is_reported = True
         self._places.append((stamp_ns, position_m))
+        self.latency_sigma_s = latency_sigma_s
         while self._places[0][0] < stamp_ns - self._window_ns:
             self._places.popleft()
+
+    def fault(self, robot: str, tracker: str, ray_ns: int) -> str:
+        """Return what is wrong with the reports, one sentence, or "" if nothing is.
+
+        Args:
+            robot: its id.
+            tracker: the tracker's name.
+            ray_ns: stamp of the newest ray.
+        """
+        stamps = [stamp for stamp, _ in self._places]
+        gap_s = float(np.median(np.diff(stamps))) / NS_PER_S if len(stamps) > 2 else 0.0
+        if gap_s > 0.9 * MAX_GAP_S:
+            return (
+                f"robot {robot} is reported by tracker {tracker} at {1.0 / gap_s:.1f} Hz and at least "
+                f"{LEAST_HZ:g} Hz are needed; set the tracker to a higher rate"
+            )
+        ahead_s = (self.newest_ns - ray_ns) / NS_PER_S
+        if ahead_s > AHEAD_S or (ahead_s < -BEHIND_S and self.is_reported):
+            way = "ahead of" if ahead_s > 0.0 else "behind"
+            return (
+                f"the clock of tracker {tracker} is {abs(ahead_s):.1f} s {way} that of the rays; "
+                "set the clocks of both machines by NTP"
+            )
+        return ""
 
     def at(self, stamps_ns: Stamps) -> tuple[Array, Bools]:
         """Return the places (n x 3) at `stamps_ns`, and which of them are known.

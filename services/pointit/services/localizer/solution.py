@@ -1,7 +1,7 @@
 """What is believed of pointing before, and what a localization comes to: a pose, or why there is none."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,6 +30,8 @@ class Trust:
     """One sigma of a ray's constant error: eyes or finger 7 cm beside the model, over an arm of 0.7 m."""
     independent_hz: float = 2.0
     """Independent pointings per second of following; a hold at a thing that stands still is one."""
+    latency_sigma_s: float = 0.15
+    """One sigma of the time by which reports of a moving target are late, where its tracker does not say."""
     min_samples: int = 20
     max_residual_rad: float = math.radians(9.0)
     """Rms angle above which the person did not follow what moved."""
@@ -39,6 +41,17 @@ class Trust:
     """Sigmas of the elevation bias beyond which it is no way of pointing, but of doing something else."""
     max_position_sigma_m: float = 0.8
     max_yaw_sigma_rad: float = math.radians(14.0)
+    trims: bool = True
+    """Whether rays that miss by more may be tried again without the worst of them."""
+
+    def trimmed(self, share: float) -> "Trust":
+        """Return what is demanded of rays without the worst, whose rms is `share` of that of all."""
+        return replace(
+            self,
+            max_residual_rad=share * self.max_residual_rad,
+            max_act_residual_rad=share * self.max_act_residual_rad,
+            trims=False,
+        )
 
     def weights(self) -> Weights:
         """Return what the descent needs of it."""
@@ -54,6 +67,7 @@ class Trust:
             independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
             body_sigma_m=self.body_sigma_m,
             model_sigma_rad=self.model_sigma_rad,
+            latency_sigma_s=0.0 if is_still else self.latency_sigma_s,
         )
 
     def residual_limit_rad(self, *, is_still: bool) -> float:
@@ -85,6 +99,8 @@ class Solution:
     bias_sigma_rad: float = 0.0
     rival: float = 0.0
     """Probability that the person stands at another place that fits, too."""
+    late: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    """3 x 3: the part of `covariance` that comes from the uncertain latency of what tracks the target."""
 
     @property
     def position_sigma_m(self) -> float:
@@ -97,6 +113,21 @@ class Solution:
         away_m = math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
         turned_rad = abs(math.remainder(self.yaw_rad - other.yaw_rad, math.tau))
         return away_m <= SAME_POSE and turned_rad <= SAME_POSE
+
+    def differs(self, other: "Solution", drift_rad: float = 0.0) -> float:
+        """Return the squared Mahalanobis distance of the two poses by what both state.
+
+        The latency of the tracker does not count: it moves both alike.
+
+        Args:
+            other: the other pose.
+            drift_rad: 1 sigma by which the yaw may have changed between them.
+        """
+        off = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
+        off[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)
+        both = self.covariance - self.late + other.covariance - other.late
+        both[2, 2] += drift_rad**2
+        return float(off @ np.linalg.solve(both, off))
 
     @property
     def yaw_sigma_rad(self) -> float:

@@ -81,7 +81,8 @@ class Tracking:
         self._bias.found(pose.elevation_bias_rad)
         if not self._follows:
             return self._pace.stamped(pose, now_ns)
-        fix = replace(fix_of(pose, covariance_of(pose), middle_ns), since_ns=since_ns)
+        fix = fix_of(pose, covariance_of(pose), middle_ns)
+        fix = replace(fix, since_ns=since_ns, until_ns=pose.stamp_ns)
         if known is None:
             known = DriftFilter(fix, self._settings)
         else:

@@ -1,7 +1,8 @@
 """The pointing ray of an arm in {H}: eye-finger, shoulder-arm or forearm (paper, §II-A; pointing.md §1).
 
-In all three the ray starts at a place of the body that does not move, and goes along a fixed vector plus the
-arm's own: for the eye-finger ray that is from the eyes to the shoulder and on along the straight arm.
+The body faces where the arm points: the shoulder is beside the neck, at a right angle to the arm's azimuth.
+{H} itself says nothing of the body, for its yaw is where the IMU happened to start. A body that turns less
+than the arm moves the shoulder along the arm at first, which hardly changes the ray.
 """
 
 import math
@@ -10,7 +11,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry import vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, UserProfile
@@ -19,10 +19,14 @@ Array = NDArray[np.float64]
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 
 UPPER_ARM_SHARE = 0.56
-"""Of the length from shoulder to wrist: 0.186 and 0.146 of the stature (Drillis and Contini 1966)."""
+"""Upper arm as a share of the length from shoulder to wrist: 0.186 and 0.146 of the stature (Drillis and
+Contini 1966)."""
 
 NEAREST_M = 1e-6
 """A fingertip nearer to the eyes gives no direction."""
+
+VERTICAL = 1e-6
+"""Cosine of the elevation below which an arm has no azimuth: the shoulder is taken to be at the neck then."""
 
 
 class ArmRay:
@@ -42,37 +46,37 @@ class ArmRay:
     ) -> None:
         """Take the person's measures; a left-handed person's shoulder is on the left."""
         body = body if body is not None else BodyMeasures()
-        side = 1.0 if hand == "left" else -1.0
-        shoulder: Vec3 = (0.0, side * body.neck_to_shoulder_m, body.footprint_to_neck_m)
-        self.origin_m: Vec3 = shoulder
-        """Where the ray starts in {H}."""
-        self._lever: Vec3 = (0.0, 0.0, 0.0)
-        self._arm_m = 1.0
-        if model == "eye_finger":
-            self.origin_m = (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m)
-            self._lever = vector.subtract(shoulder, self.origin_m)
-            self._arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
-        elif model == "forearm":
-            hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m
-            self.origin_m = vector.subtract(shoulder, (0.0, 0.0, hang_m))
+        self._side_m = body.neck_to_shoulder_m if hand == "left" else -body.neck_to_shoulder_m
+        self._is_from_eyes = model == "eye_finger"
+        self._drop_m = body.neck_to_eyes_m
+        self._arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
+        hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m if model == "forearm" else 0.0
+        self._height_m = body.footprint_to_neck_m + (self._drop_m if self._is_from_eyes else -hang_m)
+        """Height of the ray's origin over the feet, m."""
 
     @classmethod
     def of(cls, profile: UserProfile) -> "ArmRay":
         """Return the ray of the person whose profile this is."""
         return cls(profile.body, hand=profile.hand, model=profile.ray_model)
 
-    def direction(self, orientation_xyzw: Quaternion) -> Vec3 | None:
-        """Return the unit direction in {H}, or none where the finger is at the eyes."""
+    def ray(self, orientation_xyzw: Quaternion) -> tuple[Vec3, Vec3] | None:
+        """Return origin and unit direction in {H}, or None where the finger is at the eyes."""
         x, y, z, w = orientation_xyzw
-        square = x * x + y * y + z * z + w * w  # norms are 1 to within 1e-3 only: cancels out below
-        arm, lever = self._arm_m, self._lever
-        ahead = arm * (square - 2.0 * (y * y + z * z)) + square * lever[0]
-        left = arm * 2.0 * (x * y + w * z) + square * lever[1]
-        up = arm * 2.0 * (x * z - w * y) + square * lever[2]
+        square = x * x + y * y + z * z + w * w  # norms are 1 to within 1e-3 only
+        ahead, left, up = square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+        shoulder_x = shoulder_y = 0.0
+        if self._side_m:
+            beside = self._side_m / max(math.hypot(ahead, left), VERTICAL * square)
+            shoulder_x, shoulder_y = -beside * left, beside * ahead
+        if not self._is_from_eyes:
+            length = math.hypot(ahead, left, up)
+            return (shoulder_x, shoulder_y, self._height_m), (ahead / length, left / length, up / length)
+        arm = self._arm_m / square
+        ahead, left, up = arm * ahead + shoulder_x, arm * left + shoulder_y, arm * up - self._drop_m
         length = math.hypot(ahead, left, up)
-        if length < NEAREST_M * square:
+        if length < NEAREST_M:
             return None
-        return (ahead / length, left / length, up / length)
+        return (0.0, 0.0, self._height_m), (ahead / length, left / length, up / length)
 
     def rays(self, orientations_xyzw: Array) -> tuple[Array, Array]:
         """Return the rays of many orientations at once.
@@ -86,7 +90,15 @@ class ArmRay:
         x, y, z, w = orientations_xyzw.T
         square = x * x + y * y + z * z + w * w
         arm = np.stack([square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)], axis=1)
-        reach = self._arm_m * arm + square[:, None] * np.array(self._lever)
+        arm /= square[:, None]
+        beside = self._side_m / np.maximum(np.hypot(arm[:, 0], arm[:, 1]), VERTICAL)
+        shoulder = np.stack(
+            [-beside * arm[:, 1], beside * arm[:, 0], np.full(len(arm), self._height_m)], axis=1
+        )
+        if not self._is_from_eyes:
+            return shoulder, arm / np.linalg.norm(arm, axis=1)[:, None]
+        eyes = np.tile([0.0, 0.0, self._height_m], (len(arm), 1))
+        reach = self._arm_m * arm + shoulder - eyes - [0.0, 0.0, self._drop_m]
         length = np.linalg.norm(reach, axis=1)
-        length[length < NEAREST_M * square] = np.nan
-        return np.tile(np.array(self.origin_m), (len(reach), 1)), reach / length[:, None]
+        length[length < NEAREST_M] = np.nan
+        return eyes, reach / length[:, None]

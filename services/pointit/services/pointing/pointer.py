@@ -45,10 +45,11 @@ class Pointer:
         self.verdict = self.freshness.judge(sample, now_ns)
         if self.verdict != "fresh":
             return None
-        raw = self._arm.direction(sample.orientation_xyzw)
-        if raw is None:
+        found = self._arm.ray(sample.orientation_xyzw)
+        if found is None:
             self.verdict = "no direction"
             return None
+        origin, raw = found
         direction = raw
         by_azimuth = by_elevation = 0.0
         sigma = None
@@ -65,7 +66,7 @@ class Pointer:
         return PointingRay(
             stamp_ns=sample.stamp_ns,
             seq=self._seq,
-            origin_m=self._arm.origin_m,
+            origin_m=origin,
             direction=direction,
             raw_direction=raw,
             azimuth_correction_rad=by_azimuth,

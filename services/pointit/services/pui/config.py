@@ -20,7 +20,8 @@ class PuiConfig(Config):
     surfaces: tuple[Kind, ...] = Field(
         default=("strip", "belt"),
         min_length=1,
-        description="kinds of things in the map that a cursor can be on; kinds the map lacks are ignored",
+        description="kinds of things in the map that a cursor can be on; kinds the map lacks are ignored, "
+        "and with a workspace it may lack all of them",
     )
     priority: dict[str, int] = Field(
         default_factory=dict[str, int],

@@ -6,11 +6,12 @@ from typing import NamedTuple
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Interaction, PointingRay, SetWorkspace, UserPose
+from pointit.schemas import NS_PER_S, Cursor, Feedback, Interaction, PointingRay, SetWorkspace, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.pointing import Solid, SurfaceKind
 from pointit.services.pui.lamp_fan import LampFan
-from pointit.services.pui.shapes import Kind
+from pointit.services.pui.passing import Passing
+from pointit.services.pui.shapes import PLACES
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError
@@ -26,19 +27,6 @@ RIVAL_NS = 2 * NS_PER_S
 
 WORKSPACE_ID = "workspace/"
 """Begins the `surface_id` of cursors on a workspace, its kind ends it; no id in a map has a slash."""
-
-PLACES: dict[Kind, tuple[SurfaceKind, Solid]] = {
-    "strip": ("strip", ""),
-    "belt": ("belt", ""),
-    "lamp": ("lamp", ""),
-    "points": ("points", ""),
-    "box": ("none", "box"),
-    "plane": ("none", "plane"),
-    "cylinder": ("none", "cylinder"),
-    "sphere": ("none", "sphere"),
-}
-"""What a cursor says that it is on."""
-
 
 NO_WORKSPACE = WorkspaceStart()
 
@@ -70,6 +58,7 @@ class PersonCursor:
             start: the workspace that is laid when they begin to point, if any.
         """
         self._surfaces = surfaces
+        self._passing = Passing(surfaces)
         self._lamps = lamps
         self._start = start
         self._workspace: Workspace | None = None
@@ -127,7 +116,7 @@ class PersonCursor:
             WorkspaceError: it cannot be laid; the old one stays.
         """
         if query.kind == "none":
-            self._workspace, self._is_chosen = None, True
+            self._change_workspace(None)
             return
         if self._pose is None:
             raise WorkspaceError("no pose is known: localize first")
@@ -144,7 +133,11 @@ class PersonCursor:
         )
         if query.anchor == "pointer":
             workspace.steer(cast.direction, cast.eyes_m, cast.feet_m, through)
+        self._change_workspace(workspace)
+
+    def _change_workspace(self, workspace: Workspace | None) -> None:
         self._workspace, self._is_chosen = workspace, True
+        self._passing.end()
 
     def _anchor(self, query: SetWorkspace, tracked: Tracked, stamp_ns: int) -> Vec3:
         if query.anchor == "pointer":
@@ -162,6 +155,7 @@ class PersonCursor:
     def end(self, stamp_ns: int) -> Cursor | None:
         """Return the empty cursor that takes back the one shown, or none if there is none to take back."""
         self._point = None
+        self._passing.end()
         if not self._is_chosen:
             self._workspace = None  # to be laid anew where they point next
         if not self._shown:
@@ -187,19 +181,36 @@ class PersonCursor:
             self._workspace = self._start.laid(eyes, direction, pose.position_m)
         return self._cursor(self._cast)
 
+    def cue(self) -> Feedback | None:
+        """Return a cue if the person has pointed past everything for a while with the last ray."""
+        return None if self._point is not None else self._passing.cue(self._newest_ns)
+
     def _cursor(self, cast: _Cast) -> Cursor:
         self._seq += 1
         eyes, direction, _, stamp_ns = cast
         if not _is_told(eyes):  # a pose at the end of the world: nothing is to be seen from there
             self._point = None
+            self._passing.end()
             return Cursor(stamp_ns=stamp_ns, seq=self._seq)
         lamps = () if self._lamps is None else self._lamps.near(eyes, direction)
         met = self._met(cast)
         if met is None or not _is_told(met[2].point_m):
-            self._point = None
-            return Cursor(stamp_ns=stamp_ns, seq=self._seq, origin_m=eyes, direction=direction, lamps=lamps)
+            self._point = passed = None
+            if self._workspace is None:
+                passed = self._passing.miss(eyes, direction, stamp_ns)
+            else:
+                self._passing.end()
+            return Cursor(
+                stamp_ns=stamp_ns,
+                seq=self._seq,
+                origin_m=eyes,
+                direction=direction,
+                lamps=lamps,
+                passed=passed,
+            )
         (surface, solid), name, hit = met
         self._point = hit.point_m
+        self._passing.end()
         return Cursor(
             stamp_ns=stamp_ns,
             seq=self._seq,

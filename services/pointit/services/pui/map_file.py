@@ -1,7 +1,7 @@
 """Reads maps: the YAML format of the ROS toolkit, and what it lacks."""
 
 import math
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from pointit.runtime.complaint import field_names, listed, more_mistakes, shown
 from pointit.runtime.config import parse_yaml, read_yaml
@@ -27,6 +28,16 @@ SUFFIX = ".yaml"
 
 Clouds = dict[str, NDArray[np.float64]]
 """Points in {W}, n x 3, by the cloud's id."""
+
+
+class MapError(ConfigError):
+    """A map that cannot be used; its text names the file and the first mistake, and counts the others."""
+
+    def __init__(self, path: Path, mistakes: Sequence[tuple[str, str]]) -> None:
+        where, text = mistakes[0]
+        super().__init__(f"{path}: {where}: {text}{more_mistakes(len(mistakes) - 1)}")
+        self.mistakes = tuple(mistakes)
+        """Place in the file (`strips.1.pixels`), and what is wrong there and what to do; at least one."""
 
 
 def shipped_maps() -> tuple[str, ...]:
@@ -80,12 +91,22 @@ def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, 
         ConfigError: one sentence with file, key, value and what to do.
     """
     with map_path(name_or_path) as path:
-        file = read_map_file(path)
-        broken = [f"{where}: {text}" for where, text in broken_references(file)]
-        if broken:
-            raise ConfigError(f"{path}: {broken[0]}{more_mistakes(len(broken) - 1)}")
-        clouds = read_clouds(path, file)
-        return travelling(path, file, clouds, stamp_ns), clouds
+        _, room, clouds = read_whole_map(path, stamp_ns)
+        return room, clouds
+
+
+def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clouds]:
+    """Return the file at `path`, the message it makes, and the points of its clouds in {W}, n x 3, by id.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    file = read_map_file(path)
+    broken = list(broken_references(file))
+    if broken:
+        raise MapError(path, broken)
+    clouds = read_clouds(path, file)
+    return file, travelling(path, file, clouds, stamp_ns), clouds
 
 
 def read_map_file(path: Path) -> MapFile:
@@ -108,12 +129,14 @@ def parse_map_file(content: bytes, path: Path) -> MapFile:
 
 def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
     data = {section: value for section, value in sections.items() if value is not None}
-    for section in MapFile.model_fields:
-        _check_names(path, section, data.get(section))
+    mistakes = [each for section in MapFile.model_fields for each in _wrong_names(section, data.get(section))]
     try:
         file = MapFile.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(f"{path}: {_sentence(error)}") from error
+        mistakes += _mistakes(error)
+        raise MapError(path, mistakes) from error
+    if mistakes:
+        raise MapError(path, mistakes)
     if not any(
         getattr(file, section) for section in MapFile.model_fields if section not in ("links", "bays")
     ):
@@ -125,14 +148,17 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
     """Return the points of the clouds of `file`, which is at `path`, in {W}.
 
     Raises:
-        ConfigError: a cloud's file cannot be used.
+        MapError: files of clouds cannot be used.
     """
     clouds: Clouds = {}
+    mistakes: list[tuple[str, str]] = []
     for name, entry in file.clouds.items():
         try:
             clouds[name] = _placed(read_cloud(path.parent / entry.file), entry)
         except ConfigError as error:
-            raise ConfigError(f"{path}: clouds.{name}.file: {error}") from error
+            mistakes.append((f"clouds.{name}.file", str(error)))
+    if mistakes:
+        raise MapError(path, mistakes)
     return clouds
 
 
@@ -169,8 +195,8 @@ def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float6
     return placed
 
 
-def _check_names(path: Path, section: str, entries: Any) -> None:
-    """Refuse names that cannot stand in a key, and names that differ in YAML but not for us (`1`, `"1"`)."""
+def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
+    """Yield names that cannot be in a key, and names that differ in YAML but not here (`1`, `"1"`)."""
     if not isinstance(entries, dict):
         return  # the model says so
     seen: set[str] = set()
@@ -179,31 +205,35 @@ def _check_names(path: Path, section: str, entries: Any) -> None:
         try:
             check_name(name)
         except KeyNameError as error:
-            raise ConfigError(f"{path}: {section}: {error}") from error
+            yield section, str(error)
         if name in seen:
-            raise ConfigError(f"{path}: {section}: {name} stands there twice; rename one of them")
+            yield section, f"{name} stands there twice; rename one of them"
         seen.add(name)
 
 
-def _sentence(error: ValidationError) -> str:
-    """Return the first complaint as key, value and what to do, and how many more there are."""
-    details = error.errors(include_url=False)
-    loc, kind, value = details[0]["loc"], details[0]["type"], details[0]["input"]
-    where = ".".join(str(part) for part in loc)
+def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
+    """Return the place and the sentence of each mistake."""
+    return [
+        (".".join(str(part) for part in detail["loc"]), _sentence(detail))
+        for detail in error.errors(include_url=False)
+    ]
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    """Return what is wrong and what to do, to go on after the place."""
+    loc, kind, value = detail["loc"], detail["type"], detail["input"]
     model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
     if kind == "missing":
-        text = f"is missing; add it beside {listed(value) or 'the name'}"
-    elif kind == "extra_forbidden":
-        text = f"is not known (got {shown(value)}); remove it, or use one of {listed(field_names(model))}"
-    elif kind == "value_error":
-        text = details[0]["msg"].removeprefix("Value error, ")
-    elif loc == ("links",):
-        text = f"write a list of {{from: belt, to: belt}}, not {shown(value)}"
-    elif loc == ("bays",):
-        text = f"write a mapping of bays to belts such as {{1: belt}}, not {shown(value)}"
-    elif len(loc) == 1:
-        text = f"write a mapping of names to entries, not {shown(value)}"
-    else:
-        known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
-        text = f"write a mapping with {listed(known)}, not {shown(value)}"
-    return f"{where}: {text}{more_mistakes(len(details) - 1)}"
+        return f"is missing; add it beside {listed(value) or 'the name'}"
+    if kind == "extra_forbidden":
+        return f"is not known (got {shown(value)}); remove it, or use one of {listed(field_names(model))}"
+    if kind == "value_error":
+        return detail["msg"].removeprefix("Value error, ")
+    if loc == ("links",):
+        return f"write a list of {{from: belt, to: belt}}, not {shown(value)}"
+    if loc == ("bays",):
+        return f"write a mapping of bays to belts such as {{1: belt}}, not {shown(value)}"
+    if len(loc) == 1:
+        return f"write a mapping of names to entries, not {shown(value)}"
+    known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
+    return f"write a mapping with {listed(known)}, not {shown(value)}"

@@ -128,7 +128,7 @@ class StripEntry(_Entry):
 
     line: _Line
     pixels: Annotated[int, BeforeValidator(_pixels)]
-    direction: Annotated[Literal[1, -1], BeforeValidator(_direction)]
+    direction: Annotated[Literal[1, -1], BeforeValidator(_direction)] = 1
     length: _Metres | None = None
 
 

@@ -8,6 +8,7 @@ from pointit.runtime.service import Scope
 from pointit.schemas import (
     Cursor,
     Done,
+    Feedback,
     Interaction,
     PointingRay,
     SetTolerance,
@@ -18,6 +19,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import (
     CURSOR,
+    FEEDBACK,
     INTERACTION,
     MAP,
     OBJECTS,
@@ -64,6 +66,7 @@ class Pui(Service[PuiConfig]):
                 priority=config.priority,
                 opaque=config.opaque,
                 grazing_rad=math.radians(config.grazing_deg),
+                may_be_empty=config.workspace != "none",
             )
         except ValueError as error:
             raise ConfigError(f"pui: {error}") from error
@@ -77,6 +80,7 @@ class Pui(Service[PuiConfig]):
         self._tracked = Tracked(environment)
         self._persons: dict[str, PersonCursor] = {}
         self._cursors: dict[str, Publisher[Cursor]] = {}
+        self._cues: dict[str, Publisher[Feedback]] = {}
         self.bus.publisher(MAP).put(environment)
         self.bus.serve(SET_WORKSPACE, self._on_workspace)
         self.bus.serve(SET_TOLERANCE, self._on_tolerance)
@@ -91,9 +95,16 @@ class Pui(Service[PuiConfig]):
         """Refuse a map that cannot be used, or that has nothing of what is to be pointed at."""
         environment, clouds = load_map_and_clouds(config.map, 0)
         try:
-            ranked(environment, config.surfaces, clouds, config.priority, math.radians(config.grazing_deg))
+            ranked(
+                environment,
+                config.surfaces,
+                clouds,
+                config.priority,
+                math.radians(config.grazing_deg),
+                may_be_empty=config.workspace != "none",
+            )
         except ValueError as error:
-            raise ConfigError(f"pui: {error}") from error
+            raise ConfigError(str(error)) from error
 
     def _person(self, user: str) -> PersonCursor:
         person = self._persons.get(user)
@@ -152,6 +163,9 @@ class Pui(Service[PuiConfig]):
             self._judge(user)
         else:
             self._put(cursor, user)
+            cue = self._person(user).cue()
+            if cue is not None:
+                self._cue(cue, user)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         # what is known of them stays: their states come once, and some of their services may still run
@@ -169,6 +183,12 @@ class Pui(Service[PuiConfig]):
                 f"pose of {user}",
                 f"{user} points but no pose is known: start their localizer, or press the button to localize",
             )
+
+    def _cue(self, cue: Feedback, user: str) -> None:
+        publisher = self._cues.get(user)
+        if publisher is None:
+            publisher = self._cues[user] = self.bus.publisher(FEEDBACK, user)
+        publisher.put(cue)
 
     def _put(self, cursor: Cursor | None, user: str) -> None:
         if cursor is None:

@@ -11,6 +11,8 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
+from pointit.schemas.pointing import Solid as SolidName
+from pointit.schemas.pointing import SurfaceKind
 
 Clouds = Mapping[str, NDArray[Any]]
 """Points of each cloud by id, n x 3."""
@@ -22,6 +24,19 @@ ALL_KINDS: tuple[Kind, ...] = get_args(Kind)
 
 PRIORITY: Mapping[str, int] = {"lamp": 2, "strip": 2, "belt": 2, "points": 1}
 """Of kinds that are not mentioned; 0 for others. Thin things come first, an area is seldom missed."""
+
+
+PLACES: dict[Kind, tuple[SurfaceKind, SolidName]] = {
+    "strip": ("strip", ""),
+    "belt": ("belt", ""),
+    "lamp": ("lamp", ""),
+    "points": ("points", ""),
+    "box": ("none", "box"),
+    "plane": ("none", "plane"),
+    "cylinder": ("none", "cylinder"),
+    "sphere": ("none", "sphere"),
+}
+"""What a cursor says that it is on."""
 
 
 class Surface(NamedTuple):
@@ -44,17 +59,20 @@ def ranked(
     clouds: Clouds,
     priority: Mapping[str, int],
     grazing_rad: float,
+    *,
+    may_be_empty: bool = False,
 ) -> dict[int, list[Shape]]:
     """Return the things of `kinds` by their priority, which goes by id or else by kind.
 
     Raises:
-        ValueError: there is none, a cloud was not read, or a priority names nothing.
+        ValueError: there are none (unless `may_be_empty`), a cloud was not read, or a priority names nothing.
     """
     shapes = shapes_of(environment, kinds, clouds, grazing_rad)
-    if not shapes:
+    if not shapes and not may_be_empty:
+        has = ",".join(kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds, grazing_rad))
         raise ValueError(
             f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
-            "choose kinds that the map has"
+            f"use what it has (--set pui.surfaces=[{has}]) or another map (--set pui.map=NAME)"
         )
     unknown = priority.keys() - set(ALL_KINDS) - {shape.surface.id for shape in shapes}
     if unknown:

@@ -21,6 +21,9 @@ from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface,
 
 PAPER_TOLERANCE_M = 0.7
 
+WIDENING_RAD = (math.radians(45.0), math.inf)
+"""The nearest of many things is looked for within a cone first: those outside are left out at one go."""
+
 OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
 
 
@@ -58,6 +61,7 @@ class Surfaces:
         priority: Mapping[str, int] | None = None,
         opaque: Sequence[SolidKind] = OPAQUE,
         grazing_rad: float = GRAZING_RAD,
+        may_be_empty: bool = False,
     ) -> None:
         """Take the things of `kinds`.
 
@@ -73,11 +77,14 @@ class Surfaces:
             priority: of ids or kinds; of all within the tolerance, the highest is pointed at.
             opaque: kinds that hide what is behind them, pointable or not.
             grazing_rad: planes closer to parallel to the ray are not pointed at.
+            may_be_empty: a map with nothing of these kinds is accepted: people point at a workspace.
 
         Raises:
             ValueError: the map has nothing of these kinds, or nothing that a priority names.
         """
-        groups = ranked(environment, kinds, clouds or {}, priority or {}, grazing_rad)
+        groups = ranked(
+            environment, kinds, clouds or {}, priority or {}, grazing_rad, may_be_empty=may_be_empty
+        )
         self._measure: Measure = "angle" if method == "exact" and tolerance_m is None else "metres"
         if method == "kd_tree":
             self._tolerance = PAPER_TOLERANCE_M if tolerance_m is None else tolerance_m
@@ -117,6 +124,23 @@ class Surfaces:
             if best is not None:
                 return best
         return None
+
+    def nearest(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
+        """Return the thing of all that is seen at the smallest angle from the ray, and where.
+
+        None if one is within the tolerance, which the ray then misses because something hides it.
+        """
+        best: tuple[Surface, Hit] | None = None
+        for party in (party for parties in self._groups for party in parties):
+            hit = None
+            for tolerance in WIDENING_RAD if self._measure == "angle" else (math.inf,):
+                hit = hit or party.caster.cast(origin_m, direction, tolerance)
+            if hit is not None and (best is None or hit.miss_rad < best[1].miss_rad):
+                best = (party.surfaces[hit.target], hit)
+        if best is None:
+            return None
+        miss = best[1].miss_rad if self._measure == "angle" else best[1].miss_m
+        return best if miss > self._tolerance else None
 
     def _seen(self, caster: Caster, origin_m: Vec3, direction: Vec3, first_m: float) -> Hit | None:
         """Return the closest; if that is hidden, the closest of what is nearer than what the ray meets."""

@@ -8,6 +8,9 @@ from pointit.sim.recordings import ImuRecording
 
 KIND = "robot"
 
+LATENCY_SIGMA_S = 0.02
+"""Uncertainty of the time between robot and arm in a recording: half a sample at 25 Hz."""
+
 
 class Trajectory:
     """The reports of a recording, one a sample; samples that share a time make one report."""
@@ -41,4 +44,9 @@ class Trajectory:
         x, y, z = self._places[index]
         vx, vy, vz = self._velocities[index]
         robot = TrackedObject(id=self._robot_id, kind=KIND, position_m=(x, y, z), velocity_mps=(vx, vy, vz))
-        return TrackedObjects(stamp_ns=start_ns + self.times_ns[index], seq=index + 1, objects=(robot,))
+        return TrackedObjects(
+            stamp_ns=start_ns + self.times_ns[index],
+            seq=index + 1,
+            objects=(robot,),
+            latency_sigma_s=LATENCY_SIGMA_S,
+        )

@@ -171,6 +171,13 @@ class SelectorConfig(Config):
         le=3600,
         description="what a person selected who is gone so long may be deselected by anybody, s",
     )
+    lead_s: float = Field(
+        default=0.25,
+        ge=0,
+        le=5,
+        description="an object whose way to a bay is decided within this is refused: what was pointed at and "
+        "decided takes so long to get to the conveyor, s",
+    )
     undo_steps: int = Field(
         default=20, ge=1, le=1000, description="so many (de)selections of a person can be taken back"
     )

@@ -13,9 +13,10 @@ Method = Literal["hold", "fraction"]
 class Dwell:
     """Watches what one person's cursor is on, and says when staying there toggles an object.
 
-    Time is cut into timesteps of the cursors' stamps; a timestep's object is the last one hovered in it,
-    and a timestep without any cursor is one with nothing hovered. When a timestep is over, the window is
-    the last `window_s / timestep_s` of them:
+    Time is cut into timesteps of the cursors' stamps. A timestep's object is the one hovered by the newest
+    cursor at the end of the timestep, or nothing if that cursor is older than `longest_gap_s` by then: a
+    wrist at 5 to 10 Hz leaves some timesteps without a cursor of their own. When a timestep is over, the
+    window is the last `window_s / timestep_s` of them:
 
     - `hold`: the same object at every timestep of the window toggles; one flicker starts it anew.
     - `fraction`: an object hovered at `fraction` of the window's timesteps, or more, toggles.
@@ -37,9 +38,11 @@ class Dwell:
         timestep_s: float = 0.1,
         fraction: float = 0.8,
         release_s: float = 0.5,
+        longest_gap_s: float = 0.25,
     ) -> None:
         self._holds = method == "hold"
         self._step_ns = round(timestep_s * NS_PER_S)
+        self._gap_ns = round(longest_gap_s * NS_PER_S)
         self.window = max(1, round(window_s / timestep_s))
         """Timesteps in the window."""
         self.needed = self.window if self._holds else max(1, math.ceil(fraction * self.window - 1e-9))
@@ -64,7 +67,7 @@ class Dwell:
             self._away.clear()
         elif self._index is not None and stamp_ns < self._stamp_ns:
             return None
-        toggled = self._pass(index - self._index) if self._index is not None else None
+        toggled = None if self._index is None else self._pass(self._index, index, stamp_ns)
         self._index, self._stamp_ns, self._object = index, stamp_ns, object_id
         return toggled
 
@@ -98,17 +101,19 @@ class Dwell:
         """Return the objects that toggled and were not left since."""
         return self._away
 
-    def _pass(self, timesteps: int) -> str | None:
-        """End the current timestep and the `timesteps` - 1 without a cursor after it."""
-        if timesteps <= 0:
+    def _pass(self, current: int, index: int, stamp_ns: int) -> str | None:
+        """End the timesteps from `current` until `index` begins, which is that of the next cursor."""
+        if index <= current:
             return None
-        if timesteps > self.release:  # too long ago to act on: the person was gone
+        if index - current > self.release and stamp_ns - self._stamp_ns > self._gap_ns:
+            # too long ago to act on: the person was gone
             self._steps.extend([None] * self.window)
             self._away.clear()
             return None
         toggled = self._end(self._object)
-        for _ in range(timesteps - 1):
-            toggled = self._end(None) or toggled
+        for step in range(current + 1, index):
+            is_held = (step + 1) * self._step_ns - self._stamp_ns <= self._gap_ns
+            toggled = self._end(self._object if is_held else None) or toggled
         return toggled
 
     def _end(self, hovered: str | None) -> str | None:

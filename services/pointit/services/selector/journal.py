@@ -32,6 +32,11 @@ from pointit.services.selector.outputs import Owned, Record
 from pointit.services.selector.sole_writer import SoleWriter
 
 NS_PER_DAY = 86_400 * NS_PER_S
+ASIDE = "journal.corrupt-"
+"""First characters of the name of a damaged file that was set aside; when it was follows, Unix ns."""
+SHOWN_NS = NS_PER_DAY
+"""For how long it is said that a file was set aside; it may have been set aside by another process, as by
+`pointit run` before its services begin."""
 MOST_PENDING = 4096
 """Records kept while the disk takes none; of more the oldest are lost to the audit."""
 MOST_EVENTS = 2**62
@@ -94,7 +99,8 @@ class Journal:
                     "end one of the two, then restart this one"
                 )
                 return Kept()
-            return self._open_or_replace(now_ns)
+            kept = self._open_or_replace(now_ns)
+            self._note_set_aside(now_ns)
         except (OSError, sqlite3.Error) as error:
             path = self.path if self._sole.is_taken else self._sole.path
             self._notice = (
@@ -103,6 +109,7 @@ class Journal:
             )
             self.close()
             return Kept()
+        return kept
 
     def add(self, record: Record) -> None:
         """Take a record; it is kept from the next `commit` on."""
@@ -144,16 +151,22 @@ class Journal:
                 raise
             if self._db is not None:
                 self._db.close()
-        aside = self.path.with_name(f"journal.corrupt-{now_ns}.sqlite")
+        aside = self.path.with_name(f"{ASIDE}{now_ns}.sqlite")
         for suffix in ("", "-wal", "-shm"):
             part = self.path.with_name(self.path.name + suffix)
             if part.exists():
                 part.replace(aside.with_name(aside.name + suffix))
-        kept = self._open(now_ns)
-        self._notice = (
-            f"{self.path} was damaged and is kept as {aside.name}; the audit begins anew: look at the disk"
-        )
-        return kept
+        return self._open(now_ns)
+
+    def _note_set_aside(self, now_ns: int) -> None:
+        """Say which damaged file was set aside lately, by this process or an earlier one."""
+        for path in sorted(self.path.parent.glob(f"{ASIDE}*.sqlite")):
+            when = path.stem.removeprefix(ASIDE)
+            if when.isdecimal() and 0 <= now_ns - int(when) <= SHOWN_NS and not self._notice:
+                self._notice = (
+                    f"{self.path} was damaged and is kept as {path.name}; the audit begins anew: look at "
+                    "the disk"
+                )
 
     def _open(self, now_ns: int) -> Kept:
         # nobody waits for us yet, and what is not read now is not taken up

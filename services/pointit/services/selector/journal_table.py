@@ -57,6 +57,11 @@ AUDIT = (
     "AND (? = '' OR object_id = ?) ORDER BY id"
 )
 
+RECENT = (
+    f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND seq IS NOT NULL AND event <> 'left' "  # noqa: S608 - see above
+    "ORDER BY id DESC LIMIT ?"
+)
+
 
 def row_of(record: Record) -> tuple[object, ...]:
     """Return `record` as a row of `COLUMNS`."""
@@ -100,7 +105,7 @@ def is_count(value: object) -> bool:
 
 
 def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "") -> Iterator[Record]:
-    """Yield what happened, the oldest first, while a selector may be writing.
+    """Return what happened, the oldest first, while a selector may be writing.
 
     Args:
         path: of the journal.
@@ -111,9 +116,22 @@ def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "")
     Raises:
         sqlite3.Error: the file cannot be read.
     """
+    return _read(path, AUDIT, (min(since_ns, LAST), user, user, user, object_id, object_id))
+
+
+def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
+    """Return the `last` records of which messages told, not before `since_ns`, the oldest first.
+
+    Raises:
+        sqlite3.Error: the file cannot be read.
+    """
+    return list(_read(path, RECENT, (since_ns, last)))[::-1]
+
+
+def _read(path: Path, statement: str, parameters: tuple[object, ...]) -> Iterator[Record]:
     db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=READ_BUSY_S)
     try:
-        for row in db.execute(AUDIT, (min(since_ns, LAST), user, user, user, object_id, object_id)):
+        for row in db.execute(statement, parameters):
             yield record_of(row)
     except UnicodeDecodeError as error:  # of names that SQLite complains about
         raise sqlite3.DatabaseError(str(error)) from error

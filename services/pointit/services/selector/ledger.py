@@ -1,5 +1,6 @@
 """Who has selected what: what people do and what leaves go in, what happened comes out."""
 
+import dataclasses
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
@@ -7,6 +8,9 @@ from typing import Literal
 
 from pointit.schemas import SelectedObject
 from pointit.services.selector.outputs import Cause, Owned, Record
+
+MOST_RELEASED = 100
+"""Deselected objects of which it is remembered whose they were."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +27,27 @@ class Ledger:
     it is. Everything that a person did can be taken back by them, step by step, the latest first.
     """
 
-    def __init__(self, is_gone: Callable[[str, int], bool], *, undo_steps: int = 20) -> None:
+    def __init__(
+        self,
+        is_gone: Callable[[str, int], bool],
+        too_late: Callable[[str, int], str] = lambda _object_id, _now_ns: "",
+        *,
+        undo_steps: int = 20,
+    ) -> None:
         """Begin with nothing selected.
 
         Args:
             is_gone: says whether a person has gone at a time, ns.
+            too_late: gives the reason why an object cannot be (de)selected any more at a time, or `""`.
             undo_steps: so many steps a person are remembered.
         """
         self._is_gone = is_gone
+        self._too_late = too_late
         self._undo_steps = undo_steps
         self._entries: dict[str, Owned] = {}
         self._steps: dict[str, deque[list[_Change]]] = {}
+        self._released: dict[str, tuple[Owned, int]] = {}
+        """Entries of the objects deselected last, with the time, ns."""
 
     @property
     def entries(self) -> Mapping[str, Owned]:
@@ -79,17 +93,12 @@ class Ledger:
         keeper = self.keeper(object_id, user, now_ns)
         if entry is not None and keeper:
             reason = f"{entry.kind or 'object'} is selected by {keeper}; only {keeper} can deselect it"
-            return Record(
-                stamp_ns=now_ns,
-                event="refused",
-                object_id=object_id,
-                kind=entry.kind,
-                user=user,
-                owner=keeper,
-                since_ns=entry.since_ns,
-                cause=cause,
-                confidence=confidence,
-                reason=reason,
+            return self._refuse(
+                object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
+            )
+        if reason := self._too_late(object_id, now_ns):
+            return self._refuse(
+                object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
             )
         if entry is None:
             after = Owned(user, kind, now_ns, confidence)
@@ -97,23 +106,34 @@ class Ledger:
             self._remember(user, [_Change(object_id, None, after)])
             return record
         self._remember(user, [_Change(object_id, entry, None)])
-        return self._deselect(object_id, user, now_ns, cause, confidence)
+        return self._deselect(object_id, user, now_ns, cause, confidence=confidence)
 
     def clear(self, user: str, now_ns: int) -> list[Record]:
-        """Deselect everything that is `user`'s, as one step."""
-        own = [(object_id, entry) for object_id, entry in self._entries.items() if entry.user == user]
-        if own:
-            self._remember(user, [_Change(object_id, entry, None) for object_id, entry in own])
-        return [self._deselect(object_id, user, now_ns, "clear") for object_id, _ in own]
+        """Deselect everything that is `user`'s, as one step; what it is too late for is refused."""
+        own = {object_id: entry for object_id, entry in self._entries.items() if entry.user == user}
+        reasons = {object_id: self._too_late(object_id, now_ns) for object_id in own}
+        step = [_Change(object_id, entry, None) for object_id, entry in own.items() if not reasons[object_id]]
+        if step:
+            self._remember(user, step)
+        return [
+            self._refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reasons[object_id])
+            if reasons[object_id]
+            else self._deselect(object_id, user, now_ns, "clear")
+            for object_id, entry in own.items()
+        ]
 
     def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> list[Record]:
         """Deselect `object_id`, whoever's it is, and with `take_over` select it for `user`.
 
-        Nothing comes of it when it is not selected, or is to be taken over from `user` themselves.
+        Nothing comes of it when it is not selected, or is to be taken over from `user` themselves. It is
+        refused when it is too late, but for taking it over, which changes nothing about where it goes.
         """
         before = self._entries.get(object_id)
         if before is None or (take_over and before.user == user):
             return []
+        reason = "" if take_over else self._too_late(object_id, now_ns)
+        if reason:
+            return [self._refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)]
         records = [self._deselect(object_id, user, now_ns, "release")]
         changes = [_Change(object_id, before, None)]
         if take_over:
@@ -126,8 +146,8 @@ class Ledger:
     def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Record]:
         """Take back the last step of `user`; empty when there is none.
 
-        What has left since, or is somebody else's by now, stays as it is; when nothing of the step can be
-        taken back it is refused, with the reason, and the step before is next.
+        What has left since, is decided, or is somebody else's by now stays as it is; when nothing of the
+        step can be taken back it is refused, with the reason, and the step before is next.
 
         Args:
             user: whose step.
@@ -139,16 +159,38 @@ class Ledger:
             return []
         step = steps.pop()
         done = [
-            self._take_back(change, user, now_ns) for change in reversed(step) if self._still(change, present)
+            self._take_back(change, user, now_ns)
+            for change in reversed(step)
+            if self._still(change, present)
+            and (_keeps_way(change, step) or not self._too_late(change.object_id, now_ns))
         ]
         return done or [self._lost_step(step[0], user, now_ns, present)]
 
-    def drop(self, object_ids: Iterable[str], now_ns: int) -> list[Record]:
-        """Close the entries of `object_ids`, which have left."""
+    def drop(self, object_ids: Iterable[str], now_ns: int, reason: str = "") -> list[Record]:
+        """Close the entries of `object_ids`, which left at `now_ns`."""
         left = [(object_id, self._entries.pop(object_id)) for object_id in object_ids]
         return [
-            _record("left", object_id, entry, user=entry.user, now_ns=now_ns) for object_id, entry in left
+            _record("left", object_id, entry, user=entry.user, now_ns=now_ns, reason=reason)
+            for object_id, entry in left
         ]
+
+    def correct(self, object_id: str, now_ns: int, reason: str) -> Record | None:
+        """Undo the last change of `object_id`, which came too late at `now_ns`.
+
+        None if that is done, or if the refusal is older than the last change and so refuses one before it.
+        """
+        entry = self._entries.get(object_id)
+        if entry is not None:
+            if entry.since_ns >= now_ns:
+                return None
+            record = self._deselect(object_id, entry.user, now_ns, "", reason=reason)
+            del self._released[object_id]
+            return record
+        released, released_ns = self._released.get(object_id, (None, 0))
+        if released is None or released_ns > now_ns:
+            return None
+        owned = dataclasses.replace(released, since_ns=now_ns)
+        return self._select(object_id, owned, owned.user, now_ns, "", reason=reason)
 
     def _still(self, change: _Change, present: Container[str]) -> bool:
         entry = self._entries.get(change.object_id)
@@ -165,38 +207,82 @@ class Ledger:
         entry = self._entries.get(change.object_id)
         owned = change.before or change.after
         kind = (owned.kind if owned is not None else "") or "object"
-        if entry is not None:
-            why = f"is {entry.user}'s by now"
+        if self._still(change, present):
+            reason = self._too_late(change.object_id, now_ns)
+        elif entry is not None:
+            reason = f"{kind} is {entry.user}'s by now; what was done with it cannot be taken back"
         else:
             why = "is not selected any more" if change.object_id in present else "has left"
+            reason = f"{kind} {why}; what was done with it cannot be taken back"
+        return self._refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
+
+    def _refuse(
+        self,
+        object_id: str,
+        kind: str,
+        user: str,
+        now_ns: int,
+        *,
+        cause: Cause,
+        reason: str,
+        confidence: float | None = None,
+    ) -> Record:
+        entry = self._entries.get(object_id)
         return Record(
             stamp_ns=now_ns,
             event="refused",
-            object_id=change.object_id,
-            kind=kind,
+            object_id=object_id,
+            kind=kind if entry is None else entry.kind,
             user=user,
             owner="" if entry is None else entry.user,
             since_ns=0 if entry is None else entry.since_ns,
-            cause="undo",
-            reason=f"{kind} {why}; what was done with it cannot be taken back",
+            cause=cause,
+            confidence=confidence,
+            reason=reason,
         )
 
     def _remember(self, user: str, step: list[_Change]) -> None:
         self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)
 
-    def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, cause: Cause) -> Record:
+    def _select(
+        self, object_id: str, entry: Owned, user: str, now_ns: int, cause: Cause, *, reason: str = ""
+    ) -> Record:
         self._entries[object_id] = entry
-        confidence = entry.confidence
+        self._released.pop(object_id, None)
         return _record(
-            "selected", object_id, entry, user=user, now_ns=now_ns, cause=cause, confidence=confidence
+            "selected",
+            object_id,
+            entry,
+            user=user,
+            now_ns=now_ns,
+            cause=cause,
+            confidence=entry.confidence,
+            reason=reason,
         )
 
     def _deselect(
-        self, object_id: str, user: str, now_ns: int, cause: Cause, confidence: float | None = None
+        self,
+        object_id: str,
+        user: str,
+        now_ns: int,
+        cause: Cause,
+        *,
+        confidence: float | None = None,
+        reason: str = "",
     ) -> Record:
         entry = self._entries.pop(object_id)
+        self._released[object_id] = entry, now_ns
+        if len(self._released) > MOST_RELEASED:
+            del self._released[next(iter(self._released))]
         return _record(
-            "deselected", object_id, entry, user=user, now_ns=now_ns, cause=cause, confidence=confidence
+            "deselected",
+            object_id,
+            entry,
+            user=user,
+            now_ns=now_ns,
+            cause=cause,
+            confidence=confidence,
+            reason=reason,
         )
 
 
@@ -209,6 +295,7 @@ def _record(
     now_ns: int,
     cause: Cause = "",
     confidence: float | None = None,
+    reason: str = "",
 ) -> Record:
     """Return that `event` happened to what is, or was, an `entry`."""
     return Record(
@@ -221,4 +308,10 @@ def _record(
         since_ns=entry.since_ns,
         cause=cause,
         confidence=confidence,
+        reason=reason,
     )
+
+
+def _keeps_way(change: _Change, step: list[_Change]) -> bool:
+    """Return True if `change` is part of a take-over, which changes the owner alone."""
+    return sum(other.object_id == change.object_id for other in step) > 1

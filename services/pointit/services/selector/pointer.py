@@ -138,6 +138,7 @@ class Pointer:
                 timestep_s=config.timestep_s,
                 fraction=config.fraction,
                 release_s=config.release_s,
+                longest_gap_s=config.longest_gap_s,
             )
         )
 

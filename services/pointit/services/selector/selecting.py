@@ -3,7 +3,15 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from pointit.schemas import ButtonEvent, Cursor, Environment, Selection, TrackedObjects
+from pointit.schemas import (
+    ButtonEvent,
+    ConveyorState,
+    Cursor,
+    Environment,
+    Selection,
+    SelectionEvent,
+    TrackedObjects,
+)
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.departures import OWN, Departures
 from pointit.services.selector.ledger import Ledger
@@ -34,6 +42,7 @@ class Selecting:
             stale_after_s=config.objects_stale_after_s,
             display_lag_s=config.display_lag_s,
             ended_after_s=config.unseen_after_s,
+            lead_s=config.lead_s,
         )
         self._scene = Scene(
             stale_after_s=config.objects_stale_after_s,
@@ -45,7 +54,9 @@ class Selecting:
             aim=config.gauge.aim,
         )
         self._presences = Presences(config.ownerless_after_s)
-        self._ledger = Ledger(self._presences.is_gone, undo_steps=config.undo_steps)
+        self._ledger = Ledger(
+            self._presences.is_gone, self._whereabouts.too_late, undo_steps=config.undo_steps
+        )
         self._reservations = Reservations(config.reserve_s)
         self._departures = Departures(config.left_after_s, config.unseen_after_s)
         self._people: dict[str, Pointer] = {}
@@ -91,6 +102,27 @@ class Selecting:
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)
         return self._depart(objects.stamp_ns, tracker)
+
+    def on_conveyor(self, state: ConveyorState) -> list[Output]:
+        """Close the entries of what has left the conveyor, with the time and the bay at which it did."""
+        left: list[Record] = []
+        for gone in state.departures:
+            if gone.object_id in self._ledger.entries:
+                where = f"left at bay {gone.bay}" if gone.bay else ""
+                left += self._ledger.drop((gone.object_id,), gone.stamp_ns, where)
+        return self._close(left, state.stamp_ns)
+
+    def on_event(self, event: SelectionEvent) -> list[Output]:
+        """Take back what the conveyor refuses: what was accepted here has come too late to it."""
+        if event.event != "refused" or event.cause:  # its own refusals have a cause
+            return []
+        now_ns = event.stamp_ns
+        record = self._ledger.correct(event.object_id, now_ns, event.reason)
+        if record is None:
+            return []
+        self._latch(event.object_id)
+        outputs = [Output("", self.selection(now_ns)), *self._telling.event(record)]
+        return [*outputs, self._telling.cue(record.owner, "refused", event.reason, now_ns)]
 
     def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
         """Take where `user` points."""
@@ -139,7 +171,7 @@ class Selecting:
         return outputs
 
     def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
-        """Take note that `user` is announced, or no longer."""
+        """Take whether `user` is announced."""
         self._presences.set_present(user, now_ns, present=present)
         return []
 
@@ -155,7 +187,7 @@ class Selecting:
 
     def undo(self, user: str, now_ns: int) -> list[Output]:
         """Take back `user`'s last step; refused with a cue when there is none."""
-        records = self._ledger.undo(user, now_ns, self._whereabouts.kinds)
+        records = self._ledger.undo(user, now_ns, self._whereabouts.objects)
         if not records:
             return [self._telling.cue(user, "refused", "there is nothing to take back", now_ns)]
         return self._tell(user, records, now_ns)
@@ -175,7 +207,7 @@ class Selecting:
             why = "is not selected" if entry is None else "is yours already"
             return [self._telling.cue(user, "refused", f"object {object_id} {why}", now_ns)]
         outputs = self._tell(user, records, now_ns)
-        if entry.user != user:
+        if entry.user != user and records[0].event != "refused":
             done = "taken over" if take_over else "released"
             text = f"{entry.kind or 'object'} was {done} by {user}"
             outputs.append(self._telling.cue(entry.user, "deselected", text, now_ns))
@@ -189,9 +221,12 @@ class Selecting:
         holder = self._reservations.holder(object_id)
         if holder and holder != user:
             return "refuse", holder
-        if object_id not in self._ledger.entries:
-            return "select", ""
-        return ("", "") if self._config.mode == "select_only" else ("deselect", "")
+        is_selected = object_id in self._ledger.entries
+        if is_selected and self._config.mode == "select_only":
+            return "", ""
+        if self._whereabouts.too_late(object_id, now_ns):
+            return "refuse", ""
+        return ("deselect" if is_selected else "select"), ""
 
     def _standing(self, user: str, pointer: Pointer, pointed: Pointed, now_ns: int) -> tuple[Action, str]:
         """Return what staying on what is pointed at would do, and who else has it."""
@@ -204,14 +239,15 @@ class Selecting:
 
     def _act(self, user: str, object_id: str, now_ns: int, cause: Cause, view: View | None) -> list[Output]:
         """Do what staying on an object, or pressing, means."""
-        kind = self._whereabouts.kinds.get(object_id)
-        if kind is None:  # it has left in the meantime
+        tracked = self._whereabouts.objects.get(object_id)
+        if tracked is None:  # it has left in the meantime
             return []
+        kind = tracked.kind
         action, taken_by = self._action(user, object_id, now_ns)
         confidence = None if view is None else view.confidence(object_id, self._aim_rad)
         if action == "":
             return []
-        if action == "refuse" and object_id not in self._ledger.entries:
+        if taken_by and object_id not in self._ledger.entries:
             record = Record(
                 stamp_ns=now_ns,
                 event="refused",
@@ -232,13 +268,15 @@ class Selecting:
         entries = self._ledger.entries
         if not entries:
             return []
-        left = self._departures.step(entries, self._whereabouts.kinds, now_ns, clock)
-        if not left:
-            return []
-        for record in self._ledger.drop(left, now_ns):
+        left = self._departures.step(entries, self._whereabouts.objects, now_ns, clock)
+        return self._close(self._ledger.drop(left, now_ns), now_ns)
+
+    def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
+        """Free and journal what has left; return the selection if anything has."""
+        for record in left:
             self._reservations.free(record.object_id)
             self._telling.write(record)
-        return [Output("", self.selection(now_ns))]
+        return [Output("", self.selection(now_ns))] if left else []
 
     def _tell(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
         """Return what tells everybody what happened, the selection first."""

@@ -1,5 +1,6 @@
-"""Reads cursors, objects, buttons and the map; writes what is hovered and what is selected."""
+"""Reads cursors, objects, departures, buttons and the map; writes what is hovered and what is selected."""
 
+import logging
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -9,6 +10,7 @@ from pointit.runtime.state import site_folder
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,
+    ConveyorState,
     Cursor,
     Done,
     Environment,
@@ -25,11 +27,13 @@ from pointit.schemas import (
 from pointit.schemas.topics import (
     BUTTON,
     CLEAR_SELECTION,
+    CONVEYOR_STATE,
     CURSOR,
     FEEDBACK,
     HOVER,
     MAP,
     OBJECTS,
+    READ_HISTORY,
     RELEASE_OBJECT,
     SELECTION,
     SELECTION_EVENTS,
@@ -38,10 +42,13 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.history import History
 from pointit.services.selector.journal import Journal, Kept
 from pointit.services.selector.method import changed
 from pointit.services.selector.outputs import Output, event_of
 from pointit.services.selector.selecting import Selecting
+
+log = logging.getLogger(__name__)
 
 JUDGE_S = 0.5
 """How often it is looked what has come to an end without a message saying so."""
@@ -61,6 +68,8 @@ class Selector(Service[SelectorConfig]):
         if folder.is_dir():
             journal = Journal(folder, restore_within_s=0.0)
             journal.begin(now_ns)
+            if journal.problem:
+                log.error("%s", journal.problem)
             journal.close()
 
     def __init__(self, config: SelectorConfig, context: Context) -> None:
@@ -76,8 +85,11 @@ class Selector(Service[SelectorConfig]):
         self.bus.serve(UNDO_SELECTION, self._undo)
         self.bus.serve(RELEASE_OBJECT, self._release)
         self.bus.serve(SET_METHOD, self._set_method)
+        self.bus.serve(READ_HISTORY, History(self._journal.path if self._journal else None).answer)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
+        self.bus.subscribe(CONVEYOR_STATE, self._on_conveyor)
+        self.bus.subscribe(SELECTION_EVENTS, self._on_event)
         # one that is on nothing takes back what was shown: that is never too late
         self.bus.subscribe(CURSOR, self._on_cursor, in_time=lambda cursor: cursor.point_m is not None)
         self.bus.subscribe(BUTTON, self._on_button)
@@ -107,6 +119,8 @@ class Selector(Service[SelectorConfig]):
     def _begin(self, now_ns: int) -> None:
         """Take up what was selected before a restart, and tell again what may not have been told."""
         kept = Kept() if self._journal is None else self._journal.begin(now_ns)
+        if self._journal is not None and self._journal.problem:
+            log.error("%s", self._journal.problem)
         self._selecting.restore(kept.entries, kept.events, now_ns)
         self._selections.put(self._selecting.selection(now_ns))
         for record in kept.untold:
@@ -130,6 +144,12 @@ class Selector(Service[SelectorConfig]):
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._put(self._selecting.on_objects(tracker, objects))
 
+    def _on_conveyor(self, state: ConveyorState, _name: str) -> None:
+        self._put(self._selecting.on_conveyor(state))
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        self._put(self._selecting.on_event(event))
+
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         self._put(self._selecting.on_cursor(user, cursor))
 
@@ -140,7 +160,8 @@ class Selector(Service[SelectorConfig]):
         self._put(self._selecting.set_present(user, present, self.clock.now_ns()))
 
     async def _clear(self, _query: ClearSelection, user: str) -> Done:
-        done = _events(self._put(self._selecting.clear(user, self.clock.now_ns())))
+        events = _events(self._put(self._selecting.clear(user, self.clock.now_ns())))
+        done = [event for event in events if event.event == "deselected"]
         return Done(message=f"{len(done)} of {user}'s objects deselected")
 
     async def _undo(self, _query: UndoSelection, user: str) -> Done:

@@ -49,7 +49,7 @@ class _Listing:
 
     def __init__(self, message: TrackedObjects, margin_m: float) -> None:
         self.stamp_ns = message.stamp_ns
-        self.kinds = {o.id: o.kind for o in message.objects}
+        self.objects = {o.id: o for o in message.objects}
         lines: dict[tuple[str, str], list[TrackedObject]] = {}
         free: list[TrackedObject] = []
         for tracked in message.objects:
@@ -71,6 +71,7 @@ class Whereabouts:
         stale_after_s: float = 1.0,
         display_lag_s: float = 0.0,
         ended_after_s: float = 30.0,
+        lead_s: float = 0.0,
     ) -> None:
         """Begin without trackers.
 
@@ -79,18 +80,20 @@ class Whereabouts:
             stale_after_s: objects not heard of for longer cannot be hovered.
             display_lag_s: at t people see an object where it was that much earlier.
             ended_after_s: a tracker silent for longer has ended.
+            lead_s: it is too late for an object so long before its way to a bay is decided.
         """
+        self._lead_ns = round(lead_s * NS_PER_S)
         self._lag_s = display_lag_s
         self._ended_ns = int(ended_after_s * NS_PER_S)
         self._margin_m = margin_m
         self._stale_ns = int(stale_after_s * NS_PER_S)
         self._trackers: dict[str, _Listing] = {}
-        self._kinds: dict[str, str] = {}
+        self._objects: dict[str, TrackedObject] = {}
 
     @property
-    def kinds(self) -> Mapping[str, str]:
-        """Return the ids of all objects that are there, with their kinds."""
-        return self._kinds
+    def objects(self) -> Mapping[str, TrackedObject]:
+        """Return all objects that are there, by id, as they were last listed."""
+        return self._objects
 
     def update(self, tracker: str, message: TrackedObjects) -> list[str]:
         """Take the list of `tracker` in place of its last one; return trackers forgotten for it."""
@@ -100,15 +103,30 @@ class Whereabouts:
         while len(self._trackers) > MAX_TRACKERS:
             forgotten.append(next(iter(self._trackers)))
             del self._trackers[forgotten[-1]]
-        self._list_kinds()
+        self._list_objects()
         return forgotten
 
-    def _list_kinds(self) -> None:
-        self._kinds = {
-            object_id: kind
+    def _list_objects(self) -> None:
+        self._objects = {
+            object_id: tracked
             for listing in self._trackers.values()
-            for object_id, kind in listing.kinds.items()
+            for object_id, tracked in listing.objects.items()
         }
+
+    def too_late(self, object_id: str, now_ns: int) -> str:
+        """Return why the way of an object to its bay cannot be changed at `now_ns`, or `""` if it can.
+
+        Of an object whose tracker is silent nothing is known: it is not too late for it.
+        """
+        for listing in self._trackers.values():
+            tracked = listing.objects.get(object_id)
+            until_ns = None if tracked is None else tracked.bay_until_ns
+            if tracked is None or until_ns is None or not self._fits(listing, now_ns):
+                continue
+            if now_ns + self._lead_ns >= until_ns:
+                kind = tracked.kind or "object"
+                return f"{kind} is past its last way to another bay, it goes on to bay {tracked.bay}"
+        return ""
 
     def silent(self, now_ns: int) -> list[str]:
         """Return the trackers whose last list is too far from `now_ns` to be used."""
@@ -124,7 +142,7 @@ class Whereabouts:
         for name in ended:
             del self._trackers[name]
         if ended:
-            self._list_kinds()
+            self._list_objects()
         return ended
 
     def under(self, cursor: Cursor) -> TrackedObject | None:

@@ -103,7 +103,7 @@ class SupervisorConfig(Config):
         default=60.0,
         gt=0,
         le=3600,
-        description="localizing for longer ends it, s; waiting for a turn does not count",
+        description="longest time with one target, s; waiting for a turn does not count",
     )
     imu_timeout_s: float = Field(
         default=3.0, gt=0, le=600, description="a wrist that is silent for longer ends the interaction, s"

@@ -63,11 +63,13 @@ class Search:
         """Whether the localizer has consented; what ends before that is an earlier one."""
         self.since_ns = since_ns
         self.counted_ns = now_ns
-        """From when the time-out counts."""
+        """From when the time-out counts: the last target that followed another, or the begin."""
         self.next_step = sentences.WAIT
         self.ahead: tuple[str, ...] = ()
         self.target_id = ""
         """What is to be pointed at now."""
+        self._reached = 0
+        """Highest index of a target so far."""
         self._aimed: tuple[int, int] | None = None
         """Of which localization which target was told."""
 
@@ -140,6 +142,8 @@ class Search:
             if not self.target_id:
                 self.next_step = sentences.WAIT
             return False
+        if news.target_index > self._reached:  # many lamps take longer than one may take
+            self._reached, self.counted_ns = news.target_index, now_ns
         aimed, self._aimed = self._aimed, (news.since_ns, news.target_index)
         self.next_step = sentences.aim(news)
         self.target_id = news.target_id

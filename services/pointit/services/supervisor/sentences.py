@@ -46,8 +46,8 @@ def silent(timeout_s: float) -> str:
 
 
 def too_long(timeout_s: float) -> str:
-    """Return the reason when localizing did not end within `timeout_s`."""
-    return f"Localizing took longer than {timeout_s:g} s; is the localizer running, and the target in sight?"
+    """Return the reason when localizing came to no other target and to no end within `timeout_s`."""
+    return f"Localizing got no further in {timeout_s:g} s; is the localizer running, and the target in sight?"
 
 
 def aim(news: Localization) -> str:

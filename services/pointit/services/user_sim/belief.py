@@ -28,7 +28,7 @@ class Belief:
     def hear(self, cue: Feedback, now_ns: int) -> None:
         """Take in a cue; those of selecting change nothing here."""
         match cue.cue:
-            case "target":
+            case "target" if cue.turn_rad is None:  # else they point past everything
                 self._ask(now_ns, cue.target_id)
                 self.is_queuing = cue.waits
             case "started" if cue.waits:

@@ -24,6 +24,8 @@ LOST_S = 0.7
 """Without a cursor for so long after a reach, the person searches for it."""
 SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
 """Elevations tried one after the other."""
+SEARCH_WIDE_RAD = (*SEARCH_RAD, math.radians(-20.0), math.radians(20.0))
+"""The same where the light says that one points past."""
 LOST_SEARCHES = 2
 """After so many in vain it is lost."""
 
@@ -56,6 +58,10 @@ class Correction:
         self._next_ns = 0
         self._newest_ns = 0
         self._searches = 0
+        self._aside_rad: float | None = None
+        """Azimuth, rad, to which the pixel that shows pointing past led, or None."""
+        self._is_turning = False
+        """Whether a cue has just said how to turn."""
 
     @property
     def is_lost(self) -> bool:
@@ -85,6 +91,8 @@ class Correction:
         self._next_ns = reached_ns + self._delay_ns
         self._seen.clear()
         self._searches = 0
+        self._aside_rad = None
+        self._is_turning = False
 
     def remember(self, now_ns: int, deviation_rad: Pair) -> None:
         """Note what the hand deliberately does beside the goal."""
@@ -115,10 +123,33 @@ class Correction:
             return
         self._newest_ns = max(self._newest_ns, at_ns)
         self._searches = 0
+        self._aside_rad = None
         self._seen.append(self._beside)
+
+    def see_mark(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
+        """Take in that the ray passed everything by at `at_ns`, nearest to `point_m`."""
+        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        if target is None or did is None or at_ns < self._look_from_ns:
+            return
+        shown, meant = self._stance.sight_of(point_m), self._stance.sight_of(target)
+        self._aside_rad = did[0] - vector.wrap(shown[0] - meant[0])
+
+    def turn(self, turn_rad: Pair, at_ns: int, now_ns: int) -> None:
+        """Turn as a cue says by which the ray of `at_ns` has to go right and up to meet something."""
+        did = self._recall(at_ns)
+        if did is None:
+            return
+        self.now_rad = _held((did[0] - turn_rad[0], did[1] + turn_rad[1]))
+        self._newest_ns = now_ns
+        self._searches = 0
+        self._is_turning = True
 
     def step(self, now_ns: int) -> bool:
         """Return whether `now_rad` changed, so that the hand must move."""
+        if self._is_turning:
+            self._is_turning = False
+            self._next_ns = now_ns + self._period_ns
+            return True
         if now_ns < self._next_ns <= now_ns + self._period_ns + self._delay_ns + 10 * NS_PER_S:
             return False
         if self._seen:
@@ -151,9 +182,11 @@ class Correction:
         return None
 
     def _search(self, now_ns: int) -> None:
-        step = SEARCH_RAD[self._searches % len(SEARCH_RAD)]
+        steps = SEARCH_RAD if self._aside_rad is None else SEARCH_WIDE_RAD
+        step = steps[self._searches % len(steps)]
         self._searches += 1
-        self.now_rad = (self._learned[0], self._learned[1] + step)
+        azimuth_rad = self._learned[0] if self._aside_rad is None else self._aside_rad
+        self.now_rad = _held((azimuth_rad, self._learned[1] + step))
         self._next_ns = now_ns + self._period_ns
         self._newest_ns = now_ns
 

@@ -30,12 +30,19 @@ INTERLEAVED = 4.5
 """Pixels between two of one's own where as many people's cursors meet as can be told apart."""
 SCALE_M = 0.7
 """So far from where they feel to point a run is as doubtful as one of a third of the cursor's width."""
+FARTHEST = 2.0
+"""Doubt about a light that may be no thing's margin, however far it is from where they feel to point."""
 LEAST_LIKELY = 2.6
-"""Of what is still taken for a cursor."""
+"""Largest doubt at which a run still counts as a cursor."""
 END_M = 0.06
-"""So far beyond the end of a thing, and twice as far within, a narrow run is taken for its margin."""
+"""So far beyond the end of a thing, and twice as far within, a run may be its margin: that is broader
+in a curve, and where a cursor touches it."""
 NARROW = 0.8
-"""Of the cursor's width: what may be a margin."""
+"""Share of the cursor's width below which a run is more likely a margin than a cursor."""
+MARK_SHARE = (0.3, 0.7)
+"""Brightness of the pixel that shows where one points past, as a share of one's cursor."""
+BLINK_LOOKS = 8
+"""A dim pixel that was seen so many times in a row does not blink: it is a narrow cursor."""
 MIXED_PATTERNS = ("striped", "tailed")
 """They put the owner's colour into the body of what is theirs."""
 Span = tuple[Key, float, float]
@@ -78,9 +85,12 @@ class Eyes:
         self._frame: StripsFrame | None = None
         self._codes: list[int] | None = None
         self._array: NDArray[np.int32] = np.empty(0, dtype=np.int32)
-        """The same."""
+        """The pixels of `_codes`, for searching."""
         self._brightness = 1.0
-        """Of cursors, as lately seen."""
+        """Brightness of recently seen cursors, a share of full brightness."""
+        self._full = 1.0
+        """Brightness of the last cursor, a share of full brightness."""
+        self._dim_looks = 0
         self._usual_looks = UsualLooks()
         self.set_profile(UserProfile(stamp_ns=0))
 
@@ -119,24 +129,45 @@ class Eyes:
         lying: dict[Key, list[tuple[float, float]]] = {}
         for key, start_m, end_m in things if runs else ():
             lying.setdefault(key, []).append((start_m, end_m))
+        marks = [run for run in runs if self._is_mark(run)]
+        self._dim_looks = self._dim_looks + 1 if marks else 0
         for run in runs:
+            if run in marks and self._dim_looks <= BLINK_LOOKS:
+                continue
             doubt = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
             if doubt > 0.0 and _is_cut(run):
                 doubt /= 2.0
             point_m = run.line.line.point_at(run.middle_m)
+            where = self._where(run, kind, lying)
             if expected_m is not None:
-                doubt += min(math.dist(point_m, expected_m) / SCALE_M, 2.0)
-            is_narrow = run.width_m < NARROW * self._width_m
-            if is_narrow or self._is_mixed:
-                where = self._where(run, kind, lying)
-                doubt += 1.0 if is_narrow and where == "end" else 0.7 if self._is_mixed and where else 0.0
+                far = math.dist(point_m, expected_m) / SCALE_M
+                doubt += far if where == "end" else min(far, FARTHEST)
+            if where == "end":
+                doubt += 1.0 if run.width_m < NARROW * self._width_m else 0.5
+            elif where and self._is_mixed:
+                doubt += 0.7
             if best is None or doubt < best[0]:
                 best = (doubt, run, point_m)
         if best is None or best[0] > LEAST_LIKELY:
             self._brightness = max(DARKEST, self._brightness * ADAPTING)
             return None
         _, run, point_m = best
+        self._full = self._share(run)
         return SeenCursor(run.line.kind, run.line.id, run.middle_m, point_m, run.width_m)
+
+    def mark(self, kind: Kind) -> Vec3 | None:
+        """Return where a dim pixel in one's own colour is, which shows that one points past, or None."""
+        for run in self._runs_of(self._own_codes(MARK_SHARE[0] * self._full), kind):
+            if self._is_mark(run):
+                return run.line.line.point_at(run.middle_m)
+        return None
+
+    def _is_mark(self, run: _Run) -> bool:
+        return run.width_m < 1.5 * run.line.pitch_m and self._share(run) < MARK_SHARE[1] * self._full
+
+    def _share(self, run: _Run) -> float:
+        codes = self._decoded()
+        return max(self._own.share(codes[pixel]) for pixel in run.pixels)
 
     def _where(
         self, run: _Run, kind: Kind, lying: Mapping[Key, Sequence[tuple[float, float]]]
@@ -175,12 +206,17 @@ class Eyes:
 
     def _runs(self, kind: Kind) -> list[_Run]:
         """Return runs of pixels that may be one's own cursor, those interleaved with others' as one."""
-        codes = self._decoded()
-        least = LEVEL_SHARE * self._brightness
-        own = {code: share for code in set(codes) if code and (share := self._own.share(code)) >= least}
-        if not own:
-            return []
-        self._brightness += 0.3 * (max(own.values()) - self._brightness)
+        own = self._own_codes(LEVEL_SHARE * self._brightness)
+        if own:
+            self._brightness += 0.3 * (max(own.values()) - self._brightness)
+        return self._runs_of(own, kind)
+
+    def _own_codes(self, least: float) -> dict[int, float]:
+        """Return the colours before the eyes that may be one's own, and how bright each is."""
+        codes = set(self._decoded())
+        return {code: share for code in codes if code and (share := self._own.share(code)) >= least}
+
+    def _runs_of(self, own: Iterable[int], kind: Kind) -> list[_Run]:
         hits: dict[int, tuple[ShownLine, list[tuple[float, int]]]] = {}
         for code in own:
             for pixel in np.flatnonzero(self._array == code).tolist():

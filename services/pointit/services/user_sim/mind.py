@@ -39,6 +39,8 @@ class Mind:
         """Take in cues, and look at the strips if it is time to."""
         for cue in self._sight.cues:
             self.belief.hear(cue, now_ns)
+            if cue.turn_rad is not None and goal.closed_loop:
+                self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns)
             if cue.cue in ("selected", "deselected", "refused") and self.belief.state == "pointing":
                 self._feel(cue.cue, now_ns, goal)
         if now_ns < self._next_ns <= now_ns + self._period_ns:
@@ -72,6 +74,10 @@ class Mind:
         if self.cursor is not None:
             self._cursor_ns = frame_ns
             self._correction.see(self.cursor.point_m, frame_ns, goal)
+            return
+        mark_m = self._sight.eyes.mark(goal.kind)
+        if mark_m is not None:
+            self._correction.see_mark(mark_m, frame_ns, goal)
 
     def _feel(self, cue: str, now_ns: int, goal: Goal) -> None:
         """Know what a cue of selecting was about: what the own cursor is on, else what is pointed at."""

@@ -46,7 +46,6 @@ class Person:
             config.body.measures(),
             config.body.hand,
             config.position_m,
-            yaw_rad,
             ray_model=config.body.ray_model,
         )
         self._rest_rad = math.radians(config.rest_elevation_deg)

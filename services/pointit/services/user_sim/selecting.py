@@ -61,7 +61,7 @@ class Selecting:
     def _go_on(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or in vain."""
         seen = sight.find(self._current, now_ns)
-        if seen is None or not self._is_task(seen):
+        if seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
             self._end()
         elif self._leave_ns is not None and now_ns >= self._leave_ns:
             self._things.believe(self._current, "mine", now_ns)
@@ -80,7 +80,7 @@ class Selecting:
             return
         if self._next:
             seen = sight.find(self._next, now_ns)
-            if seen is not None and self._is_task(seen):
+            if seen is not None and self._is_task(seen) and not self._is_decided(seen, now_ns):
                 self._current, self._since_ns = self._next, now_ns
                 self._goal = on_object(seen, sight, closed_loop=True)
                 if self._pace.lapses():
@@ -104,6 +104,11 @@ class Selecting:
         thing = seen.thing
         status = self._things.status(thing.id)
         return status == "free" if self._is_target(seen) else status == "mine"
+
+    @staticmethod
+    def _is_decided(seen: SeenObject, now_ns: int) -> bool:
+        """Return True if nothing changes any more which way the object goes: it cannot be had."""
+        return seen.thing.bay_until_ns is not None and now_ns >= seen.thing.bay_until_ns
 
     def _is_target(self, seen: SeenObject) -> bool:
         return seen.thing.kind in self._kinds or seen.thing.id == self._mistaken

@@ -126,7 +126,15 @@ class Sight:
         return [line for key, line in self.lines.items() if key[0] == kind]
 
     def time_left_s(self, seen: SeenObject, now_ns: int) -> float:
-        """Return how long until it is too late to select the object: at its deadline, or where it leaves."""
+        """Return how long until it is too late to select the object: at its deadline, or where it leaves.
+
+        Or when its way is decided, if the object says so and that is earlier.
+        """
+        until_ns = seen.thing.bay_until_ns
+        decided_s = float("inf") if until_ns is None else (until_ns - now_ns) / NS_PER_S
+        return min(decided_s, self._leaves_s(seen, now_ns))
+
+    def _leaves_s(self, seen: SeenObject, now_ns: int) -> float:
         thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
         line = self.lines.get(key) if key is not None else None
         if key is None or line is None or speed == 0.0:

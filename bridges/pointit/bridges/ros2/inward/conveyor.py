@@ -95,16 +95,18 @@ class AddPack:
             return Warned(_no_kind("add_pack", int(request.kind), about))
         if belt >= len(lanes):
             return Warned(f"add_pack: there is no belt {belt}: there are {len(lanes)}, counted from 0")
-        if not abs(position) <= AT_START:
-            return Warned(
-                f"add_pack: position {position:g} was asked for, but packages come onto a belt where it "
-                "begins: ask for 0"
-            )
+        is_at_start = abs(position) <= AT_START
+        if not (is_at_start or 0.0 <= position <= 1.0):
+            return Warned(f"add_pack: position {position:g} was asked for: send 0 (start) to 1 (end)")
         if uid > MOST or uid in self._open or uid in taken:
             return Warned(f"add_pack: uid {uid} is taken or beyond {MOST}: ask for another")
         self._open[uid] = request
         scene.uids.expect(uid)
-        return Said(ADD_PACKAGE, "", AddPackage(kind=kind, lane=lanes[belt]))
+        return Said(
+            ADD_PACKAGE,
+            "",
+            AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position),
+        )
 
     def answers(self, request: Any, reply: Reply | None, about: About) -> Any:
         """Return the response; what was added has the caller's number from now on."""
@@ -130,17 +132,23 @@ def reset(_request: Any, _about: About) -> Said | Warned:
     return Said(RESET_CONVEYOR, "", ResetConveyor())
 
 
-def set_brightness(request: Any, _about: About) -> Said | Warned:
-    """Take a request to dim the strips: all of them, we know no other."""
+def set_brightness(request: Any, about: About) -> Said | Warned:
+    """Take a request to dim all strips, or those whose channels (`id` in `/led_strips`) are in the mask."""
     brightness, mask = float(request.brightness), int(request.channel_index_mask)
-    if mask != EVERY_STRIP:
-        return Warned(
-            f"set_brightness: channel_index_mask {mask} was asked for, but strips are dimmed all together: "
-            f"leave it at {EVERY_STRIP}"
-        )
     if not math.isfinite(brightness):
         return Warned(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
-    return Said(SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0)))
+    strips: tuple[str, ...] = ()
+    if mask != EVERY_STRIP:
+        room = about.scene.room
+        channels = {strip.id: about.scene.channels.number(strip.id) for strip in room.strips} if room else {}
+        strips = tuple(name for name, number in channels.items() if mask >> number & 1)
+        if not strips:
+            there_are = ", ".join(f"{number} {name}" for name, number in channels.items()) or "none"
+            return Warned(
+                f"set_brightness: channel_index_mask {mask} means no strip: there are {there_are}; "
+                f"{EVERY_STRIP} means all"
+            )
+    return Said(SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips))
 
 
 def set_yaw_origin(_request: Any, about: About) -> Said | Warned:

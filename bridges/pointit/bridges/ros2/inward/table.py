@@ -160,6 +160,7 @@ def served() -> tuple[Served, ...]:
             answers=add_pack.answers,
             qos=SERVICE,
             yields=True,
+            has_result=True,
             about="put an object on a belt, under a number of the caller's",
         ),
         Served(
@@ -204,6 +205,6 @@ def served() -> tuple[Served, ...]:
             answers=conveyor.empty("led_strip_msgs/srv/SetBrightness_Response"),
             qos=SERVICE,
             yields=True,
-            about="dim all strips",
+            about="dim all strips, or those of some channels",
         ),
     )

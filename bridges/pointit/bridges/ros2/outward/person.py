@@ -1,5 +1,6 @@
 """What a person does: arm, ray, place, cursor, button, where they are in the interaction."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,12 @@ _UNKNOWN = np.array([-1.0, *[0.0] * 8])
 """Says in a covariance's place that there is no such measurement (sensor_msgs/Imu)."""
 _ZEROS = np.zeros(9)
 
+LEAST_M = 0.01
+"""Standard deviation of a known position, as measured by hand; ROS's filters cannot use 0."""
+LEAST_RAD = math.radians(1.0)
+"""Standard deviation of a known angle likewise, and of roll and pitch, which are 0 by definition of {H}."""
+_LEAST = np.array([LEAST_M**2] * 3 + [LEAST_RAD**2] * 3)
+
 
 def pointing_ray(ray: PointingRay, about: About) -> Converted:
     """Return the ray as a pose whose x axis is its direction."""
@@ -44,19 +51,20 @@ def rotation_of_arm(sample: ImuSample, about: About) -> Converted:
 
 
 def imu(sample: ImuSample, about: About) -> Converted:
-    """Return the sample; its frame is the arm, its orientation turns the arm's vectors into {H}."""
+    """Return the sample with all vectors in {H}: nobody publishes a frame of the arm."""
     types = about.scene.types
+    turned = sample.orientation_xyzw
     turning, push = sample.angular_velocity_radps, sample.acceleration_mps2
     nothing = (0.0, 0.0, 0.0)
     return (
         types.make(
             "sensor_msgs/msg/Imu",
             header=values.header(types, about.stamp_ns, about.frame),
-            orientation=values.quaternion(types, sample.orientation_xyzw),
+            orientation=values.quaternion(types, turned),
             orientation_covariance=_ZEROS,
-            angular_velocity=values.vector3(types, turning or nothing),
+            angular_velocity=values.vector3(types, rotation.rotate(turned, turning or nothing)),
             angular_velocity_covariance=_UNKNOWN if turning is None else _ZEROS,
-            linear_acceleration=values.vector3(types, push or nothing),
+            linear_acceleration=values.vector3(types, rotation.rotate(turned, push or nothing)),
             linear_acceleration_covariance=_UNKNOWN if push is None else _ZEROS,
         ),
     )
@@ -68,11 +76,12 @@ def pose(place: UserPose, about: About) -> Converted:
 
 
 def pose_with_covariance(place: UserPose, about: About) -> Converted:
-    """Return {H} in {W} and how sure that is: rows and columns x, y, z, roll, pitch, yaw."""
+    """Return {H} in {W} and its covariance: rows and columns x, y, z, roll, pitch, yaw; no variance is 0."""
     types = about.scene.types
     spread = np.zeros((6, 6))
     spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(place.covariance).reshape(3, 3)
     spread[2, 2] = place.z_sigma_m**2
+    np.fill_diagonal(spread, np.maximum(spread.diagonal(), _LEAST))
     turned = rotation.from_yaw(place.yaw_rad)
     return (
         types.make(

@@ -52,7 +52,9 @@ def static_frames(room: Environment, about: About) -> Converted:
 
 
 def clock(tick: ClockTick, about: About) -> Converted:
-    """Return the site's time while it is simulated."""
+    """Return the site's time while it is simulated; nothing while it is the wall's."""
+    if tick.sim_ns == tick.stamp_ns and tick.speed == 1.0:
+        return ()
     types = about.scene.types
     now_ns = about.stamp_ns if about.is_again else tick.sim_ns
     return (types.make("rosgraph_msgs/msg/Clock", clock=values.time(types, now_ns)),)

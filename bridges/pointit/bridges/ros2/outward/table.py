@@ -1,7 +1,7 @@
 """What is published in ROS: standard types first, then the ROS toolkit's messages under its names."""
 
 from pointit.bridges.ros2.backend import LATCHED, ROSOUT, Qos
-from pointit.bridges.ros2.frames import ARM, PERSON
+from pointit.bridges.ros2.frames import PERSON
 from pointit.bridges.ros2.outward import conveyor, person, room
 from pointit.bridges.ros2.outward.map_markers import map_markers
 from pointit.bridges.ros2.outward.markers import Markers
@@ -83,8 +83,8 @@ def _standard() -> tuple[Outward, ...]:
             by=person.imu,
             qos=_STREAM,
             rate_hz=POINTING_HZ,
-            frame=ARM,
-            about="the arm's orientation in the person's frame, its turning and acceleration",
+            frame=PERSON,
+            about="the arm's orientation, turning and acceleration, all in the person's frame",
         ),
         Outward(
             name="cursor",
@@ -125,7 +125,7 @@ def _standard() -> tuple[Outward, ...]:
             repeat_hz=CLOCK_HZ,
             repeat_for_s=CLOCK_S,
             yields=True,
-            about="the site's time, while somebody gives it",
+            about="the site's time, while it is simulated",
         ),
         Outward(
             name="diagnostics",

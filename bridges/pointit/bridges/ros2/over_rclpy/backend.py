@@ -105,7 +105,9 @@ class RclpyBackend:
         message = self._seat.class_of(kind)
         if message is None:
             return Absent()
-        writer = DdsWriter(self._seat, topic, message, qos)
+        writer = self._seat.declared(kind, topic, lambda: DdsWriter(self._seat, topic, message, qos))
+        if writer is None:
+            return Absent()
         if self._seat.is_other(kind, topic, self._joined.node.get_publishers_info_by_topic):
             writer.close()
             return Absent()
@@ -118,7 +120,9 @@ class RclpyBackend:
         message = self._seat.class_of(kind)
         if message is None:
             return Absent()
-        reader = DdsReader(self._seat, topic, message, qos, handler)
+        reader = self._seat.declared(kind, topic, lambda: DdsReader(self._seat, topic, message, qos, handler))
+        if reader is None:
+            return Absent()
         if self._seat.is_other(kind, topic, self._joined.node.get_subscriptions_info_by_topic):
             reader.close()
             return Absent()
@@ -132,7 +136,10 @@ class RclpyBackend:
         if types is None:
             return Absent()
         self._look_in(SETTLE_S)
-        return DdsDesk(self._seat, service, types, server)
+        return (
+            self._seat.declared(kind, service, lambda: DdsDesk(self._seat, service, types, server))
+            or Absent()
+        )
 
     async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
         """Return the CDR of a server's response.

@@ -3,7 +3,7 @@
 import asyncio
 import collections
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pointit.bridges.ros2.backend import Closable, RosType
 from pointit.bridges.ros2.complaints import Complaints
@@ -14,6 +14,8 @@ from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
 from pointit.bridges.ros2.over_rclpy.library import Rclpy, class_of
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.mailbox import Dispatcher
+
+End = TypeVar("End")
 
 
 class DdsSeat:
@@ -70,6 +72,18 @@ class DdsSeat:
             )
             return None
 
+    def declared(self, kind: RosType, name: str, declare: Callable[[], End]) -> End | None:
+        """Return the end that `declare` makes; None, and a complaint, where rclpy refuses its type."""
+        try:
+            return declare()
+        except Exception as error:  # noqa: BLE001 - rclpy raises what comes out of the type's libraries
+            why = str(error).partition("\n")[0][:200] or type(error).__name__
+            self.complaints.hold(
+                f"refusal of {kind.name}",
+                f"rclpy refuses {kind.name}, so {name} is left out: {why}; rebuild its package for this ROS",
+            )
+            return None
+
     def is_other(self, kind: RosType, name: str, infos: Callable[[str], Sequence[EndInfo]]) -> bool:
         """Return whether this ROS has been built with another definition of `kind`, and complain if so.
 
@@ -98,6 +112,8 @@ class DdsSeat:
 
 class Absent:
     """Stands for an end that could not be declared, which has been complained about."""
+
+    is_read = False
 
     def put(self, cdr: bytes) -> None:
         """Send nothing."""

@@ -9,6 +9,7 @@ from typing import Any
 from pointit.bridges.ros2.backend import Server, check_cdr
 from pointit.bridges.ros2.over_rclpy.api import Reply, ServiceClass
 from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
+from pointit.runtime.errors import RefusedError
 
 log = logging.getLogger(__name__)
 
@@ -80,6 +81,8 @@ class DdsDesk:
             cdr = await self._server(request)
             check_cdr(cdr)
             response = self._seat.rclpy.deserialize(cdr, self._types.Response)
+        except RefusedError:  # DDS has no place for the reason, which the bridge's warnings have
+            response = self._types.Response()
         except Exception:  # a server must not, but whoever asks must not wait for ever either
             log.exception("a request to %s could not be answered", self._service)
             response = self._types.Response()

@@ -20,6 +20,9 @@ LEAST_CAPACITY = 64
 class DdsWriter:
     """Writes one topic."""
 
+    is_read = False
+    """The graph of DDS has every reader."""
+
     def __init__(self, seat: DdsSeat, topic: str, message: type[object], qos: Qos) -> None:
         """Declare.
 

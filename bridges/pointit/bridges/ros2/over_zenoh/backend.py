@@ -1,14 +1,14 @@
-"""A node in a ROS 2 graph on Zenoh, whichever way ROS is written there."""
+"""A node in a ROS 2 graph on Zenoh."""
 
 import asyncio
 from collections.abc import Callable
 
-from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.backend import Closable, EndpointKind, Graph, Qos, RosType, Server
 from pointit.bridges.ros2.calls import Calls
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.outlook import Outlook
-from pointit.bridges.ros2.over_zenoh.dialect import Dialect
 from pointit.bridges.ros2.over_zenoh.graph import Roster
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.seat import Seat
 from pointit.bridges.ros2.over_zenoh.services import ServiceClient, ServiceDesk
 from pointit.bridges.ros2.over_zenoh.topics import TopicReader, TopicWriter
@@ -16,6 +16,8 @@ from pointit.runtime.errors import BusClosedError
 from pointit.runtime.health import Warnings
 from pointit.runtime.zenoh_plain import PlainSession
 
+UNSEEN_S = 1.0
+"""How often it is looked with whom we exchange messages; who has no token is reported the second time."""
 SETTLE_S = 0.05
 """How long changes of the graph are gathered: a node that starts has twenty endpoints."""
 
@@ -26,7 +28,7 @@ class ZenohBackend:
     def __init__(
         self,
         session: PlainSession,
-        dialect: Dialect,
+        dialect: RmwZenoh,
         warnings: Warnings,
         *,
         node: str,
@@ -59,15 +61,15 @@ class ZenohBackend:
             session, dialect, self._complaints, self._roster, now_ns=now_ns, max_bytes=max_bytes
         )
         self._outlook = Outlook(
-            self._complaints, domain=domain, distro=distro, needs=needs, matching=dialect.matching
+            self._complaints, domain=domain, distro=distro, needs=needs, matching="definition"
         )
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
         self._calls = Calls()
         session.on_change = self._refresh_soon
-        token = dialect.node_token()
-        self._announcement = self._seat.announce(token) if token else None
+        self._announcement = self._seat.announce(dialect.node_token())
         session.tokens(dialect.tokens, self._roster.change)
         self._refresh_soon()
+        self._looking = self._loop.call_later(UNSEEN_S, self._look)
 
     @property
     def node(self) -> str:
@@ -118,6 +120,7 @@ class ZenohBackend:
         """Leave the graph; no handler runs afterwards."""
         if self._session.is_closed:
             return
+        self._looking.cancel()
         if self._refreshing is not None:
             self._refreshing.cancel()
         self._outlook.close()
@@ -127,6 +130,19 @@ class ZenohBackend:
             end.close()
         await self._session.close()
         self._complaints.close()
+
+    def _look(self) -> None:
+        """Take up who exchanges messages with us, whether a token names them or not."""
+        self._looking.cancel()
+        ends: set[tuple[EndpointKind, str]] = set()
+        for end in self._seat.ends:
+            if isinstance(end, TopicWriter) and end.is_read:
+                ends.add(("subscriber", end.topic))
+            elif isinstance(end, TopicReader) and end.has_heard:
+                end.has_heard = False
+                ends.add(("publisher", end.topic))
+        self._roster.exchange(ends)
+        self._looking = self._loop.call_later(UNSEEN_S, self._look)
 
     def _refresh_soon(self) -> None:
         if self._refreshing is None and not self._session.is_closed:

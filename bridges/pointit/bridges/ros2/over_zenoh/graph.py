@@ -1,10 +1,10 @@
 """Who is in the ROS graph, from the tokens by which everybody says that they are there."""
 
 import collections
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
-from pointit.bridges.ros2.backend import Endpoint, Graph
+from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph
 
 MAX_TOKENS = 20_000
 """Of others that are kept; further ones are only counted."""
@@ -40,6 +40,8 @@ class Roster:
         self._own: collections.Counter[str] = collections.Counter()
         self.bridged: set[bytes] = set()
         """What messages carry that come from another PointIt, of whatever domain."""
+        self._exchanged: frozenset[tuple[EndpointKind, str]] = frozenset()
+        self._unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
 
     def announce(self, token: str) -> None:
         """Count a token of ours: it stays however often others say that it is gone, as lost routers do."""
@@ -78,10 +80,27 @@ class Roster:
         if changed or len(self._unreadable) != before:
             self._on_change()
 
+    def exchange(self, ends: Collection[tuple[EndpointKind, str]]) -> None:
+        """Take the kind and topic of the ends that others must have, as messages are exchanged with them.
+
+        One that no token names, in whatever domain, is unseen from the second time on: tokens may come later.
+        """
+        named = {
+            (seen.endpoint.kind, seen.endpoint.name)
+            for token, seen in self._seen.items()
+            if seen.endpoint is not None and token not in self._own
+        }
+        before, self._exchanged = self._exchanged, frozenset(ends) - named
+        unseen = before & self._exchanged
+        if unseen != self._unseen:
+            self._unseen = unseen
+            self._on_change()
+
     def graph(self) -> Graph:
         """Return everybody who is there: the nodes of our domain, the endpoints of every domain."""
         return Graph(
             nodes=frozenset(seen.node for seen in self._seen.values() if seen.domain == self._domain),
             endpoints=frozenset(seen.endpoint for seen in self._seen.values() if seen.endpoint is not None),
             unreadable=len(self._unreadable),
+            unseen=self._unseen,
         )

@@ -3,7 +3,6 @@
 import itertools
 
 from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
-from pointit.bridges.ros2.findings import Matching
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.graph import Seen
 from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN, data_key, resolved
@@ -18,7 +17,6 @@ class RmwZenoh:
     """What one session of ours, with one node, writes and reads; numbers its entities."""
 
     tokens = EVERY_TOKEN
-    matching: Matching = "definition"
 
     def __init__(self, *, session: str, node: str, domain: int, enclave: str = ENCLAVE) -> None:
         """Begin with the node.
@@ -115,11 +113,11 @@ class RmwZenoh:
         """Return the 16 bytes that name the endpoint with this token."""
         return gid(token)
 
-    def pack(self, origin: Attachment) -> bytes | None:
+    def pack(self, origin: Attachment) -> bytes:
         """Return the 33 bytes; a node of ROS aborts when they are others."""
         return packed(origin)
 
-    def unpack(self, attachment: bytes | None) -> Attachment | None:
+    def unpack(self, attachment: bytes | None) -> Attachment:
         """Return what somebody's attachment says; raises `ValueError` with a sentence when it is none."""
         if attachment is None:
             raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pointit.bridges.ros2.backend import Closable
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment
-from pointit.bridges.ros2.over_zenoh.dialect import Dialect
 from pointit.bridges.ros2.over_zenoh.graph import Roster
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.runtime.zenoh_plain import PlainSession
 
 
@@ -16,7 +16,7 @@ class Seat:
     def __init__(
         self,
         session: PlainSession,
-        dialect: Dialect,
+        dialect: RmwZenoh,
         complaints: Complaints,
         roster: Roster,
         *,

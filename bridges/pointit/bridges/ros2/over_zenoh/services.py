@@ -10,6 +10,7 @@ from typing import Any
 from pointit.bridges.ros2.backend import SERVICE, RosType, Server, check_cdr
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment
 from pointit.bridges.ros2.over_zenoh.seat import Seat, Sender
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.zenoh_plain_requests import Answer, Ask
 
 log = logging.getLogger(__name__)
@@ -53,7 +54,7 @@ class ServiceDesk:
             self._seat.complaints.say(f"attachments of {self._service}", why)
             self._start(id(ask), ask.refuse(str(error)))
             return
-        mark = id(ask) if origin is None else (origin.gid, origin.sequence)
+        mark = origin.gid, origin.sequence
         if mark in self._answering:
             self._start(id(ask), ask.refuse("duplicate sequence number"))
         else:
@@ -64,21 +65,21 @@ class ServiceDesk:
         self._answering[mark] = task
         task.add_done_callback(lambda _task: self._answering.pop(mark, None))
 
-    async def _answer(self, ask: Ask, origin: Attachment | None) -> None:
+    async def _answer(self, ask: Ask, origin: Attachment) -> None:
         try:
             response = await self._server(ask.payload)
             check_cdr(response)
         except asyncio.CancelledError:
             ask.drop()
             raise
+        except RefusedError as error:
+            await ask.refuse(str(error))
+            return
         except Exception as error:  # a server must not, but whoever asks must not wait for ever either
             log.exception("a request to %s could not be answered", self._service)
             await ask.refuse(f"{type(error).__name__}: {error}")
             return
-        echo = None
-        if origin is not None:
-            echo = self._seat.dialect.pack(replace(origin, stamp_ns=self._seat.now_ns()))
-        await ask.answer(response, echo)
+        await ask.answer(response, self._seat.dialect.pack(replace(origin, stamp_ns=self._seat.now_ns())))
 
 
 class ServiceClient:
@@ -140,7 +141,7 @@ class ServiceClient:
             echo = self._seat.dialect.unpack(answer.attachment)
         except ValueError as error:
             return f"its answer was dropped: {error}"
-        if echo is not None and (echo.gid, echo.sequence) != (origin.gid, origin.sequence):
+        if (echo.gid, echo.sequence) != (origin.gid, origin.sequence):
             return "its answer was dropped: it is to another request"
         return ""
 

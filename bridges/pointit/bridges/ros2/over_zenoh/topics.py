@@ -7,7 +7,7 @@ import xxhash
 
 from pointit.bridges.ros2.backend import Qos, RosType, check_cdr
 from pointit.bridges.ros2.over_zenoh.seat import Seat, Sender
-from pointit.runtime.zenoh_plain_ends import Packet, PlainTraffic
+from pointit.runtime.zenoh_plain_ends import Packet, PlainReader, PlainTraffic
 
 LEAST_CAPACITY = 64
 """Messages that wait for the loop at least, however few a topic's QoS keeps."""
@@ -21,6 +21,7 @@ class TopicWriter:
     def __init__(self, seat: Seat, topic: str, kind: RosType, qos: Qos) -> None:
         """Declare; the presence token comes last: who sees it finds a writer."""
         token = seat.dialect.endpoint_token("publisher", topic, kind, qos)
+        self.topic = topic
         self._seat = seat
         # Zenoh's caches know no age: of what has a lifespan nothing is kept, rather than all of it for ever.
         # Who subscribes as to a latched topic hears all the same what is said from then on.
@@ -30,6 +31,11 @@ class TopicWriter:
         self._sender = Sender(seat, token)
         self._token = seat.announce(token)
         seat.ends.add(self)
+
+    @property
+    def is_read(self) -> bool:
+        """Return True if Zenoh knows a reader, with or without a token; False for a latched topic."""
+        return not self._seat.session.is_closed and self._writer.is_read
 
     def put(self, cdr: bytes) -> None:
         """Send; returns at once, and never blocks on readers.
@@ -57,8 +63,10 @@ class TopicReader:
         self, seat: Seat, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
     ) -> None:
         """Declare; `handler` gets the CDR of what comes."""
+        self.topic = topic
+        self.has_heard = False
+        """Messages have come since this was last set to False."""
         self._seat = seat
-        self._topic = topic
         self._kind = kind
         self._handler = handler
         self._malformed = 0
@@ -67,9 +75,8 @@ class TopicReader:
         self._remembered = max(qos.depth, REMEMBERED)
         dialect, session = seat.dialect, seat.session
         # Where messages of this topic come in that nobody gets; taken away with the first, good or not.
-        strays = dialect.strays(topic)
-        self._strays = (
-            session.reader(strays, self._on_stray, capacity=1, max_bytes=seat.max_bytes) if strays else None
+        self._strays: PlainReader | None = session.reader(
+            dialect.strays(topic), self._on_stray, capacity=1, max_bytes=seat.max_bytes
         )
         self._reader = session.reader(
             dialect.key(topic, kind),
@@ -97,14 +104,15 @@ class TopicReader:
         except ValueError as error:
             self._malformed += 1
             self._seat.complaints.say(
-                f"attachments of {self._topic}",
-                f"dropped {self._malformed} messages on {self._topic}: {error}",
+                f"attachments of {self.topic}",
+                f"dropped {self._malformed} messages on {self.topic}: {error}",
             )
             return
-        if origin is not None and self._seat.is_barred(origin.gid):
+        if self._seat.is_barred(origin.gid):
             return
         if packet.attachment is not None and self._is_known(packet.attachment, packet.payload):
             return
+        self.has_heard = True
         if not self._has_arrived:
             self._has_arrived = True
             self._end_strays()
@@ -126,14 +134,14 @@ class TopicReader:
             f"{traffic.overrun} came faster than they could be handled" if traffic.overrun else "",
         )
         self._seat.complaints.say(
-            f"losses of {self._topic}",
-            f"dropped messages on {self._topic}: {' and '.join(each for each in reasons if each)}",
+            f"losses of {self.topic}",
+            f"dropped messages on {self.topic}: {' and '.join(each for each in reasons if each)}",
         )
 
     def _on_stray(self, packet: Packet) -> None:
-        why = self._seat.dialect.astray(packet.key, self._topic, self._kind)
+        why = self._seat.dialect.astray(packet.key, self.topic, self._kind)
         if why and not self._is_of_bridge(packet):
-            self._seat.complaints.hold(f"stray {self._topic}", why)
+            self._seat.complaints.hold(f"stray {self.topic}", why)
             self._close_strays()  # one is enough: another robot may have a lot of them
 
     def _is_of_bridge(self, packet: Packet) -> bool:
@@ -142,11 +150,11 @@ class TopicReader:
             origin = self._seat.dialect.unpack(packet.attachment)
         except ValueError:
             return False
-        return origin is not None and self._seat.is_barred(origin.gid)
+        return self._seat.is_barred(origin.gid)
 
     def _end_strays(self) -> None:
         self._close_strays()
-        self._seat.complaints.drop(f"stray {self._topic}")
+        self._seat.complaints.drop(f"stray {self.topic}")
 
     def _close_strays(self) -> None:
         if self._strays is not None:

@@ -24,6 +24,7 @@ import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
 import { tuningPart } from "./panel/tuning";
 import { makeScenario } from "./scenario";
+import { outage } from "./outage";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
 import { emptySite, type Happened, type Site } from "./site/site";
@@ -64,7 +65,7 @@ const connection = new Connection(site, {
 });
 const desk = new Desk(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(desk, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "progress", "guide", "cameras", "toasts", "chip"].map(at), desk, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "toasts", "chip"].map(at), desk, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });
@@ -124,6 +125,7 @@ function frame(): void {
   isStale = false;
   for (const part of [panel, guide, scenario, stage]) part.update();
   showHeader();
+  showOutage();
   announce();
 }
 
@@ -133,24 +135,29 @@ function tell(happened: Happened): void {
   if ("feedback" in happened) {
     if (happened.user !== mine) return;
     const { feedback } = happened;
-    if (settings.sound) chime(feedback.chime);
+    // whether a selection deserves praise depends on the object, which its event has
+    if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
     if (feedback.point_m && feedback.text) desk.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
     return;
   }
   const { event } = happened;
   if (event.user !== (mine || desk.user)) return;
-  const what = called(site, event.object_id, event.kind);
+  const what = called(site, event.object_id, event.kind), isWrong = !desk.isWanted(event.kind);
   if (event.event === "selected") {
     guide.selected(event);
-    say(`Selected: ${what}`, mine !== "");
+    if (settings.sound && mine) chime(isWrong ? "buzz" : "tick");
+    say(isWrong ? `Not wanted: ${what}` : `Selected: ${what}`, mine !== "", isWrong);
+  } else if (isWrong && (event.event === "dispatched" || event.event === "left")) {
+    if (settings.sound && mine) chime("buzz");
+    say(`Not wanted, and left${event.bay ? ` at bay ${event.bay}` : ""}: ${what}`, mine !== "", true);
   } else if (event.event === "deselected") say(`Taken back: ${what}`, mine !== "");
   else if (event.event === "refused" && mine) desk.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
   isStale = true;
 }
 
 /** Tell in words: as a toast, which is read out, or only to be read out. */
-function say(text: string, isToast: boolean): void {
-  if (isToast) desk.toasts.show("done", text);
+function say(text: string, isToast: boolean, isWrong = false): void {
+  if (isToast) desk.toasts.show(isWrong ? "wrong" : "done", text);
   else write(at("said"), text);
 }
 
@@ -176,6 +183,13 @@ function showHeader(): void {
   write(at("pill-text"), site.connected ? "Live" : site.hello ? "Lost" : "Connecting");
   write(at("pill-latency"), median === null ? "" : `· ${milliseconds(median)}`);
   show(at("looks-on"), site.connected && site.hello?.role === "viewer");
+}
+
+/** Say why the scene stands still. */
+function showOutage(): void {
+  const text = site.connected ? outage(site) : "";
+  show(at("outage"), text !== "");
+  write(at("outage-text"), text);
 }
 
 function showConnection(isConnected: boolean, attempt: number): void {

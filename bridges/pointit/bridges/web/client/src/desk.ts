@@ -74,6 +74,12 @@ export class Desk {
     return all.find((each) => each.scenario)?.scenario ?? all.find((each) => each.services.some((s) => !s.user))?.name ?? "";
   }
 
+  /** Whether an object of this kind is one to select; of a scenario that names no kinds, every object is. */
+  isWanted(kind: string): boolean {
+    const kinds = [...this.site.deployments.values()].flatMap((each) => each.target_kinds ?? []);
+    return !kind || kinds.length === 0 || kinds.includes(kind);
+  }
+
   /** Whether `user` is simulated. */
   isSimulated(user: string): boolean {
     return this.isPresent("user-sim", user);

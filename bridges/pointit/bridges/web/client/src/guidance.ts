@@ -21,12 +21,14 @@ export interface Situation {
   canSelect: boolean;
   /** What was selected in the last seconds by this person, in words; empty: nothing. */
   success: string;
+  /** It was not one of those to select. */
+  isWrong: boolean;
   /** How much this person has selected now. */
   count: number;
 }
 
 export interface Guidance {
-  mode: "none" | "invite" | "idle" | "point" | "success" | "phone";
+  mode: "none" | "invite" | "idle" | "point" | "success" | "wrong" | "phone";
   title: string;
   text: string;
   /** How full the gauge is; null: none shows. */
@@ -57,6 +59,9 @@ export function guidance(now: Situation): Guidance {
   if (state === "idle") return { ...none, mode: "idle", title: "Your arm rests.", text: now.interaction?.next_step ?? "" };
   if (state === "localizing") {
     return { ...none, mode: "point", title: "You are the arm. First the system finds your place.", text: now.interaction?.next_step ?? "" };
+  }
+  if (now.success && now.isWrong) {
+    return { ...none, mode: "wrong", title: `You selected ${now.success}, which is not wanted.`, text: "Stay on it again to take it back." };
   }
   if (now.success) {
     return { ...none, mode: "success", title: `You selected ${now.success}!`, text: now.count > 1 ? `${now.count} are yours now. Go on with the next.` : "Go on with the next." };

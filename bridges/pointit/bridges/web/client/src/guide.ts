@@ -3,13 +3,16 @@
 import type { Desk } from "./desk";
 import { el, icon, key, mark, show, write } from "./dom";
 import { capital } from "./format";
-import { guidance } from "./guidance";
+import { guidance, type Guidance } from "./guidance";
 import type { SelectionEvent } from "./messages";
 import type { Mouse } from "./mouse";
 import type { Pairing } from "./panel/pairing";
 import { thing } from "./words";
 
 const SUCCESS_MS = 2500;
+const SIGNS: Record<Guidance["mode"], string> = {
+  none: "point", invite: "point", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone",
+};
 
 export interface Guide {
   update(): void;
@@ -23,7 +26,7 @@ const isTouch = matchMedia("(hover: none) and (pointer: coarse)").matches;
 export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = desk;
   let isDismissed = false;
-  let success = { what: "", user: "", at: -Infinity };
+  let success = { what: "", user: "", isWrong: false, at: -Infinity };
   const button = (symbol: string, name: string, shortcut: string, className: string, run: () => void): HTMLButtonElement =>
     el("button", { type: "button", className, onclick: run, ...(shortcut ? { "aria-keyshortcuts": shortcut } : {}) },
       icon(symbol), el("span", { text: name }), shortcut ? key(shortcut === "Escape" ? "Esc" : shortcut) : null);
@@ -58,13 +61,14 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
         isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === person?.hover?.object_id && owner === user) ?? false,
         canSelect: desk.isPresent("selector"),
         success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
+        isWrong: success.isWrong,
         count: site.selection?.objects.filter((each) => each.user === user).length ?? 0,
       });
       const isShown = site.connected && now.mode !== "none" && !(now.mode === "invite" && isDismissed) && person !== null;
       show(host, isShown);
       if (!isShown) return;
       mark(host, "data-mode", now.mode);
-      mark(sign.firstElementChild!, "href", `#icon-${now.mode === "success" ? "check" : now.mode === "phone" ? "phone" : now.mode === "idle" ? "pause" : "point"}`);
+      mark(sign.firstElementChild!, "href", `#icon-${SIGNS[now.mode]}`);
       write(title, now.title);
       write(text, now.text);
       show(text, now.text !== "");
@@ -77,7 +81,9 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
       show(dismiss, now.mode === "invite");
     },
     selected(event) {
-      success = { what: `a ${thing(site, event.object_id, event.kind)}`, user: event.user, at: performance.now() };
+      success = {
+        what: `a ${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !desk.isWanted(event.kind), at: performance.now(),
+      };
       setTimeout(() => self.update(), SUCCESS_MS + 50);
     },
   };

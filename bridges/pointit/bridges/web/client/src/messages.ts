@@ -10,8 +10,10 @@ export interface Everything {
   ClockTick: ClockTick;
   BayCount: BayCount;
   BeltSpeed: BeltSpeed;
+  Departure: Departure;
   ConveyorState: ConveyorState;
   LampMiss: LampMiss;
+  Passed: Passed;
   Cursor: Cursor;
   ExpectedService: ExpectedService;
   Deployment: Deployment;
@@ -41,13 +43,15 @@ export interface Everything {
   Localization: Localization;
   PointAnchor: PointAnchor;
   PointingRay: PointingRay;
+  ReadHistory: ReadHistory;
+  SelectionEvent: SelectionEvent;
+  ReadHistoryReply: ReadHistoryReply;
   ReleaseObject: ReleaseObject;
   ResetConveyor: ResetConveyor;
   RunScenario: RunScenario;
   ReservedObject: ReservedObject;
   SelectedObject: SelectedObject;
   Selection: Selection;
-  SelectionEvent: SelectionEvent;
   SetBrightness: SetBrightness;
   SetFeeding: SetFeeding;
   SetHeading: SetHeading;
@@ -84,6 +88,10 @@ export interface AddPackage {
    */
   lane: string;
   length_m: number;
+  /**
+   * share of the lane's length from its start; empty: where packages come onto it
+   */
+  position: number | null;
 }
 /**
  * The object's id.
@@ -235,6 +243,21 @@ export interface BeltSpeed {
   speed_mps: number;
 }
 /**
+ * An object that came out at a bay.
+ */
+export interface Departure {
+  /**
+   * empty: where a belt ends
+   */
+  bay: string;
+  object_id: string;
+  stamp_ns: number;
+  /**
+   * for whom it was sent there; empty: nobody
+   */
+  user: string;
+}
+/**
  * What the conveyor does.
  */
 export interface ConveyorState {
@@ -243,6 +266,10 @@ export interface ConveyorState {
    * those with a speed of their own
    */
   belts: BeltSpeed[];
+  /**
+   * the latest objects that left and were selected, oldest first
+   */
+  departures: Departure[];
   /**
    * objects put on the conveyor so far
    */
@@ -284,6 +311,37 @@ export interface LampMiss {
   miss_rad: number;
 }
 /**
+ * The thing nearest to a ray that passes everything by, and how the ray has to turn to meet it.
+ */
+export interface Passed {
+  /**
+   * nearest point of it, {W}
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  point_m: [number, number, number];
+  /**
+   * arc length of that point along a strip or belt
+   */
+  position_m: number;
+  /**
+   * azimuth to turn to the right; negative: to the left
+   */
+  right_rad: number;
+  solid: "" | "box" | "plane" | "cylinder" | "sphere";
+  surface: "none" | "strip" | "belt" | "lamp" | "points";
+  surface_id: string;
+  /**
+   * the same for the person, once they pointed past for a while; else empty
+   */
+  text: string;
+  /**
+   * elevation to turn up; negative: down
+   */
+  up_rad: number;
+}
+/**
  * Where the pointing ray meets the environment, in {W}.
  */
 export interface Cursor {
@@ -307,6 +365,10 @@ export interface Cursor {
    * where the ray begins, {W}
    */
   origin_m: [number, number, number] | null;
+  /**
+   * nearest thing, where the ray passes everything and the arm does not rest
+   */
+  passed: Passed | null;
   /**
    * on the surface, {W}
    */
@@ -375,6 +437,10 @@ export interface Deployment {
    * time of capture, Unix ns; derived data keep it
    */
   stamp_ns: number;
+  /**
+   * kinds of objects to select; empty: none is wrong
+   */
+  target_kinds: string[];
 }
 /**
  * It was done.
@@ -588,6 +654,10 @@ export interface Feedback {
    */
   target_id: string;
   text: string;
+  /**
+   * how far to turn, right and up, of one who points past everything; else empty
+   */
+  turn_rad: [number, number] | null;
   /**
    * there is nothing to do yet but wait for the next cue
    */
@@ -962,6 +1032,65 @@ export interface PointingRay {
   stamp_ns: number;
 }
 /**
+ * Ask for the last selection events that the selector told, from its journal.
+ */
+export interface ReadHistory {
+  /**
+   * so many at most
+   */
+  last: number;
+  /**
+   * nothing before, Unix ns
+   */
+  since_ns: number;
+}
+/**
+ * Something happened to an object: a person (de)selected it, or it left.
+ */
+export interface SelectionEvent {
+  /**
+   * of `dispatched`: where it went
+   */
+  bay: string;
+  /**
+   * what the person did; empty: nothing, or unknown
+   */
+  cause: "" | "dwell" | "button" | "undo" | "clear" | "release";
+  /**
+   * that this object was meant
+   */
+  confidence: number | null;
+  event: "selected" | "deselected" | "refused" | "left" | "dispatched";
+  kind: string;
+  object_id: string;
+  reason: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * who did it; of `left` and `dispatched`: for whom it went there, or empty
+   */
+  user: string;
+}
+/**
+ * What was told, as far as there is room: the oldest are left out.
+ */
+export interface ReadHistoryReply {
+  /**
+   * the latest last; number, stamp, object and event are those of the message then
+   */
+  events: SelectionEvent[];
+  /**
+   * one sentence for a person: what was done
+   */
+  message: string;
+}
+/**
  * Deselect one object, whoever selected it: for a supervisor, or to take it over.
  */
 export interface ReleaseObject {
@@ -1032,43 +1161,14 @@ export interface Selection {
   stamp_ns: number;
 }
 /**
- * Something happened to an object: a person (de)selected it, or it left.
- */
-export interface SelectionEvent {
-  /**
-   * of `dispatched`: where it went
-   */
-  bay: string;
-  /**
-   * what the person did; empty: nothing, or unknown
-   */
-  cause: "" | "dwell" | "button" | "undo" | "clear" | "release";
-  /**
-   * that this object was meant
-   */
-  confidence: number | null;
-  event: "selected" | "deselected" | "refused" | "left" | "dispatched";
-  kind: string;
-  object_id: string;
-  reason: string;
-  /**
-   * counts this writer's messages on this key
-   */
-  seq: number;
-  /**
-   * time of capture, Unix ns; derived data keep it
-   */
-  stamp_ns: number;
-  /**
-   * who did it; for `left`: who had it selected, or empty
-   */
-  user: string;
-}
-/**
- * Dim all strips.
+ * Dim all strips, or some.
  */
 export interface SetBrightness {
   brightness: number;
+  /**
+   * ids of strips; empty: all of them
+   */
+  strips: string[];
 }
 /**
  * Let the feeders give packages, or rest; belts run on, and packages can be added, either way.
@@ -1300,6 +1400,10 @@ export interface StripFrame {
  */
 export interface StripsFrame {
   /**
+   * from this message to the slowest controller's light, as last measured, wall time
+   */
+  light_s: number;
+  /**
    * counts this writer's messages on this key
    */
   seq: number;
@@ -1317,6 +1421,10 @@ export interface TrackedObject {
    * where it is on its way to; empty: not decided, or nowhere
    */
   bay: string;
+  /**
+   * until then, at the present speeds, (de)selecting it changes its bay; 0: it is too late; empty: no limit is known
+   */
+  bay_until_ns: number | null;
   id: string;
   kind: string;
   /**
@@ -1352,6 +1460,10 @@ export interface TrackedObject {
  * All tracked objects of one tracker at one time; an object that is no longer listed has left.
  */
 export interface TrackedObjects {
+  /**
+   * 1 sigma of the time from `stamp_ns` to that of the positions; empty: unknown
+   */
+  latency_sigma_s: number | null;
   objects: TrackedObject[];
   /**
    * counts this writer's messages on this key

@@ -30,7 +30,7 @@ test("settings survive what is not theirs", () => {
 
 const situation: Situation = {
   mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", isTheirs: false,
-  scenario: "scenario_4", canSelect: true, success: "", count: 0,
+  scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
 };
 const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });
 const hover: NonNullable<Situation["hover"]> = {
@@ -55,4 +55,6 @@ test("a newcomer is told one thing at a time", () => {
   assert.equal(taken.progress, null);
   assert.match(taken.text, /ben has it/);
   assert.equal(guidance({ ...mine, success: "a red package", count: 2 }).title, "You selected a red package!");
+  const wrong = guidance({ ...mine, success: "a blue package", isWrong: true, count: 2 });
+  assert.deepEqual([wrong.mode, wrong.title], ["wrong", "You selected a blue package, which is not wanted."]);
 });

@@ -2,9 +2,9 @@
 
 import { el, icon } from "./dom";
 
-type Kind = "done" | "info" | "error";
-const STAYS_MS: Record<Kind, number> = { done: 3500, info: 4500, error: 8000 };
-const ICONS: Record<Kind, string> = { done: "check", info: "info", error: "warning" };
+type Kind = "done" | "info" | "wrong" | "error";
+const STAYS_MS: Record<Kind, number> = { done: 3500, info: 4500, wrong: 4500, error: 8000 };
+const ICONS: Record<Kind, string> = { done: "check", info: "info", wrong: "close", error: "warning" };
 const MOST = 3;
 
 export class Toasts {

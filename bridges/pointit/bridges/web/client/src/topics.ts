@@ -49,6 +49,7 @@ export const SERVERS = {
   "pui/tolerance": "pui",
   "pui/{user}/set_workspace": "pui",
   "run/scenario": "cli",
+  "selector/history": "selector",
   "selector/method": "selector",
   "selector/{user}/clear": "selector",
   "selector/{user}/release": "selector",

@@ -62,7 +62,7 @@ export function eventLine(site: Site, event: SelectionEvent): { severity: LogLin
   switch (event.event) {
     case "selected": return { severity: "info", text: `selected ${what}` };
     case "deselected": return { severity: "info", text: `took back ${what}${why}` };
-    case "refused": return { severity: "warning", text: `could not select ${what}${why}` };
+    case "refused": return { severity: "warning", text: `could not change ${what}${why}` };
     case "dispatched": return { severity: "info", text: `${what} left at bay ${event.bay}` };
     case "left": return { severity: "info", text: `${what} left` };
     default: return { severity: "info", text: `${String(event.event)} ${what}` };

@@ -45,10 +45,25 @@ export function kindLetter(kind: string): string {
   return [...kind.trim()][0]?.toUpperCase() ?? "";
 }
 
-/** `color` as it can be seen before the page's background: darker on a light page where it is too bright. */
+/** What is behind rays and rings: of the scene's floor and background the one that is nearer to their colours. */
+export const GROUNDS: Readonly<Record<"dark" | "light", Rgb>> = { dark: [23, 29, 38], light: [228, 234, 241] };
+/** Of a person's colour and the ground. WCAG asks 3 of graphics; a ray is not quite opaque. */
+const LEAST_CONTRAST = 4.5;
+const STEP = 0.05;
+
+/** `color` as it can be seen before the ground: brighter on a dark page, darker on a light one, where it must be. */
 export function visibleColor(color: Rgb, dark: boolean): Rgb {
-  if (dark || 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] < 170) return color;
-  return [color[0] * 0.62, color[1] * 0.62, color[2] * 0.62];
+  const ground = GROUNDS[dark ? "dark" : "light"], end = dark ? 255 : 0;
+  let made = color;
+  for (let share = STEP; share <= 1 && contrast(made, ground) < LEAST_CONTRAST; share += STEP) {
+    made = color.map((part) => part + (end - part) * share) as [number, number, number];
+  }
+  return made;
+}
+
+/** What edges rays and rings, which lie on dark belts as well as on a light floor. */
+export function casing(dark: boolean): Rgb {
+  return dark ? [10, 14, 20] : [255, 255, 255];
 }
 
 /** `#rrggbb`. */

@@ -69,7 +69,7 @@ export function nowPart(desk: Desk): Part {
       write(place, stands ? `Where ${desk.user} stands is yet to be found; shown is where they are taken to stand.` : `Where ${desk.user} stands is not known, so they are not shown.`);
       const name = users.length > 1 ? `${desk.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
-      write(next, interaction?.next_step ?? "");
+      write(next, desk.person?.cursor?.passed?.text || (interaction?.next_step ?? ""));
       show(press, desk.mayDo("press") && desk.user !== "");
       const progress = desk.person?.localization;
       const isLocalizing = now === "localizing" || progress?.phase === "sampling";

@@ -17,7 +17,7 @@ function room(parts: Partial<Environment> = {}): Environment {
 }
 
 function thing(parts: Partial<TrackedObject> = {}): TrackedObject {
-  return { id: "x-1", kind: "red", position_m: [0, 0, 1], velocity_mps: [0, 0, 0], length_m: 0.4, surface: "belt", surface_id: "a", surface_position_m: 1, surface_speed_mps: 0, bay: "", ...parts };
+  return { id: "x-1", kind: "red", position_m: [0, 0, 1], velocity_mps: [0, 0, 0], length_m: 0.4, surface: "belt", surface_id: "a", surface_position_m: 1, surface_speed_mps: 0, bay: "", bay_until_ns: null, ...parts };
 }
 
 test("neighbours of one colour are one stroke, pixels that are off none", () => {
@@ -120,14 +120,14 @@ test("the list tells people, objects and lamps in short lines", () => {
   person.interaction = { state: "pointing" } as never;
   person.line = { assumed: { position_m: [0, 0, 0], yaw_rad: 0 } } as never;
   person.hover = { object_id: "1a-1", progress: 0.456, action: "select" } as Hover;
-  site.objects.set("conveyor", { stamp_ns: 0, seq: 0, objects: [thing({ id: "1a-2", kind: "blue" }), thing({ id: "1a-1", bay: "1" })] });
+  site.objects.set("conveyor", { stamp_ns: 0, seq: 0, latency_sigma_s: null, objects: [thing({ id: "1a-2", kind: "blue" }), thing({ id: "1a-1", bay: "1", bay_until_ns: 0 })] });
   site.selection = { stamp_ns: 0, seq: 0, objects: [{ id: "1a-1", user: "user2", kind: "red", since_ns: 0, confidence: null }], reserved: [{ id: "1a-2", user: "user10", until_ns: 0 }] };
   assert.deepEqual(peopleRows(site).map(({ key, text }) => [key, text]), [
     ["user2", "pointing; their place is yet to be found; points at red package, select 46 %"],
     ["user10", "nothing heard yet; where they stand is not known"],
   ]);
   assert.deepEqual(objectRows(site).map(({ name, text }) => [name, text]), [
-    ["red package 1", "on belt a at 1.0 m, bound for bay 1; selected by user2"], ["blue package 2", "on belt a at 1.0 m; user10 is about to select it"],
+    ["red package 1", "on belt a at 1.0 m, bound for bay 1, too late to change; selected by user2"], ["blue package 2", "on belt a at 1.0 m; user10 is about to select it"],
   ]);
   assert.deepEqual(lampRows(site).map(({ text, at }) => [text, at]), [["dark", [1, 2, 3]]]);
 });

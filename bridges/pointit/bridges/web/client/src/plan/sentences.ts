@@ -80,7 +80,7 @@ function whatTheyPointAt(site: Site, person: Person): string[] {
 }
 
 function whereItIs(object: TrackedObject): string {
-  const to = object.bay ? `, bound for bay ${object.bay}` : "";
+  const to = object.bay ? `, bound for bay ${object.bay}${object.bay_until_ns === 0 ? ", too late to change" : ""}` : "";
   if (object.surface === "belt" || object.surface === "strip") {
     return `on ${object.surface} ${object.surface_id} at ${object.surface_position_m.toFixed(1)} m${to}`;
   }

@@ -21,11 +21,11 @@ export interface Theme {
 
 export const DARK: Theme = {
   dark: true, background: 0x11161d, floor: "#171d26", line: "#29323e", frame: 0xa9b6c4, leg: 0x4b5665,
-  rubber: "#343b46", chevron: "#56616f", solid: 0x54606e, off: 0.27, ink: "#eef2f7", paper: "rgba(13,17,23,.78)",
+  rubber: "#343b46", chevron: "#56616f", solid: 0x54606e, off: 0.52, ink: "#eef2f7", paper: "rgba(13,17,23,.78)",
 };
 export const LIGHT: Theme = {
   dark: false, background: 0xe4eaf1, floor: "#f3f5f8", line: "#cfd7e1", frame: 0xb9c3ce, leg: 0x78848f,
-  rubber: "#4b535e", chevron: "#6b7480", solid: 0xb4bec9, off: 0.5, ink: "#141a22", paper: "rgba(255,255,255,.86)",
+  rubber: "#4b535e", chevron: "#6b7480", solid: 0xb4bec9, off: 0.4, ink: "#141a22", paper: "rgba(255,255,255,.86)",
 };
 
 interface Disposable {

@@ -3,7 +3,7 @@
 import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
-import { cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/looks";
+import { casing, cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/looks";
 import { add, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Beams } from "./beams";
 import { Figure } from "./figure";
@@ -20,6 +20,8 @@ const FLAG_M = 0.8;
 const RAISE_PER_S = 4;
 const TURN_PER_S = 7;
 const WHITE: Read3 = [255, 255, 255];
+/** How opaque a ray is, and at its end as a share of that. */
+const RAY = 0.95, RAY_END = 0.9;
 
 interface Body {
   readonly kit: Kit;
@@ -119,11 +121,13 @@ export class People {
   private pointing(person: Person, arm: Arm, origin: Read3, color: Read3, pattern: Pattern, isStale: boolean, isOwn: boolean): void {
     const { beams, marks, kit } = this.around, { cursor } = person, alpha = isStale ? 0.3 : 1;
     const at = cursor?.point_m ?? rayEnd(origin as Vec3, cursor!.direction!);
-    beams.add(arm.finger, at, color, 0.95 * alpha, 2.6, 0, cursor?.point_m ? 0.55 : 0);
+    const edge = casing(kit.theme.dark), end = cursor?.point_m ? RAY_END : 0;
+    beams.add(arm.finger, at, edge, 0.8 * alpha, 4.4, 0, end);
+    beams.add(arm.finger, at, color, RAY * alpha, 2.6, 0, end);
     if (!isOwn) beams.add(origin, arm.finger, color, 0.5 * alpha, 1.6, 0.05);
     if (!cursor?.point_m) return;
-    if (!kit.theme.dark) marks.add(at, 0.078, [20, 25, 32], { faces: true, thick: 0.36, alpha: 0.55 * alpha });
     marks.add(at, 0.17, color, { pattern: "glow", faces: true, alpha });
+    marks.add(at, 0.08, edge, { faces: true, thick: 0.42, alpha: 0.85 * alpha });
     marks.add(at, 0.07, color, { pattern, faces: true, thick: 0.26, alpha });
   }
 

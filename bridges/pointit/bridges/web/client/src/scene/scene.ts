@@ -210,6 +210,7 @@ class Scene implements View {
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
+    for (const [id, at] of world.lamps.places) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
     world.things.set(site.objects);
     let moves = world.things.place(now_ns);
     if (site.connected) moves = world.belts.run(passed) || moves;

@@ -3,7 +3,7 @@
 import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
 import { Episodes, note } from "./log";
-import { emptyPerson, type Happened, type Person, type Site } from "./site";
+import { emptyPerson, siteNow, type Happened, type LogLine, type Person, type Site } from "./site";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
 import { eventLine } from "../words";
@@ -36,9 +36,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "users/{user}/feedback": (keeper, message, name) => {
     const { site } = keeper;
     if (message.point_m) keeper.person(name).proposed = message.cue === "selected" ? message.point_m : null;
-    if (message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))) {
-      note(site, message.cue === "refused" ? "warning" : "info", name, message.text);
-    }
+    keeper.tell("users/{user}/feedback", message, name);
     happen(site, { feedback: message, user: name });
   },
   "users/{user}/goal": (keeper, message, name) => void (keeper.person(name).goal = message),
@@ -53,10 +51,9 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   },
   "objects/{tracker}": ({ site }, message, name) => void site.objects.set(name, message),
   selection: ({ site }, message) => void (site.selection = message),
-  "selection/events": ({ site }, message) => {
-    const { severity, text } = eventLine(site, message);
-    note(site, severity, message.user, text);
-    happen(site, { event: message });
+  "selection/events": (keeper, message) => {
+    keeper.tell("selection/events", message, "");
+    happen(keeper.site, { event: message });
   },
   "leds/{led}/color": ({ site }, message, name) => void site.lamps.set(name, message),
   "strips/frame": ({ site }, message) => void (site.strips = message),
@@ -66,6 +63,15 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     site.health.set(name, message);
   },
   "deployment/{name}": ({ site }, message, name) => void site.deployments.set(name, message),
+};
+
+type Told = "users/{user}/feedback" | "selection/events";
+
+/** How the log tells an event; null: not at all. */
+const LINES: { [K in Told]: (site: Site, message: Topics[K], name: string) => Pick<LogLine, "severity" | "who" | "text"> | null } = {
+  "users/{user}/feedback": (_site, message, name) => message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))
+    ? { severity: message.cue === "refused" ? "warning" : "info", who: name, text: message.text } : null,
+  "selection/events": (site, message) => ({ ...eventLine(site, message), who: message.user }),
 };
 
 type Forgetter = (keeper: Keeper, name: string) => void;
@@ -99,6 +105,8 @@ export class Keeper {
   private readonly known = new Map<string, Person>();
 
   readonly warned = new Episodes();
+  /** Stamp of the newest event in the log, ns. */
+  toldNs = 0;
 
   constructor(readonly site: Site) {}
 
@@ -119,6 +127,26 @@ export class Keeper {
     if (message === null || typeof message !== "object") throw new Error(`${topic}: no message`);
     (TAKERS[topic] as Taker<unknown>)(this, message, item.name, at);
     return message;
+  }
+
+  /** Write an event into the log; `at`: when it happened, Unix time, ms. */
+  tell<K extends Told>(topic: K, message: Topics[K], name: string, at?: number): void {
+    this.toldNs = Math.max(this.toldNs, Number(message.stamp_ns));
+    const line = LINES[topic](this.site, message, name);
+    if (line) note(this.site, line.severity, line.who, line.text, at);
+  }
+
+  /**
+   * Write into the log what happened before this page came, unless it was there already before it lost the connection:
+   * what is not newer than `knownNs`.
+   * @throws Error when it cannot be read.
+   */
+  recall(item: Item, knownNs: number): void {
+    if (item.payload === null || !Object.hasOwn(LINES, item.topic)) return;
+    const message = decode(item.payload) as Topics[Told], stamp = Number(message.stamp_ns), { site } = this;
+    if (stamp <= knownNs) return;
+    const ago = (siteNow(site) - stamp) / 1e6 / site.speed;
+    this.tell(item.topic as Told, message as never, item.name, Date.now() - ago);
   }
 
   /** Take over what the server says of the site: who is gone vanishes with all that is theirs. */

@@ -51,15 +51,17 @@ export function numberOf(bytes: Uint8Array): number {
 export class Pending {
   private readonly states = new Map<string, Item>();
   private readonly events: Item[] = [];
+  /** Events from before the page came: those of its first batch. */
+  private readonly history: Item[] = [];
 
   add(batch: Batch): void {
     for (const item of batch.states) this.states.set(`${item.topic} ${item.name}`, item);
-    this.events.push(...batch.events);
+    (batch.n === 1 ? this.history : this.events).push(...batch.events);
   }
 
   /** Return all, and hold nothing more. */
-  take(): { states: Item[]; events: Item[] } {
-    const taken = { states: [...this.states.values()], events: this.events.splice(0) };
+  take(): { states: Item[]; events: Item[]; history: Item[] } {
+    const taken = { states: [...this.states.values()], events: this.events.splice(0), history: this.history.splice(0) };
     this.states.clear();
     return taken;
   }

@@ -81,8 +81,16 @@ export class Connection {
 
   /** Take over what came since the frame before; called at the start of an animation frame. */
   takeOver(): void {
-    const { states, events } = this.pending.take();
+    const { states, events, history } = this.pending.take();
     const at = performance.now();
+    const knownNs = this.keeper.toldNs; // of before: several things happen at one time
+    for (const item of history) {
+      try {
+        this.keeper.recall(item, knownNs);
+      } catch (error) {
+        this.fault(error);
+      }
+    }
     let stripsNs = 0;
     let cursorNs = 0;
     for (const item of [...states, ...events]) {

@@ -2,9 +2,9 @@
 
 import { LOG_LINES, type LogLine, type Site } from "./site";
 
-/** Write one line. */
-export function note(site: Site, severity: LogLine["severity"], who: string, text: string): void {
-  site.log.push({ at: Date.now(), severity, who, text });
+/** Write one line, of now or of `at` (Unix time, ms). */
+export function note(site: Site, severity: LogLine["severity"], who: string, text: string, at = Date.now()): void {
+  site.log.push({ at, severity, who, text });
   site.logged += 1;
   if (site.log.length > LOG_LINES) site.log.splice(0, site.log.length - LOG_LINES);
 }

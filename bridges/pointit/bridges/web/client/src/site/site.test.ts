@@ -8,6 +8,7 @@ import { Asks, Refusal } from "./asks";
 import { decodeBatch, numberOf, Pending } from "./batch";
 import { losses, rates } from "./figures";
 import { Episodes, matching, note } from "./log";
+import { outage } from "../outage";
 import { emptySite, isSent, LOG_LINES } from "./site";
 import { called, eventLine } from "../words";
 import { LatencyHistory, quantile, quantiles, SiteClock } from "./timing";
@@ -38,14 +39,47 @@ test("what is no batch is refused in a sentence, its number saved where there is
 
 test("between two frames the newest state of each key wins, events all come", () => {
   const pending = new Pending();
-  for (const n of [1, 2, 3]) {
+  for (const n of [2, 3, 4]) {
     pending.add(decodeBatch(encode([n, 0, 1, [["users/{user}/cursor", "anna", cursor(n)]], [["selection/events", "", cursor(n)]], 0])));
   }
   const { states, events } = pending.take();
   assert.equal(states.length, 1);
   assert.equal(events.length, 3);
-  assert.deepEqual([...states[0]!.payload!], [...cursor(3)]);
-  assert.deepEqual(pending.take(), { states: [], events: [] });
+  assert.deepEqual([...states[0]!.payload!], [...cursor(4)]);
+  assert.deepEqual(pending.take(), { states: [], events: [], history: [] });
+});
+
+test("events of the first batch are history: they are in the log at their times, once, and nothing happens", () => {
+  const pending = new Pending(), site = emptySite(), keeper = new Keeper(site);
+  const event = (stamp_ns: number, object_id: string) => ({ topic: "selection/events", name: "", payload: encode({ stamp_ns, event: "selected", object_id, kind: "red", user: "anna", reason: "" }) });
+  site.sentNs = 100e9;
+  site.cameAt = performance.now();
+  pending.add({ n: 1, sentNs: 100e9, speed: 1, states: [], events: [event(40e9, "x-1"), event(70e9, "x-2"), event(70e9, "x-3")], dropped: 0 });
+  const { events, history } = pending.take();
+  assert.deepEqual([events.length, history.length], [0, 3]);
+  for (let time = 0; time < 2; time++) {
+    const knownNs = keeper.toldNs;
+    for (const item of history) keeper.recall(item, knownNs);
+  }
+  assert.deepEqual(site.log.map(({ who, text }) => [who, text]), [["anna", "selected red 1"], ["anna", "selected red 2"], ["anna", "selected red 3"]]);
+  assert.deepEqual(site.log.map(({ at }) => Math.round((Date.now() - at) / 10_000)), [6, 3, 3]);
+  assert.deepEqual(site.fresh, []);
+  keeper.take(event(101e9, "x-4"), 0);
+  keeper.recall(event(101e9, "x-4"), keeper.toldNs);
+  assert.equal(site.log.length, 4);
+});
+
+test("a vital service that is gone or hangs is one sentence with its cause", () => {
+  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({ severity, service, sentence, remedy: "start it again" });
+  const line = (instance: string, present: boolean) => ({ instance, present, since_s: 1 });
+  const told = (services: Status["services"], findings: Status["findings"]): string => outage({ status: { ...status(), services, findings } });
+  assert.equal(outage({ status: null }), "");
+  assert.equal(told([line("pui", true)], [finding("pui", "3 handlers failed")]), "", "it runs");
+  assert.equal(told([line("selector", false)], []), "", "it was not to run");
+  assert.equal(told([line("keeper", false)], [finding("keeper", "should run and does not")]), "");
+  assert.equal(told([line("pui", false)], [finding("pui", "should run and does not")]),
+    "Cursors and lights do not follow anybody: pui should run and does not; start it again");
+  assert.match(told([line("selector", true)], [finding("selector", "is present but has not reported for 5 s")]), /^Nothing can be selected: selector is present/);
 });
 
 test("who is not in the status is not shown, and is shown with all that is known when they come", () => {
@@ -161,7 +195,7 @@ test("an object is called by its kind and the end of its id", () => {
   assert.equal(called(site, "a1b2-24", "red"), "red 24");
   assert.equal(called(site, "a1b2-24"), "object 24");
   const event = { event: "refused", object_id: "a1b2-24", kind: "red", user: "anna", reason: "a1b2-24 is gone" } as SelectionEvent;
-  assert.equal(eventLine(site, event).text, "could not select red 24: 24 is gone");
+  assert.equal(eventLine(site, event).text, "could not change red 24: 24 is gone");
 });
 
 const health = (user: string, key: string, rate: number): Health => ({

@@ -1,30 +1,21 @@
-"""How ROS is written on Zenoh: by rmw_zenoh, against what genuine nodes wrote, and by the bridge to DDS."""
-
-from dataclasses import replace
+"""How rmw_zenoh writes ROS on Zenoh, against what genuine nodes wrote."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.backend import LATCHED, SENSOR, EndpointKind, Qos, RosType
-from pointit.bridges.ros2.over_zenoh.attachment import Attachment
+from pointit.bridges.ros2.backend import SENSOR, EndpointKind, RosType
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.ros2dds import Ros2Dds
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, gid
 from tests.unit.ros2.facts import golden
 
 POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
-ADD = RosType(name="conveyor_msgs/srv/AddPack", hash="RIHS01_" + "b" * 64)
 SESSION = "fd857cb30ca6267672bad8919c98b29f"
 KINDS: tuple[EndpointKind, ...] = ("publisher", "subscriber", "server", "client")
 
 
 def rmw() -> RmwZenoh:
     return RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
-
-
-def dds() -> Ros2Dds:
-    return Ros2Dds(session=SESSION, node="/pointit", domain=0)
 
 
 def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
@@ -106,87 +97,13 @@ def test_attachments_of_old_versions_are_recognized() -> None:
             rmw().unpack(b"\x03\x0a" + field + bytes(20))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("qos", [SENSOR, LATCHED, Qos(depth=7)])
-def test_what_the_bridge_to_dds_is_told_can_be_read_again(kind: EndpointKind, qos: Qos) -> None:
-    ours, is_topic = dds(), kind in ("publisher", "subscriber")
-    token = ours.endpoint_token(kind, "/user1/ray", POSE if is_topic else ADD, qos)
-    seen = Ros2Dds(session="1", node="/other", domain=3).read(token).endpoint
-    assert seen is not None
-    assert (seen.kind, seen.name, seen.domain, seen.is_ours) == (kind, "/user1/ray", 3, False)
-    assert (seen.qos, seen.type.hash) == ((qos, POSE.hash) if is_topic else (None, ""))
-    assert ours.read(token).endpoint == replace(seen, is_ours=True, domain=0)
-
-
-def test_the_format_of_the_bridge_to_dds() -> None:
-    ours = dds()
-    assert ours.key("/user1/ray", POSE) == "user1/ray"
-    assert ours.endpoint_token("publisher", "/user1/ray", POSE, LATCHED) == (
-        f"@/{SESSION}/@ros2_lv/MP/user1§ray/geometry_msgs§msg§PoseStamped/:1:1:0,1:typehash={POSE.hash};"
-    )
-    assert ours.endpoint_token("server", "/add", ADD, SENSOR) == (
-        f"@/{SESSION}/@ros2_lv/SS/add/conveyor_msgs§srv§AddPack"
-    )
-    origin = Attachment(sequence=1, stamp_ns=2, gid=bytes(16))
-    assert (ours.pack(origin), ours.unpack(b"rqh"), ours.unpack(None)) == (None, None, None)
-    bare = ours.read(f"@/{SESSION}/@ros2_lv/MS/tf/tf2_msgs§msg§TFMessage/K:::,5").endpoint
-    assert bare is not None
-    assert (bare.qos, bare.type.hash) == (Qos(depth=5, reliable=False), "")
-
-
-PIECES = (
-    "@",
-    SESSION,
-    "@ros2_lv",
-    "MP",
-    "SS",
-    "AS",
-    "user1§x",
-    "§",
-    "a§msg§B",
-    ":1:1:0,1",
-    "::x:",
-    "x" * 5000,
-)
-
-
-@given(st.lists(st.sampled_from(PIECES) | st.text(max_size=10), min_size=4, max_size=8))
-def test_any_token_of_a_bridge_to_dds_is_read_or_refused(chunks: list[str]) -> None:
-    try:
-        seen = dds().read("/".join(chunks))
-    except ValueError:
-        return
-    assert seen.endpoint is not None
-    assert seen.endpoint.name.startswith("/")
-
-
-def test_gids_of_the_bridge_to_dds_are_our_own_business() -> None:
-    ours = dds()
-    token = ours.endpoint_token("publisher", "/x", POSE, SENSOR)
-    assert len({ours.gid(token) for _ in range(10)}) == 10
-
-
 NO_NODES = ("pointit", "/", "/a//b", "/9", "/a b", "")
 
 
-@pytest.mark.parametrize("dialect", [RmwZenoh, Ros2Dds])
 @pytest.mark.parametrize("node", NO_NODES)
-def test_a_node_has_a_full_name(dialect: type[RmwZenoh] | type[Ros2Dds], node: str) -> None:
+def test_a_node_has_a_full_name(node: str) -> None:
     with pytest.raises(ValueError, match="is not a full ROS name"):
-        dialect(session=SESSION, node=node, domain=0)
-
-
-@pytest.mark.parametrize(
-    "token",
-    [
-        "@/aa\x1b[2J/@ros2_lv/MP/x/std_msgs§msg§Bool/:1:0:0,5",
-        "@/aa/@ros2_lv/MP/x/std_msgs§msg§Bool\n/:1:0:0,5",
-        "@/aa/@ros2_lv/MP/x/std_msgs§msg§Bool/:1:0:0,5:typehash=RIHS01_\x1b;",
-    ],
-)
-def test_no_token_of_a_bridge_to_dds_writes_to_terminals(token: str) -> None:
-    with pytest.raises(ValueError, match=r"token|neither|hash"):
-        Ros2Dds(session="aa", node="/pointit", domain=0).read(token)
+        RmwZenoh(session=SESSION, node=node, domain=0)
 
 
 @pytest.mark.parametrize("chunks", ["5\x1b[2J/{}/{}", "7/\x1b[2J/{1}", "7/{0}/\n\x1b[2J"])

@@ -1,0 +1,210 @@
+"""What the page tells: a wrong package, a service that hangs, what happened before; lamps; at 200 % zoom."""
+
+import os
+import re
+import signal
+import socket
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.async_api import Browser, expect
+
+from pointit.schemas import SelectionEvent
+from pointit.schemas.topics import SELECTION_EVENTS
+from tests.e2e.web.site import SitePage
+from tests.e2e.web.window import NO_WEBGL, Theme, Window
+from tests.support.bench import until
+from tests.support.commands import onlooker
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+
+ZOOMED = (720, 450)
+"""CSS pixels of a 1440 x 900 window at 200 % zoom."""
+SOUNDS = """
+window.sounds = [];
+const start = OscillatorNode.prototype.start;
+OscillatorNode.prototype.start = function (...when) {
+  window.sounds.push(this.type);
+  return start.apply(this, when);
+};
+"""
+BAD_AND_BORDER = """(toast) => {
+  const border = getComputedStyle(toast).borderTopColor;
+  toast.style.color = "var(--bad)";
+  return [getComputedStyle(toast).color, border];
+}"""
+FREE_HEIGHT = """() => {
+  const view = document.getElementById("view").getBoundingClientRect(), middle = view.top + view.height / 2;
+  const cards = [...document.querySelectorAll("#guide, #cameras")]
+    .map((card) => card.getBoundingClientRect()).filter(({ height }) => height > 0);
+  const above = cards.filter(({ top }) => top < middle).map(({ bottom }) => bottom);
+  const below = cards.filter(({ top }) => top >= middle).map(({ top }) => top);
+  return Math.min(view.bottom, ...below) - Math.max(view.top, ...above);
+}"""
+"""Height of the scene that no card covers, px."""
+LEAST_FREE_PX = 160.0
+LEAST_PANEL_PX = 380.0
+
+
+PLAN_COLORS = """() => {
+  const of = (selector, property) => {
+    const found = document.querySelector(selector);
+    return found ? getComputedStyle(found)[property] : "none";
+  };
+  return {
+    paper: of(".plan", "backgroundColor"), belt: of(".plan-belt", "fill"), strip: of(".plan-strip", "stroke"),
+    ray: of(".plan-ray", "stroke"), ray_edge: of(".plan-ray-edge", "stroke"),
+    ring: of(".plan-cursor", "stroke"), ring_edge: of(".plan-cursor-edge", "stroke"),
+  };
+}"""
+LEAST_CONTRAST = 3.0
+"""WCAG 2.2, 1.4.11: of graphics."""
+
+
+def contrast(one: str, other: str) -> float:
+    """Return WCAG's contrast of two opaque colours as browsers write them, `rgb(1, 2, 3)`."""
+
+    def luminance(color: str) -> float:
+        assert color.startswith("rgb("), color
+        parts = [int(part) / 255 for part in re.findall(r"\d+", color)]
+        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+async def test_a_wrong_package_is_not_praised(browser: Browser, site: SitePage) -> None:
+    window = await Window.open(browser, site.url, scripts=(SOUNDS,), reduced_motion="reduce")
+    page = window.page
+    await window.is_shown()
+    events: list[SelectionEvent] = []
+    async with onlooker(site.endpoint) as seen:
+        await page.get_by_role("button", name="Point with the mouse").click()
+        guide = page.locator("#guide")
+        await expect(guide).to_contain_text("You are the arm now")
+        lens = await window.survey()
+        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
+        await window.follows(lens, "blue", lambda: any(each.event == "selected" for each in events), 60)
+        await expect(guide).to_have_attribute("data-mode", "wrong")
+        await expect(guide).to_contain_text("You selected a blue package, which is not wanted.")
+        wrong = page.locator('.toast[data-kind="wrong"]').first
+        await expect(wrong).to_contain_text("Not wanted: blue")
+        assert await page.evaluate("window.sounds.at(-1)") == "sawtooth"
+        bad, border = await wrong.evaluate(BAD_AND_BORDER)
+        assert border == bad
+        left = page.locator('.toast[data-kind="wrong"]', has_text="Not wanted, and left at bay")
+        await expect(left.first).to_be_visible(timeout=60_000)
+    assert window.faults == []
+
+
+def accepts(host: str, port: int) -> bool:
+    """Return True if somebody listens there."""
+    try:
+        socket.create_connection((host, port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("site", [("scenario_4", "--processes")], indirect=True)
+@pytest.mark.parametrize(
+    ("service", "effect"),
+    [("pui", "Cursors and lights do not follow anybody"), ("selector", "Nothing can be selected")],
+)
+async def test_a_vital_service_that_hangs_is_a_sentence_over_the_scene(
+    browser: Browser, site: SitePage, service: str, effect: str
+) -> None:
+    where = urlsplit(site.origin)
+    await until(
+        lambda: accepts(where.hostname or "", where.port or 0), 30, "the page's own process to listen"
+    )
+    window = await Window.open(browser, site.url)
+    await window.is_shown()
+    outage = window.page.locator("#outage")
+    await expect(outage).to_be_hidden()
+    pid: int = await window.until(f"window.pointit.site.health.get({service!r})?.pid ?? 0")
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        cause = re.compile(
+            f"{effect}: {service} (is present but has not reported for|should run and does not)"
+        )
+        await expect(outage).to_contain_text(cause, timeout=30_000)
+        assert await outage.get_attribute("role") == "alert"
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    await expect(outage).to_be_hidden(timeout=30_000)
+
+
+async def test_a_page_that_is_opened_late_has_the_messages_of_before(
+    browser: Browser, site: SitePage
+) -> None:
+    events: list[SelectionEvent] = []
+    async with onlooker(site.endpoint) as seen:
+        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
+        await until(lambda: any(each.event == "selected" for each in events), 60, "a selection")
+    number = next(each for each in events if each.event == "selected").object_id.rpartition("-")[2]
+    window = await Window.open(browser, site.url)
+    await window.is_shown()
+    log: list[dict[str, Any]] = await window.until(
+        "(() => { const { log } = window.pointit.site; return log.length ? log : null; })()"
+    )
+    (line,) = [each for each in log if each["text"].endswith(f" {number}") and "selected" in each["text"]]
+    assert line["who"] == "user1"
+    assert line["at"] < await window.page.evaluate("Date.now()")
+    assert await window.page.locator(".toast").count() == 0, "what is past does not happen again"
+    await window.page.get_by_role("tab", name="Health").click()
+    await expect(window.page.get_by_label("Messages, newest first")).to_contain_text(line["text"])
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_lamps_have_names(browser: Browser, shared_site: SitePage, theme: Theme) -> None:
+    window = await Window.open(browser, shared_site.url, theme=theme)
+    await window.is_shown()
+    lamps: list[str] = await window.page.evaluate("window.pointit.site.map.lamps.map(({ id }) => id)")
+    assert lamps
+    for lamp in lamps:
+        await expect(window.page.locator("#view").get_by_text(lamp, exact=True)).to_be_visible()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_the_plan_shows_an_unlit_strip_and_edges_rays_and_rings(
+    browser: Browser, shared_site: SitePage, theme: Theme
+) -> None:
+    window = await Window.open(browser, shared_site.url, theme=theme, scripts=(NO_WEBGL,))
+    await expect(window.page.locator("svg.plan-map")).to_be_visible()
+    await window.is_shown()
+    await window.until(
+        f"Object.values(({PLAN_COLORS})()).every((each) => each !== 'none')", "a ray and its ring"
+    )
+    color: dict[str, str] = await window.page.evaluate(PLAN_COLORS)
+    assert contrast(color["strip"], color["paper"]) >= LEAST_CONTRAST
+    assert contrast(color["strip"], color["belt"]) >= LEAST_CONTRAST
+    for edge, inner in (("ray_edge", "ray"), ("ring_edge", "ring")):
+        seen = max(contrast(color[edge], color["paper"]), contrast(color[inner], color["paper"]))
+        assert seen >= LEAST_CONTRAST, edge
+        assert contrast(color[edge], color[inner]) >= LEAST_CONTRAST, edge
+
+
+async def test_at_200_percent_zoom_the_scene_and_its_controls_are_beside_each_other(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.url, size=ZOOMED)
+    page = window.page
+    await window.is_shown()
+    await expect(page.locator("#guide")).to_be_visible()
+    assert await page.evaluate(FREE_HEIGHT) >= LEAST_FREE_PX
+    for tab in ("Control", "Health"):
+        await page.get_by_role("tab", name=tab).click()
+        assert await page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        panel = await page.locator("#panel").bounding_box()
+        assert panel is not None
+        assert panel["height"] >= LEAST_PANEL_PX
+    await page.get_by_role("tab", name="Control").click()
+    await page.get_by_role("button", name="Point with the mouse").click()
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    assert await page.evaluate(FREE_HEIGHT) >= LEAST_FREE_PX
+    await page.get_by_role("button", name="Give back").click()
+    await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
+    assert window.faults == []

@@ -1,0 +1,158 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+# (the stubs of zenoh leave return types out)
+"""What one identity may take of a router: connections, and the patience of others."""
+
+import itertools
+import threading
+import time
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.access.limits import MOST_CONNECTIONS, MOST_KEYS
+from pointit.access.site_folder import SiteFolder
+from pointit.schemas.topics import ANY, BUTTON, CURSOR, LAMP_COLOR, RAY
+from tests.integration.access.secured import Member, RouterProgram, make_site, routed, wait
+
+pytestmark = pytest.mark.timeout(120)
+
+STALL_S = 1.5
+"""A router that waits for a reader does so for 5 s, over and over; on a busy machine a cursor takes 0.3 s."""
+WRITERS = 4
+"""More than the threads by which a router reads."""
+LARGE = bytes(16_000)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> SiteFolder:
+    return make_site(tmp_path / "site")
+
+
+@contextmanager
+def stuck(reader: Member, key: str) -> Generator[None]:
+    """Have `reader` ask for `key` and take nothing of it while inside."""
+    end = threading.Event()
+
+    def wait_for_the_end(_: zenoh.Sample) -> None:
+        end.wait()
+
+    subscriber = reader.session.declare_subscriber(key, Callback(wait_for_the_end, indirect=False))
+    try:
+        yield
+    finally:
+        end.set()
+        subscriber.undeclare()
+
+
+@contextmanager
+def writing(writers: list[Member], key: str) -> Generator[None]:
+    """Have each of `writers` write `key` 500 times a second and insist that nothing is dropped."""
+    end = threading.Event()
+
+    def write(session: zenoh.Session) -> None:
+        while not end.wait(0.002):
+            session.put(key, LARGE, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    threads = [threading.Thread(target=write, args=(writer.session,)) for writer in writers]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        for thread in threads:
+            thread.join(30)
+
+
+def longest_gap_s(writer: Member, reader: Member, for_s: float) -> float:
+    """Return for how long, at most, nothing of what `writer` writes comes to `reader`."""
+    came_s = [time.monotonic()]
+    key = CURSOR.at("user1")
+
+    def hear(_: zenoh.Sample) -> None:
+        came_s.append(time.monotonic())
+
+    subscriber = reader.session.declare_subscriber(key, Callback(hear, indirect=False))
+    wait(lambda: len(came_s) > 3, "cursors", lambda: writer.put(key))
+    end_s = time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        writer.session.put(key, b"x", congestion_control=zenoh.CongestionControl.DROP)
+        time.sleep(0.01)
+    came_s.append(time.monotonic())
+    subscriber.undeclare()
+    return max(after - before for before, after in itertools.pairwise(came_s))
+
+
+@pytest.mark.slow
+def test_reader_that_is_stuck_and_writers_who_insist_hold_nobody_up_and_are_named(folder: SiteFolder) -> None:
+    with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
+        ally, onlooker, reader, *writers = (
+            stack.enter_context(Member(folder, name))
+            for name in ("supervisor", "operator", *("anna",) * (WRITERS + 1))
+        )
+        with stuck(reader, RAY.at("anna")), writing(writers, RAY.at("anna")):
+            assert longest_gap_s(ally, onlooker, 8.0) < STALL_S
+            wait(lambda: "lab/anna reads nothing of what it has asked for" in router.said, "the name")
+
+
+def test_router_drops_instead_of_waiting_whatever_a_writer_wants(folder: SiteFolder) -> None:
+    """The same configuration as zenohd's: nothing of `pointit router` is around it."""
+    heard: list[bool] = []
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard.append(sample.congestion_control == zenoh.CongestionControl.DROP)
+
+    with routed(folder), Member(folder, "anna") as anna, Member(folder, "operator") as operator:
+        subscriber = operator.session.declare_subscriber(BUTTON.at("anna"), Callback(hear, indirect=False))
+        wait(lambda: bool(heard), "a button", lambda: anna.put(BUTTON.at("anna")))
+        subscriber.undeclare()
+    assert all(heard)
+
+
+def test_newest_of_too_many_connections_of_one_identity_are_cut_and_the_identity_is_named(
+    folder: SiteFolder,
+) -> None:
+    more = 8
+    with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
+        site = [stack.enter_context(Member(folder, "services")) for _ in range(MOST_CONNECTIONS + more)]
+        ben = stack.enter_context(Member(folder, "ben"))
+        first = stack.enter_context(Member(folder, "anna"))
+        lost = [Ends(each) for each in (*site, ben, first)]
+        others = [stack.enter_context(Member(folder, "anna")) for _ in range(MOST_CONNECTIONS + more - 1)]
+        cut = [Ends(each) for each in others]
+        wait(lambda: f"has {MOST_CONNECTIONS + more} connections" in router.said, "the name")
+        assert "lab/anna has " in router.said
+        wait(lambda: sum(each.count > 0 for each in cut) >= more, "the newest to be cut")
+        assert [each.count for each in lost] == [0] * len(lost)
+        assert "lab/services has" not in router.said
+
+
+class Ends:
+    """Counts the ends of a member's connection."""
+
+    def __init__(self, member: Member) -> None:
+        self.count = 0
+        self._listener = member.session.info.declare_transport_events_listener(
+            Callback(self._on_event, indirect=False), history=False
+        )
+
+    def _on_event(self, event: zenoh.TransportEvent) -> None:
+        self.count += event.kind == zenoh.SampleKind.DELETE
+
+
+def test_person_who_makes_up_lamps_is_named_and_cut_off(folder: SiteFolder) -> None:
+    with (
+        RouterProgram("--site-folder", str(folder.path)) as router,
+        Member(folder, "operator") as operator,
+        Member(folder, "anna") as anna,
+        operator.listening(LAMP_COLOR.at(ANY)) as ear,
+    ):
+        ends = Ends(anna)
+        ear.hears(LAMP_COLOR.at("x"), lambda: anna.put(LAMP_COLOR.at("x")))
+        anna.put(*(LAMP_COLOR.at(f"x{number}") for number in range(2 * MOST_KEYS)))
+        wait(lambda: f"lab/anna has written more than {MOST_KEYS} keys" in router.said, "the name")
+        wait(lambda: ends.count > 0, "the end of the connection")

@@ -1,0 +1,118 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""ROS nodes without a token in the graph, as nodes are that were started before the router."""
+
+import contextlib
+from collections.abc import AsyncGenerator
+from typing import Any
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.bridges.ros2.backend import SENSOR
+from pointit.bridges.ros2.outbox import Outbox
+from pointit.bridges.ros2.routes import routes
+from pointit.bridges.ros2.scene import Scene
+from pointit.bridges.ros2.site import Site
+from pointit.bridges.ros2.types import Types
+from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.health import ServiceBus
+from pointit.schemas import PointingRay
+from pointit.schemas.topics import RAY
+from tests.integration.ros2.nodes import DOMAIN, POSE, Node, arrives, cdr_of, graphs
+from tests.support.bench import START_NS, ManualClock, until
+
+RAY_ROS = "/anna/pointing_ray"
+
+
+@contextlib.asynccontextmanager
+async def outbox_of(node: Node) -> AsyncGenerator[Outbox]:
+    """Yield what goes out to ROS through `node`, as the service wires it."""
+    bus = MemoryBus(Exchange())
+    clock = ManualClock()
+    service_bus = ServiceBus(bus, clock, "ros2", "ros2")
+    site = Site(bus=service_bus, clock=clock, backend=node.backend, scene=Scene(Types("jazzy")))
+    outbox = Outbox(routes().outward, site, unread=False)
+    node.backend.watch(outbox.look)
+    yield outbox
+    outbox.close()
+    await service_bus.close()
+    await bus.close()
+
+
+def ray() -> PointingRay:
+    return PointingRay(stamp_ns=START_NS, seq=1, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("mode", ["router", "peer", "client"])
+async def test_a_subscriber_without_a_token_gets_live_data(mode: str) -> None:
+    async with graphs() as at:
+        if mode != "router":
+            await at.node("/router", "router")
+        node = await at.node("/pointit", mode)
+        async with outbox_of(node) as outbox:
+            kind = Types("jazzy").kind("geometry_msgs/msg/PoseStamped")
+            key = f"{DOMAIN}{RAY_ROS}/{kind.dds_name}/{kind.hash}"
+            samples: list[zenoh.Sample] = []
+            old_node = await at.stranger()
+            subscriber = old_node.declare_subscriber(key, Callback(samples.append, indirect=False))
+            topic: Any = RAY
+            await arrives(lambda: outbox.take(topic, ray(), "anna"), samples)
+            assert samples[0].attachment is not None
+            subscriber.undeclare()
+
+
+async def test_a_subscriber_without_a_token_is_reported_until_it_has_gone() -> None:
+    async with graphs() as at:
+        node = await at.node("/pointit", "router")
+        writers = [node.backend.advertise(f"/user{index}/ray", POSE, SENSOR) for index in range(2)]
+        old_node = await at.stranger()
+        key = f"{DOMAIN}/user0/ray/{POSE.dds_name}/{POSE.hash}"
+        samples: list[zenoh.Sample] = []
+        subscriber = old_node.declare_subscriber(key, Callback(samples.append, indirect=False))
+        await until(lambda: "unseen" in node.shown.now)
+        assert "/user0/ray is read by" in node.shown.now["unseen"]
+        assert "/user1/ray" not in node.shown.now["unseen"]
+        assert not any("no other ROS node" in note for note in node.backend.notes)
+        subscriber.undeclare()
+        await until(lambda: "unseen" not in node.shown.now)
+        assert writers
+
+
+async def test_a_publisher_without_a_token_is_heard_and_reported() -> None:
+    async with graphs() as at:
+        node = await at.node("/pointit", "router")
+        seen = node.hears("/user1/imu_in", POSE)
+        old_node = await at.stranger()
+        key = f"{DOMAIN}/user1/imu_in/{POSE.dds_name}/{POSE.hash}"
+        count = 0
+
+        def put_and_look() -> bool:
+            nonlocal count
+            count += 1
+            old_node.put(
+                key, cdr_of(count), attachment=count.to_bytes(8, "little") + bytes(8) + b"\x10" + b"g" * 16
+            )
+            return "unseen" in node.shown.now
+
+        await until(put_and_look, what="a publisher that no token names to be reported")
+        assert seen
+        assert "/user1/imu_in is written by" in node.shown.now["unseen"]
+        await until(lambda: "unseen" not in node.shown.now)
+
+
+async def test_nodes_with_tokens_are_not_reported() -> None:
+    async with graphs() as at:
+        node, robot = await at.node("/pointit", "router"), await at.node("/robot")
+        elsewhere = await at.node("/elsewhere", domain_id=DOMAIN + 1)
+        elsewhere.hears("/ray", POSE)
+        writer = node.backend.advertise("/ray", POSE, SENSOR)
+        back = robot.backend.advertise("/back", POSE, SENSOR)
+        to_robot, to_node = robot.hears("/ray", POSE), node.hears("/back", POSE)
+        for count in range(1, 4):
+            await arrives(lambda: writer.put(cdr_of(len(to_robot))), to_robot, count)
+            await arrives(lambda: back.put(cdr_of(len(to_node))), to_node, count)
+            node.backend._look()
+        assert not node.backend._roster.graph().unseen
+        assert not node.shown.ever

@@ -1,0 +1,162 @@
+"""Conveyor and selector, stepped together: what is selected leaves by its bay, or is refused at once."""
+
+from collections import deque
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.schemas import Cursor, Selection, SelectionEvent
+from pointit.services.conveyor_sim.intake import NoRoomError
+from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.outputs import Output, Record
+from pointit.services.selector.selecting import Selecting
+from tests.unit.conveyor_sim.rooms import FORK, S, config
+
+USER = "anna"
+STEP_NS = S // 25
+STAY = 12
+"""Steps on a package: more than it takes to select it."""
+SLOWEST = 5
+"""Steps that a selection takes to the conveyor at most: 0.2 s, less than the selector's lead."""
+
+
+class Hall:
+    """A conveyor with two diverters, a person whose cursor is exact, and messages that take a while."""
+
+    def __init__(self, delay: int) -> None:
+        belts = config(feeder={"sequence": []}, speed_mps=1.0)
+        self.plant = Plant(FORK, belts, seed=0, start_ns=S)
+        chosen = SelectorConfig.model_validate({"method": "hold", "window_s": 0.2, "release_s": 0.1})
+        self.records: list[Record] = []
+        self.selecting = Selecting(chosen, self.records.append)
+        self.selecting.on_map(FORK)
+        self.events: list[SelectionEvent] = []
+        self.bays: dict[str, tuple[str, bool]] = {}
+        """By package that left: the bay, and whether it was selected just before."""
+        self._coming: deque[tuple[int, dict[str, str]]] = deque()
+        self._delay_ns = delay * STEP_NS
+        self.names: list[str] = []
+
+    @property
+    def owners(self) -> dict[str, str]:
+        return {one.id: one.user for one in self.selecting.selection(self.plant.now_ns).objects}
+
+    def step(self, pointed: str = "") -> None:
+        now_ns = self.plant.now_ns + STEP_NS
+        while self._coming and self._coming[0][0] <= now_ns:
+            self.plant.select(self._coming.popleft()[1], self.plant.now_ns)
+        before = self.owners
+        for event in self.plant.step(now_ns):
+            self.events.append(event)
+            self.take(self.selecting.on_event(event))
+            if event.event == "dispatched":
+                self.bays[event.object_id] = (event.bay, event.object_id in before)
+        listed = self.plant.tracked(now_ns)
+        self.take(self.selecting.on_objects("conveyor", listed))
+        self.take(self.selecting.on_conveyor(self.plant.state(now_ns)))
+        cursor = Cursor(stamp_ns=now_ns, surface="none")
+        for tracked in listed.objects:
+            if tracked.id == pointed and tracked.surface == "belt":
+                cursor = Cursor(
+                    stamp_ns=now_ns,
+                    surface="belt",
+                    surface_id=tracked.surface_id,
+                    position_m=tracked.surface_position_m,
+                    point_m=tracked.position_m,
+                )
+        self.take(self.selecting.on_cursor(USER, cursor))
+
+    def take(self, outputs: list[Output]) -> None:
+        for output in outputs:
+            match output.message:
+                case Selection() as selection:
+                    owners = {one.id: one.user for one in selection.objects}
+                    self._coming.append((self.plant.now_ns + self._delay_ns, owners))
+                case SelectionEvent() as event:
+                    self.events.append(event)
+                case _:
+                    pass
+
+    def do(self, deed: str, number: int) -> None:
+        now_ns = self.plant.now_ns
+        name = self.names[number % len(self.names)] if self.names else ""
+        if deed == "add":
+            try:
+                self.names.append(self.plant.add("red", "main", 0.3))
+            except NoRoomError:
+                self.step()
+        elif deed == "undo":
+            self.take(self.selecting.undo(USER, now_ns))
+        elif deed == "clear":
+            self.take(self.selecting.clear(USER, now_ns))
+        elif deed == "release":
+            self.take(self.selecting.release("ben", name, bool(number % 2), now_ns))
+        elif deed == "speed":
+            self.plant.set_speed((0.0, 0.5, 1.0, 2.0)[number % 4])
+        for index in range(STAY + 4 if deed == "point" else 1 + number % 20):
+            self.step(name if deed == "point" and index < STAY else "")
+
+    def empty(self) -> None:
+        self.plant.set_speed(1.0)
+        for _ in range(25 * 60):
+            if not self.plant.size:
+                break
+            self.step()
+        self.step()
+
+
+def deeds(*others: str) -> st.SearchStrategy[list[tuple[str, int]]]:
+    kinds = st.sampled_from(["add", "point", "point", "point", *others])
+    return st.lists(st.tuples(kinds, st.integers(0, 40)), min_size=6, max_size=25)
+
+
+def check(hall: Hall) -> None:
+    """Fail unless every package left by the bay that its selection says, and the records agree."""
+    assert hall.bays.keys() == {*hall.names}
+    assert all((bay == "1") == was_selected for bay, was_selected in hall.bays.values()), hall.bays
+    assert not hall.owners
+    gone = {event.object_id: event for event in hall.events if event.event == "dispatched"}
+    closed = {record.object_id: record for record in hall.records if record.event == "left"}
+    assert closed.keys() == {name for name, (bay, _) in hall.bays.items() if bay == "1"}
+    assert all(record.stamp_ns == gone[name].stamp_ns for name, record in closed.items())
+    assert {record.reason for record in closed.values()} <= {"left at bay 1"}
+
+
+@settings(deadline=None, max_examples=25)
+@given(delay=st.integers(0, SLOWEST), script=deeds("undo", "clear", "release"))
+def test_nothing_is_accepted_for_which_it_is_too_late(delay: int, script: list[tuple[str, int]]) -> None:
+    hall = Hall(delay)
+    for deed, number in script:
+        hall.do(deed, number)
+    hall.empty()
+    check(hall)
+    assert not [event for event in hall.events if event.event == "refused" and not event.cause]
+
+
+@settings(deadline=None, max_examples=25)
+@given(delay=st.integers(0, 20), script=deeds("undo", "clear", "release", "speed"))
+def test_what_comes_too_late_after_all_is_put_right(delay: int, script: list[tuple[str, int]]) -> None:
+    """Belts that change their speed and slow links break what the conveyor has told; it has the last word."""
+    hall = Hall(delay)
+    for deed, number in script:
+        hall.do(deed, number)
+    hall.empty()
+    check(hall)
+
+
+def test_a_package_is_had_at_the_last_moment_and_refused_after_it() -> None:
+    outcomes: list[tuple[str, str]] = []
+    for wait in range(0, 100, 2):
+        hall = Hall(SLOWEST)
+        hall.do("add", 0)
+        for _ in range(wait):
+            hall.step()
+        hall.do("point", 0)
+        hall.empty()
+        check(hall)
+        (tried,) = [event.event for event in hall.events if event.event in {"selected", "refused"}]
+        outcomes.append((tried, hall.bays[hall.names[0]][0]))
+    first = outcomes.index(("refused", "3"))
+    assert 5 < first < 45
+    assert outcomes == [("selected", "1")] * first + [("refused", "3")] * (len(outcomes) - first)

@@ -1,0 +1,147 @@
+"""Who is cut off at a router, and who is only named."""
+
+import dataclasses
+
+import pytest
+
+from pointit.access.limits import (
+    HOLD_S,
+    LEAST_UNREAD,
+    MOST_CONNECTIONS,
+    MOST_HZ,
+    MOST_KEYS,
+    PATIENCE,
+    Connection,
+    Limits,
+)
+from pointit.runtime.names import MAX_NAMES
+
+ROLES = {"lab/anna": "user", "lab/ben": "user", "lab/services": "services", "lab/operator": "operator"}
+
+
+def connections(identity: str, count: int, first: int = 0) -> list[Connection]:
+    return [
+        Connection(identity=identity, session=f"{number:x}", address=f"tls/10.0.0.7:{40_000 + number}")
+        for number in range(first, first + count)
+    ]
+
+
+def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named() -> None:
+    limits = Limits()
+    old, ben = connections("lab/anna", MOST_CONNECTIONS), connections("lab/ben", 3, 5000)
+    assert limits.excess([*old, *ben], ROLES, {}, 0.0) == ([], {})
+    new = connections("lab/anna", 1000, 100)
+    cut, told = limits.excess([*new, *ben, *old], ROLES, {}, 1.0)  # in whatever order Zenoh lists them
+    assert set(cut) == set(new)
+    assert list(told) == ["lab/anna"]
+    assert "has 1016 connections, at most 16 are let in" in told["lab/anna"]
+    assert "`pointit site renew anna`" in told["lab/anna"]
+    assert limits.excess([*old, *ben], ROLES, {}, 2.0) == ([], {})
+
+
+@pytest.mark.parametrize("identity", ["lab/services", "lab/operator", "", "lab/nobody"])
+def test_identities_that_serve_all_and_unknown_ones_have_no_limit(identity: str) -> None:
+    limits = Limits(1)
+    rates = {identity: 100 * MOST_HZ}
+    for now_s in range(2 * PATIENCE):
+        assert limits.excess(connections(identity, 50), ROLES, rates, float(now_s)) == ([], {})
+
+
+def test_connection_whose_identity_becomes_known_late_is_as_old_as_it_is() -> None:
+    """On sites by passwords the name is known after the first decision on a connection."""
+    limits, (first, second) = Limits(1), connections("lab/anna", 2)
+    unknown = dataclasses.replace(first, identity="")
+    assert limits.excess([unknown], ROLES, {}, 0.0) == ([], {})
+    assert limits.excess([unknown, second], ROLES, {}, 1.0) == ([], {})
+    assert limits.excess([first, second], ROLES, {}, 2.0)[0] == [second]
+
+
+def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cut() -> None:
+    limits, roles = Limits(1), {"lab/dashboard1": "dashboard"}
+    own = [
+        dataclasses.replace(each, address=each.address.replace("tls/", "quic/"))
+        for each in connections("lab/dashboard1", 2)
+    ]
+    cut, told = limits.excess(own, roles, {}, 0.0)
+    assert not cut
+    assert told["lab/dashboard1"].endswith(
+        "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
+    )
+    for now_s in range(1, 1 + PATIENCE):
+        cut, told = limits.excess(own, roles, {"lab/dashboard1": MOST_HZ + 1.0}, float(now_s))
+    assert not cut
+    assert "messages a second" in told["lab/dashboard1"]
+    assert told["lab/dashboard1"].endswith(
+        "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
+    )
+
+
+def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
+    limits, own = Limits(), connections("lab/anna", 2)
+    everybody = [*own, *connections("lab/ben", 2, 50)]
+    rates = {"lab/anna": MOST_HZ + 1.0, "lab/ben": 1400.0}
+    for now_s in range(PATIENCE - 1):
+        assert limits.excess(everybody, ROLES, rates, float(now_s)) == ([], {})
+    flooded_s = float(PATIENCE - 1)
+    cut, told = limits.excess(everybody, ROLES, rates, flooded_s)
+    assert (cut, list(told)) == (own, ["lab/anna"])
+    assert "cut off for 30 s" in told["lab/anna"]
+    assert limits.excess(everybody, ROLES, {}, flooded_s + HOLD_S - 1.0)[0] == own, "it came back"
+    assert limits.excess(everybody, ROLES, {}, flooded_s + HOLD_S) == ([], {})
+
+
+def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
+    """An IMU of 200 Hz and all that follows from it, 7 topics, held up for a lease again and again."""
+    limits, own = Limits(), connections("lab/anna", 1)
+    for now_s in range(60):
+        rate_hz = 3 * 1400.0 + 1400.0 if now_s % 4 == 0 else 1400.0
+        assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
+    for now_s in range(60, 120):  # all at once, twice what can be
+        rate_hz = 4 * MOST_HZ if now_s % PATIENCE == 0 else 1400.0
+        assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
+
+
+def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:
+    limits = Limits()
+    (stuck,), (slow,) = connections("lab/anna", 1), connections("lab/ben", 1, 9)
+    told: dict[str, str] = {}
+    for look in range(PATIENCE):
+        told = limits.stuck({stuck: 4_000_000, slow: 4_000_000 + look})
+        assert bool(told) == (look == PATIENCE - 1)
+    assert "reads nothing" in told["lab/anna"]
+    assert "from tls/10.0.0.7:40000, 4000 kB wait" in told["lab/anna"]
+    assert limits.stuck({stuck: LEAST_UNREAD - 1}) == {}
+    for _ in range(2 * PATIENCE):
+        assert limits.stuck({stuck: LEAST_UNREAD - 1}) == {}
+
+
+def test_identity_that_makes_up_names_is_cut_off_and_named_however_slowly_it_does() -> None:
+    limits, own = Limits(), connections("lab/anna", 1)
+    told: dict[str, str] = {}
+    looks = 0
+    while not told and looks < 100:
+        made_up = {f"leds/x{looks * 20 + number}/color" for number in range(20)}
+        _, told = limits.excess(own, ROLES, {}, float(looks), {"lab/anna": made_up})
+        looks += 1
+    assert (looks - 1) * 20 <= MOST_KEYS < looks * 20
+    assert f"has written more than {MOST_KEYS} keys within 60 s, such as leds/x" in told["lab/anna"]
+    assert limits.excess(own, ROLES, {}, float(looks)) == (own, told)
+
+
+def test_thousands_of_names_within_seconds_are_cut_off_before_they_fill_a_reader() -> None:
+    limits, own = Limits(), connections("lab/anna", 1)
+    written = 0
+    cut: list[Connection] = []
+    while not cut and written < MAX_NAMES:
+        made_up = {f"leds/x{written + number}/color" for number in range(960)}  # 4300 in 4.5 s
+        cut, _ = limits.excess(own, ROLES, {}, written / 960, {"lab/anna": made_up})
+        written += 960
+    assert written < MAX_NAMES / 2
+
+
+@pytest.mark.parametrize("count", [300, 1000])
+def test_person_who_is_shown_every_lamp_of_a_large_room_is_left_alone(count: int) -> None:
+    limits, own = Limits(), connections("lab/anna", 1)
+    lamps = {f"leds/{number}/color" for number in range(count)}
+    for now_s in range(200):
+        assert limits.excess(own, ROLES, {}, float(now_s), {"lab/anna": lamps}) == ([], {})

@@ -1,0 +1,48 @@
+"""The browser that a run opens: once the page is there, and not after its end."""
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from pointit.bridges.web.link_file import keep_link
+from pointit.cli import browser
+from pointit.runtime import Exchange, MemoryBus
+from pointit.schemas.topics import SERVICE_ALIVE
+from tests.support.bench import until
+
+PATIENCE_S = 20.0
+LINK = "http://127.0.0.1:8090/?token=of-the-operator"
+
+
+def left_in(home: Path) -> list[Path]:
+    return list(home.glob("pointit-page-*"))
+
+
+async def test_run_that_ends_before_the_browser_is_ready_leaves_no_copy_and_opens_none(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    opened: list[str] = []
+    begun, ended, done = threading.Event(), threading.Event(), threading.Event()
+    opens = browser.Opening._open
+
+    def open_late(opening: browser.Opening) -> None:
+        begun.set()
+        assert ended.wait(PATIENCE_S)
+        opens(opening)
+        done.set()
+
+    monkeypatch.setattr(browser.Opening, "_open", open_late)
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    monkeypatch.setattr(browser, "SNAPS", tmp_path)
+    bus = MemoryBus(Exchange())
+    opening = browser.open_when_there(bus, "web", keep_link("lab", LINK))
+    bus.announce(SERVICE_ALIVE, "web")
+    await until(begun.is_set, what="the thread")
+    opening.close()
+    ended.set()
+    await until(done.is_set, what="its end")
+    assert not left_in(tmp_path)
+    assert not opened
+    await bus.close()

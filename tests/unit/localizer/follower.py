@@ -1,0 +1,190 @@
+"""A person who follows a robot until they are told to point, with both cores that decide: for tests."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.rotation import IDENTITY
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    ImuSample,
+    Interaction,
+    Localization,
+    PointingRay,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.locating import Answer, Locating
+from pointit.services.localizer.outputs import Output as LocalizerOutput
+from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.outputs import Cancel, Start
+from pointit.services.supervisor.outputs import Output as SupervisorOutput
+from tests.unit.localizer.person import EYES_M
+
+Array = NDArray[np.float64]
+
+START_NS = 1_700_000_000 * NS_PER_S
+RATE_HZ = 5.0
+STEPS_HZ = 2.0
+USER = "anna"
+
+
+@dataclass
+class Course:
+    """What became of one person."""
+
+    person_m: tuple[float, float]
+    poses: list[UserPose] = field(default_factory=list[UserPose])
+    states: list[str] = field(default_factory=list[str])
+    told: list[Localization] = field(default_factory=list[Localization])
+    pointing_s: float = math.inf
+    """When they were told that pointing has begun."""
+
+    @property
+    def error_m(self) -> float:
+        """Return the error of the last pose."""
+        x, y, _ = self.poses[-1].position_m
+        return math.hypot(x - self.person_m[0], y - self.person_m[1])
+
+    @property
+    def sigma_m(self) -> float:
+        """Return the stated sigma of the last pose along its worse direction."""
+        return math.sqrt(
+            float(np.linalg.eigvalsh(np.array(self.poses[-1].covariance).reshape(3, 3)[:2, :2])[1])
+        )
+
+
+def follow(seed: int, config: LocalizerConfig, *, late_s: tuple[float, float], duration_s: float) -> Course:
+    """Return what becomes of a person who presses, follows the robot, and turns away once they may point.
+
+    Args:
+        seed: of everything random.
+        config: of the localizer.
+        late_s: range of the time after the press at which the arm, which hangs, begins to rise.
+        duration_s: how long to live.
+    """
+    rng = np.random.default_rng(seed)
+    times_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
+    robots_m = _robot(rng, times_s)
+    feet_m = robots_m.mean(axis=0)[:2] + _polar(rng.uniform(2.0, 4.0), rng.uniform(-math.pi, math.pi))
+    away_m = _things(rng, times_s, feet_m)
+    following, elsewhere = (_directions(rng, at_m, feet_m) for at_m in (robots_m, away_m))
+    following = _raised(rng, times_s, following, rng.uniform(*late_s))
+    yaw_rad = rng.uniform(-math.pi, math.pi)
+    course = Course((float(feet_m[0]), float(feet_m[1])))
+    pair = _Pair(config, course)
+    turned_s = math.inf
+    for index, time_s in enumerate(times_s.tolist()):
+        turned_s = min(turned_s, course.pointing_s + rng.uniform(0.3, 0.8))
+        azimuth, elevation = (elsewhere if time_s >= turned_s else following)[index]
+        level = math.cos(elevation)
+        direction = (
+            level * math.cos(azimuth - yaw_rad),
+            level * math.sin(azimuth - yaw_rad),
+            math.sin(elevation),
+        )
+        pair.live(time_s, robots_m[index], direction)
+    return course
+
+
+class _Pair:
+    """Localizer and supervisor, pure, wired as the bus does it."""
+
+    def __init__(self, config: LocalizerConfig, course: Course) -> None:
+        self._course = course
+        self._locating = Locating(USER, config)
+        self._cycle = LifeCycle(localize=True, follows_robot=True)
+        self._now_ns = self._step_ns = START_NS
+        self._supervised(self._cycle.begin(START_NS))
+        self._located(self._locating.begin(START_NS))
+        self._supervised(self._cycle.button(ButtonEvent(stamp_ns=START_NS), START_NS))
+
+    def live(self, time_s: float, robot_m: Array, direction: tuple[float, float, float]) -> None:
+        self._now_ns = now_ns = START_NS + round(time_s * NS_PER_S)
+        x, y, z = robot_m.tolist()
+        robot = TrackedObject(id="drone", kind="robot", position_m=(x, y, z))
+        self._locating.on_objects(TrackedObjects(stamp_ns=now_ns, objects=(robot,)), "room")
+        sample = ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY)
+        self._supervised(self._cycle.imu(sample, now_ns))
+        ray = PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, EYES_M), direction=direction)
+        self._located(self._locating.on_ray(ray, now_ns))
+        if now_ns >= self._step_ns:
+            self._step_ns = now_ns + round(NS_PER_S / STEPS_HZ)
+            self._located(self._locating.step(now_ns))
+        self._supervised(self._cycle.pass_time(now_ns))
+
+    def _located(self, outputs: list[LocalizerOutput]) -> None:
+        for output in outputs:
+            if isinstance(output, UserPose):
+                self._course.poses.append(output)
+                self._supervised(self._cycle.pose(output, self._now_ns))
+            elif isinstance(output, Localization):
+                self._course.told.append(output)
+                self._supervised(self._cycle.localization(output, self._now_ns))
+
+    def _supervised(self, outputs: list[SupervisorOutput]) -> None:
+        for output in outputs:
+            if isinstance(output, Start):
+                answer = self._locating.start("moving_target", self._now_ns)
+                assert isinstance(answer, Answer)
+                self._located([*answer.outputs])  # published before the answer is sent
+                self._supervised(self._cycle.answered(output.run))
+            elif isinstance(output, Cancel):
+                self._located([*self._locating.cancel(self._now_ns).outputs])
+                self._cycle.called_off(self._now_ns)
+            elif isinstance(output, Interaction):
+                self._course.states.append(output.state)
+                self._locating.on_interaction(output)
+                if output.state == "pointing":
+                    self._course.pointing_s = min(
+                        self._course.pointing_s, (self._now_ns - START_NS) / NS_PER_S
+                    )
+
+
+def _polar(length: float, azimuth_rad: float) -> Array:
+    return length * np.array([math.cos(azimuth_rad), math.sin(azimuth_rad)])
+
+
+def _robot(rng: np.random.Generator, times_s: Array) -> Array:
+    """Return where a robot is that flies circles of 1 to 2 m within 8 to 14 s, up and down (n x 3)."""
+    angles = math.tau * times_s / rng.uniform(8.0, 14.0) + rng.uniform(-math.pi, math.pi)
+    radius_m, height_m = rng.uniform(1.0, 2.0), rng.uniform(0.2, 0.8)
+    up_m = height_m + rng.uniform(0.0, 0.2) * np.sin(2.0 * angles)
+    return np.column_stack([radius_m * np.cos(angles), radius_m * np.sin(angles), up_m])
+
+
+def _things(rng: np.random.Generator, times_s: Array, feet_m: Array) -> Array:
+    """Return what the person points at once they may: things on a belt, 2 to 6 s each (n x 3)."""
+    hold_s = rng.uniform(2.0, 6.0)
+    ahead = _polar(1.0, rng.uniform(-math.pi, math.pi))
+    along_m = rng.uniform(-2.5, 2.5, int(times_s[-1] / hold_s) + 1)
+    level_m = feet_m + rng.uniform(1.5, 3.5) * ahead + along_m[:, None] * np.array([-ahead[1], ahead[0]])
+    places = np.column_stack([level_m, np.full(len(along_m), 0.9)])
+    return np.asarray(places[(times_s / hold_s).astype(np.intp)], dtype=np.float64)
+
+
+def _directions(rng: np.random.Generator, at_m: Array, feet_m: Array) -> Array:
+    """Return azimuth and elevation in {W} of rays at `at_m`, with people's errors (pointing.md §7; n x 2)."""
+    reach = at_m - [*feet_m, EYES_M]
+    level = np.hypot(reach[:, 0], reach[:, 1])
+    exact = np.column_stack([np.arctan2(reach[:, 1], reach[:, 0]), np.arctan2(reach[:, 2], level)])
+    unrest, keep = np.zeros_like(exact), math.exp(-1.0 / (0.3 * RATE_HZ))
+    drawn = rng.normal(0.0, math.radians(1.5), exact.shape)
+    for index in range(1, len(exact)):
+        unrest[index] = keep * unrest[index - 1] + math.sqrt(1.0 - keep * keep) * drawn[index]
+    return np.asarray(
+        exact + unrest + [0.0, rng.normal(math.radians(-2.8), math.radians(2.8))], dtype=np.float64
+    )
+
+
+def _raised(rng: np.random.Generator, times_s: Array, directions: Array, began_s: float) -> Array:
+    """Return `directions` of somebody whose arm hangs until `began_s`, and then needs 0.7 s to come up."""
+    share = np.clip((times_s - began_s) / 0.7, 0.0, 1.0)[:, None]
+    share = share * share * (3.0 - 2.0 * share)
+    hangs = directions[0] + [rng.uniform(-1.0, 1.0), math.radians(-50.0) - directions[0, 1]]
+    return np.asarray(share * directions + (1.0 - share) * hangs, dtype=np.float64)

@@ -1,0 +1,155 @@
+"""Rays and a tracker whose stamps are apart: the pose shifts, no residual shows it, and sigma covers it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pointit.evaluation.datasets import read_trials
+from pointit.schemas import NS_PER_S, TrackedObjects
+from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.moving_target import MovingTarget
+from tests.support.data import data_file
+from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
+from tests.unit.localizer.solving import CORNERS, position_error_m, solved
+from tests.unit.localizer.test_moving_target import PERSON, START_NS, place, poses, robots
+
+Array = NDArray[np.float64]
+
+PUNCTUAL = Trust(latency_sigma_s=0.0)
+
+
+def circle(t_s: Array, centre: tuple[float, float], period_s: float) -> Array:
+    """A robot on a circle of 1 m, up and down."""
+    angle = math.tau * t_s / period_s
+    x, y = centre[0] + np.cos(angle), centre[1] + np.sin(angle)
+    return np.column_stack([x, y, 0.7 + 0.4 * np.sin(2.0 * angle)])
+
+
+def following(seed: int, late_s: float, period_s: float = 8.0) -> tuple[Pointings, Person]:
+    """Rays of one person at a robot for 10 s, reported `late_s` late: 2° of unrest, an elevation bias."""
+    generator = np.random.default_rng(seed)
+    x, y = generator.uniform(-2.0, 2.0, 2)
+    person = Person(float(x), float(y), float(generator.uniform(-3.0, 3.0)))
+    away, towards = generator.uniform(1.8, 3.5), generator.uniform(0.0, math.tau)
+    centre = (person.x + away * math.cos(towards), person.y + away * math.sin(towards))
+    t_s = np.arange(500) / 50.0
+    steps = generator.normal(0.0, 1.0, (500, 2)) * np.radians([2.0, 1.5]) * math.sqrt(1.0 - 0.96**2)
+    unrest = np.zeros((500, 2))
+    for index in range(1, 500):
+        unrest[index] = 0.96 * unrest[index - 1] + steps[index]
+    reach = circle(t_s, centre, period_s) - np.array([person.x, person.y, EYES_M])
+    azimuths = np.arctan2(reach[:, 1], reach[:, 0]) - person.yaw_rad + unrest[:, 0]
+    elevations = np.arctan2(reach[:, 2], np.hypot(reach[:, 0], reach[:, 1])) + unrest[:, 1]
+    elevations += generator.normal(0.0, math.radians(4.0))
+    level = np.cos(elevations)
+    directions = np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
+    origins = np.tile([0.0, 0.0, EYES_M], (500, 1))
+    return Pointings(t_s, origins, directions, circle(t_s - late_s, centre, period_s)), person
+
+
+def is_outside(solution: Solution, off_m: float, turned_rad: float) -> bool:
+    """Whether a pose errs by more than twice what it states."""
+    return off_m > 2.0 * solution.position_sigma_m or abs(turned_rad) > 2.0 * solution.yaw_sigma_rad
+
+
+def judged(people: int, late_s: float, trust: Trust) -> tuple[int, float]:
+    """Return how many poses are accepted, and which share of them is outside of the stated 2 sigma."""
+    outside: list[bool] = []
+    for seed in range(people):
+        gathered, person = following(seed, late_s)
+        result = solve(gathered, trust)
+        if isinstance(result, Solution):
+            turned = yaw_difference(result.yaw_rad, person.yaw_rad)
+            outside.append(is_outside(result, position_error_m(result, person), turned))
+    return len(outside), float(np.mean(outside))
+
+
+def test_stated_sigma_covers_a_tracker_that_is_late_by_less_than_two_sigma() -> None:
+    assert judged(40, 0.2, PUNCTUAL)[1] > 0.9  # what a latency does that nobody allows for
+    accepted, outside = judged(200, 0.2, Trust())
+    assert accepted >= 190
+    assert outside <= 0.05
+
+
+def test_people_are_accepted_as_often_when_the_tracker_is_in_time() -> None:
+    accepted, outside = judged(100, 0.0, Trust())
+    assert accepted == judged(100, 0.0, PUNCTUAL)[0] == 100
+    assert outside <= 0.05
+
+
+def test_covariance_grows_by_the_shift_of_the_pose_per_second_of_latency() -> None:
+    early, late = (following(3, late_s)[0] for late_s in (-0.02, 0.02))
+    one, other = solved(early, PUNCTUAL), solved(late, PUNCTUAL)
+    shift = (
+        np.array([other.x_m - one.x_m, other.y_m - one.y_m, yaw_difference(other.yaw_rad, one.yaw_rad)])
+        / 0.04
+    )
+    gathered, _ = following(3, 0.0)
+    grown = solved(gathered, Trust(latency_sigma_s=0.1)).covariance - solved(gathered, PUNCTUAL).covariance
+    assert np.sqrt(np.diag(grown)) == pytest.approx(0.1 * np.abs(shift), rel=0.1)
+    assert grown[2, 2] == pytest.approx((0.1 * math.tau / 8.0) ** 2, rel=0.1)  # the circle is turned
+
+
+def test_latency_does_not_matter_for_targets_that_stand_still() -> None:
+    gathered = pointings(Person(0.2, 0.1, 0.5), CORNERS)
+    assert np.array_equal(
+        solved(gathered).covariance, solved(gathered, Trust(latency_sigma_s=5.0)).covariance
+    )
+
+
+@pytest.mark.parametrize("stated_s", [None, 0.0, 0.5])
+def test_tracker_states_its_latency_with_every_report(stated_s: float | None) -> None:
+    procedure = MovingTarget()
+    outputs = procedure.start(START_NS)
+    for tick in range(750):
+        now_ns = START_NS + tick * NS_PER_S // 50
+        procedure.on_ray(PERSON.ray(place(tick / 50.0), now_ns))
+        report = robots(tick / 50.0, drone=place(tick / 50.0))
+        procedure.on_objects("room", report.model_copy(update={"latency_sigma_s": stated_s}))
+        outputs += procedure.step(now_ns)
+    if stated_s == 0.5:  # 22° on this circle
+        assert poses(outputs) == []
+        return
+    sigma_rad = math.sqrt(poses(outputs)[-1].covariance[8])
+    turned_rad = math.tau / 8.0 * (0.15 if stated_s is None else 0.02)
+    assert sigma_rad == pytest.approx(math.hypot(turned_rad, math.radians(1.5)), abs=math.radians(0.5))
+
+
+def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> None:
+    gathered, _ = following(1, 0.0, period_s=3.0)
+    assert isinstance(solve(gathered, PUNCTUAL), Solution)
+    result = solve(gathered, Trust())
+    assert isinstance(result, Refusal)
+    assert "uncertain by 0.15 s; have the tracker state its `latency_sigma_s`" in result.reason
+    lax = dataclasses.replace(Trust(), max_position_sigma_m=0.01)
+    stricter = solve(gathered, lax)
+    assert isinstance(stricter, Refusal)
+    assert "latency" not in stricter.reason
+
+
+def test_report_without_a_latency_is_of_an_unknown_one() -> None:
+    assert TrackedObjects(stamp_ns=1).latency_sigma_s is None
+
+
+@pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])
+def test_recorded_people_are_within_two_sigma_when_the_tracker_is_late(name: str) -> None:
+    """A recorded robot whose places are taken 0.2 s late."""
+    reading = read_trials(data_file("recordings"), [name])
+    outside: dict[float, list[bool]] = {0.0: [], 0.15: []}
+    trials = [trial for trial in reading.trials if trial.condition == "10 s"]
+    for trial in trials:
+        t_s, targets_m = trial.pointings.stamps_s, trial.pointings.targets_m
+        late_m = np.column_stack([np.interp(t_s - 0.2, t_s, targets_m[:, axis]) for axis in range(3)])
+        for latency_sigma_s, judged_as in outside.items():
+            result = solve(
+                dataclasses.replace(trial.pointings, targets_m=late_m), Trust(latency_sigma_s=latency_sigma_s)
+            )
+            assert isinstance(result, Solution)  # none is refused for it
+            off_m = math.hypot(result.x_m - trial.x_m, result.y_m - trial.y_m)
+            turned_rad = 0.0 if trial.yaw_rad is None else yaw_difference(result.yaw_rad, trial.yaw_rad)
+            judged_as.append(is_outside(result, off_m, turned_rad))
+    assert np.mean(outside[0.0]) > 0.5
+    assert np.mean(outside[0.15]) <= 0.05

@@ -1,0 +1,280 @@
+"""Rays that pass everything: the nearest thing, what the person is told of it, and when."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.geometry import vector
+from pointit.geometry.closest import Hit
+from pointit.geometry.vector import Vec3
+from pointit.schemas import (
+    FARTHEST,
+    NS_PER_S,
+    Box,
+    Cursor,
+    Environment,
+    Feedback,
+    Interaction,
+    Lamp,
+    PointingRay,
+    SetWorkspace,
+    Strip,
+    UserPose,
+)
+from pointit.schemas.topics import FEEDBACK
+from pointit.services.pui.cursor import PersonCursor
+from pointit.services.pui.passing import AGAIN_NS, PATIENCE_NS, Passing, words
+from pointit.services.pui.shapes import Surface
+from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.tracked import Tracked
+from tests.unit.pui.room import EYES, room
+
+STEP_NS = NS_PER_S // 50
+STRIP = Environment(
+    stamp_ns=0, name="one", strips=(Strip(id="s", line_m=((3.0, 1.0, 1.64), (3.0, -1.0, 1.64)), pixels=9),)
+)
+"""At the eyes' height, 3 m ahead."""
+
+
+def aimed(azimuth_deg: float, elevation_deg: float, stamp_ns: int = 0) -> PointingRay:
+    direction = vector.direction(math.radians(azimuth_deg), math.radians(elevation_deg))
+    return PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=direction)
+
+
+def person(environment: Environment = STRIP) -> PersonCursor:
+    someone = PersonCursor(Surfaces(environment, ["strip", "lamp"]))
+    someone.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+    return someone
+
+
+def shown(someone: PersonCursor, ray: PointingRay) -> Cursor:
+    cursor = someone.cursor(ray)
+    assert cursor is not None
+    return cursor
+
+
+@given(azimuth_deg=st.floats(-170, 170), elevation_deg=st.floats(-50, 80))
+def test_turning_as_told_meets_the_point(azimuth_deg: float, elevation_deg: float) -> None:
+    cursor = shown(person(), aimed(azimuth_deg, elevation_deg))
+    assert (cursor.passed is None) == (cursor.surface != "none")
+    if cursor.passed is None:
+        return
+    assert cursor.direction is not None
+    passed = cursor.passed
+    turned = vector.direction(
+        vector.azimuth(cursor.direction) - passed.right_rad,
+        vector.elevation(cursor.direction) + passed.up_rad,
+    )
+    to = vector.subtract(passed.point_m, EYES)
+    assert vector.angle_between(turned, to) < 1e-6
+    assert (passed.surface, passed.surface_id) == ("strip", "s")
+    ends = [
+        vector.angle_between(cursor.direction, vector.subtract(end, EYES)) for end in STRIP.strips[0].line_m
+    ]
+    assert vector.angle_between(cursor.direction, to) <= min(ends) + 1e-9
+
+
+def test_nearest_by_angle_is_named_whatever_its_priority() -> None:
+    both = STRIP.model_copy(update={"lamps": (Lamp(id="l", position_m=(0.0, 3.0, 1.64)),)})
+    near_lamp = shown(person(both), aimed(70.0, 0.0)).passed
+    near_strip = shown(person(both), aimed(35.0, 0.0)).passed
+    assert near_lamp is not None
+    assert near_strip is not None
+    assert (near_lamp.surface, near_strip.surface) == ("lamp", "strip")
+    assert near_strip.position_m == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "elevation_deg", "text"),
+    [
+        (0.0, -26.0, "you point 25° below strip s: raise your arm"),
+        (0.0, 13.0, "you point 15° above strip s: lower your arm"),
+        (48.0, 0.0, "you point 30° to the left of strip s: turn right"),
+        (-48.0, 5.0, "you point 30° to the right of strip s: turn left"),
+        (170.0, 0.0, "strip s is behind you: turn around by your right"),
+    ],
+)
+def test_text_says_where_after_a_while(azimuth_deg: float, elevation_deg: float, text: str) -> None:
+    someone = person()
+    texts: list[tuple[int, str]] = []
+    for stamp_ns in range(0, 2 * NS_PER_S, STEP_NS):
+        passed = shown(someone, aimed(azimuth_deg, elevation_deg, stamp_ns)).passed
+        assert passed is not None
+        texts.append((stamp_ns, passed.text))
+    assert all(said == "" for stamp_ns, said in texts if stamp_ns < PATIENCE_NS)
+    assert texts[-1][1] == text
+
+
+def test_a_cue_comes_after_a_while_and_not_again_for_longer() -> None:
+    someone = person()
+    cued_ns: list[int] = []
+    for stamp_ns in range(0, 16 * NS_PER_S, STEP_NS):
+        someone.cursor(aimed(0.0, -20.0, stamp_ns))
+        if (cue := someone.cue()) is not None:
+            assert cue.stamp_ns == stamp_ns
+            assert cue.turn_rad == pytest.approx((0.0, math.radians(20.0)), abs=1e-6)
+            cued_ns.append(stamp_ns)
+    assert cued_ns[0] == pytest.approx(PATIENCE_NS, abs=NS_PER_S // 5)
+    assert len(cued_ns) == 3
+    assert all(after - before >= AGAIN_NS for before, after in pairwise(cued_ns))
+
+
+def test_sweeping_past_and_a_resting_arm_are_not_told() -> None:
+    someone = person()
+    for stamp_ns in range(0, 20 * NS_PER_S, STEP_NS):
+        is_past = stamp_ns % (2 * NS_PER_S) < NS_PER_S
+        someone.cursor(aimed(0.0, -20.0 if is_past else 0.0, stamp_ns))
+        assert someone.cue() is None
+    for stamp_ns in range(20 * NS_PER_S, 40 * NS_PER_S, STEP_NS):
+        assert shown(someone, aimed(0.0, -60.0, stamp_ns)).passed is None
+        assert someone.cue() is None
+
+
+def test_who_stops_pointing_begins_again() -> None:
+    someone = person()
+    for stamp_ns in range(0, NS_PER_S, STEP_NS):
+        someone.cursor(aimed(0.0, -20.0, stamp_ns))
+    someone.set_interaction(Interaction(stamp_ns=NS_PER_S, state="idle"))
+    someone.set_interaction(Interaction(stamp_ns=NS_PER_S, state="pointing"))
+    for stamp_ns in range(NS_PER_S, 2 * NS_PER_S, STEP_NS):
+        someone.cursor(aimed(0.0, -20.0, stamp_ns))
+        assert someone.cue() is None
+
+
+def cues_of(someone: PersonCursor, from_s: int, to_s: int, elevation_deg: float = -20.0) -> list[Feedback]:
+    """Return the cues while they point to the left of the strip from one second until another."""
+    cues: list[Feedback] = []
+    for stamp_ns in range(from_s * NS_PER_S, to_s * NS_PER_S, STEP_NS):
+        passed = shown(someone, aimed(40.0, elevation_deg, stamp_ns)).passed
+        if (cue := someone.cue()) is not None:
+            assert passed is not None
+            assert cue.turn_rad == (passed.right_rad, passed.up_rad)
+            cues.append(cue)
+    return cues
+
+
+def test_a_cue_says_the_turn_that_the_cursor_says() -> None:
+    (cue,) = cues_of(person(), 0, 2)
+    assert cue.turn_rad == pytest.approx((math.radians(40.0 - 18.4), math.radians(20.0)), abs=0.05)
+
+
+def test_after_a_rest_patience_begins_again() -> None:
+    someone = person()
+    assert not cues_of(someone, 0, 1)
+    assert not cues_of(someone, 1, 2, elevation_deg=-60.0)
+    assert not cues_of(someone, 2, 3)
+    assert len(cues_of(someone, 3, 4)) == 1
+
+
+def test_cues_come_again_when_the_clock_was_set_back() -> None:
+    someone = person()
+    assert len(cues_of(someone, 100, 102)) == 1
+    assert not cues_of(someone, 50, 51)
+    assert len(cues_of(someone, 51, 52)) == 1
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_thing_across_the_half_turn_is_beside_the_ray_and_not_behind(side: float) -> None:
+    passing = Passing(Placed(vector.direction(math.radians(-179.0 * side), 0.0)))
+    ray = vector.direction(math.radians(179.0 * side), 0.0)
+    passing.miss((0.0, 0.0, 0.0), ray, 0)
+    passed = passing.miss((0.0, 0.0, 0.0), ray, PATIENCE_NS)
+    assert passed is not None
+    assert passed.right_rad == pytest.approx(math.radians(-2.0 * side))
+    there, here = ("left", "right") if side > 0.0 else ("right", "left")
+    assert passed.text == f"you point 5° to the {here} of lamp l: turn {there}"
+
+
+def test_a_hidden_thing_is_not_passed() -> None:
+    wall = Box(id="wall", center_m=(1.5, 0.0, 1.64), size_m=(0.1, 1.0, 1.0))
+    someone = person(STRIP.model_copy(update={"boxes": (wall,)}))
+    cursor = shown(someone, aimed(0.0, 0.0))
+    assert cursor.surface == "none"
+    assert cursor.passed is None
+
+
+def test_a_workspace_is_not_passed() -> None:
+    someone = person()
+    someone.cursor(aimed(0.0, 0.0))
+    someone.set_workspace(
+        SetWorkspace(kind="horizontal", anchor="point", point_m=(1.0, 0.0, 0.0)), Tracked(STRIP)
+    )
+    cursor = shown(someone, aimed(0.0, 30.0))
+    assert cursor.surface == "none"
+    assert not cursor.solid
+    assert cursor.passed is None
+
+
+def aims_past(someone: PersonCursor, begin_ns: int, end_ns: int) -> int:
+    """Point past everything; return how many cues come of it."""
+    cues = 0
+    for stamp_ns in range(begin_ns, end_ns, STEP_NS):
+        someone.cursor(aimed(0.0, 30.0, stamp_ns))
+        cues += someone.cue() is not None
+    return cues
+
+
+def test_on_a_workspace_nothing_more_is_told_of_the_map() -> None:
+    someone = person()
+    assert aims_past(someone, 0, 2 * NS_PER_S) == 1
+    someone.set_workspace(
+        SetWorkspace(kind="horizontal", anchor="point", point_m=(1.0, 0.0, 0.0)), Tracked(STRIP)
+    )
+    assert aims_past(someone, 2 * NS_PER_S, 20 * NS_PER_S) == 0
+    someone.set_workspace(SetWorkspace(kind="none"), Tracked(STRIP))
+    assert someone.cue() is None
+    assert aims_past(someone, 20 * NS_PER_S, 20 * NS_PER_S + PATIENCE_NS) == 0
+    assert aims_past(someone, 20 * NS_PER_S + PATIENCE_NS, 22 * NS_PER_S) == 1
+
+
+def test_at_the_end_of_the_world_nothing_more_is_told() -> None:
+    someone = person()
+    assert aims_past(someone, 0, 2 * NS_PER_S) == 1
+    someone.set_pose(UserPose(stamp_ns=2 * NS_PER_S, position_m=(FARTHEST, 0.0, FARTHEST), yaw_rad=0.0))
+    assert aims_past(someone, 2 * NS_PER_S, 20 * NS_PER_S) == 0
+
+
+class Placed:
+    """A single thing, ahead or at `point_m`; counts how often it is asked for."""
+
+    def __init__(self, point_m: Vec3 = (1.0, 0.0, 0.0)) -> None:
+        self.asked = 0
+        self._point_m = point_m
+
+    def nearest(self, _origin_m: Vec3, _direction: Vec3) -> tuple[Surface, Hit]:
+        self.asked += 1
+        return Surface("lamp", "l"), Hit(0, 0.0, self._point_m, 1.0, 1.0, 1.0)
+
+
+def test_the_nearest_thing_is_looked_for_ten_times_a_second() -> None:
+    things = Placed()
+    passing = Passing(things)
+    for stamp_ns in range(0, 10 * NS_PER_S, NS_PER_S // 100):
+        assert passing.miss((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), stamp_ns) is not None
+    assert things.asked == 100
+    passing.miss((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0)  # a clock that was set back
+    assert things.asked == 101
+
+
+def test_at_a_steep_thing_a_large_azimuth_is_a_small_turn() -> None:
+    text = words("lamp l", math.radians(80.0), math.radians(20.0), math.radians(85.0))
+    assert text == "you point 20° below lamp l: raise your arm"
+
+
+@pytest.mark.parametrize(("method", "advice"), [("exact", "lower your arm"), ("kd_tree", "turn left")])
+async def test_the_service_publishes_the_cue(method: str, advice: str) -> None:
+    async with room(method=method) as here:
+        cues = here.bench.collect(FEEDBACK)
+        await here.pose()
+        cursor = await here.point(vector.direction(0.0, math.radians(40.0)))
+        for _ in range(100):
+            here.clock.advance(0.02)
+            cursor = await here.point(vector.direction(0.0, math.radians(40.0)))
+        assert cursor.passed is not None
+        assert [cue.text for cue in cues] == [cursor.passed.text]
+        assert advice in cursor.passed.text  # the nearest by angle, or in metres
+        assert cues[0].cue == "target"
+        assert cues[0].target_id == cursor.passed.surface_id

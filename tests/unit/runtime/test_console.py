@@ -1,0 +1,96 @@
+"""What others have written is text on a terminal: no command, no markup, no log line of ours."""
+
+import io
+import logging
+import re
+from collections.abc import Iterator
+
+import pytest
+from rich.table import Table
+from rich.text import Text
+
+from pointit.cli.monitor import Monitor
+from pointit.cli.output import Section, print_table, say
+from pointit.cli.score import Score
+from pointit.cli.view import draw
+from pointit.runtime import WallClock
+from pointit.runtime.console import PlainConsole
+from pointit.runtime.log import setup_logging
+from pointit.schemas import Cursor
+from pointit.schemas.text import one_line, plain
+
+EVIL = "a\x1b]52;c;Y3VybA==\x1b\\b\x1b[2Jc\u202ed\x9be"
+TAME = "a?]52;c;Y3VybA==?\\b?[2Jc?d?e"
+STYLE = re.compile(r"\x1b\[[0-9;]*m")
+
+
+@pytest.fixture
+def console() -> PlainConsole:
+    return PlainConsole(file=io.StringIO(), force_terminal=True, width=100)
+
+
+@pytest.fixture
+def root() -> Iterator[None]:
+    """Put the root logger back as it was."""
+    logger = logging.getLogger()
+    handlers, level = list(logger.handlers), logger.level
+    yield
+    logger.handlers[:] = handlers
+    logger.setLevel(level)
+
+
+def written(console: PlainConsole) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return STYLE.sub("", console.file.getvalue())
+
+
+def test_control_characters_are_question_marks_wherever_they_are(console: PlainConsole) -> None:
+    table = Table("what" * 10)
+    table.add_row(Text(EVIL, style="red"))
+    console.print(Text(EVIL))
+    console.print(table)
+    print_table(console, Section(name="s", about="x", rows=({"who": EVIL},)))
+    text = written(console)
+    assert text.count(TAME) == 3
+    assert text.replace("\n", "").isprintable()
+
+
+def test_spaces_of_any_kind_are_spaces_and_what_breaks_lines_is_not(console: PlainConsole) -> None:
+    text = "1\u00a0000\u202fm\tfar\u3000off"
+    assert plain(text) == "1 000 m far off"
+    assert plain("a\u2028b\u200bc\rd") == "a?b?c?d"
+    console.print(Text("1\u00a0000\u202fm"))
+    assert written(console) == "1 000 m\n"
+
+
+def test_markup_of_others_is_text(console: PlainConsole) -> None:
+    table = Table("what")
+    table.add_row("[link=http://evil]here[/link] :skull: [/]")
+    console.print(table)
+    assert "[link=http://evil]here[/link] :skull: [/]" in written(console)
+
+
+def test_view_shows_names_of_surfaces_as_they_are() -> None:
+    console = PlainConsole(file=io.StringIO(), force_terminal=True, width=100)
+    monitor = Monitor(Score(()), WallClock())
+    monitor.cursors["anna"] = Cursor(stamp_ns=1, surface="strip", surface_id="[/x]\x1bc", position_m=1.0)
+    console.print(draw(monitor, "PointIt", lambda: 0.0))
+    assert "strip [/x]?c" in written(console)
+
+
+@pytest.mark.usefixtures("root")
+def test_log_on_a_terminal_is_plain(console: PlainConsole) -> None:
+    setup_logging("info", console)
+    logging.getLogger("pointit.test").warning("%s says %s", "anna", EVIL)
+    assert f"anna says {TAME}" in written(console)
+
+
+def test_said_line_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    say(f"done\nError: {EVIL}")
+    assert capsys.readouterr().out == f"done Error: {TAME}\n"
+
+
+def test_long_text_is_cut_and_line_breaks_are_kept_only_where_asked_for() -> None:
+    assert one_line("a\r\n\tb") == "a b"
+    assert len(one_line("x" * 10_000)) == 600
+    assert plain("a\nb\x07c") == "a\nb?c"

@@ -1,0 +1,109 @@
+"""What was told before: in order, bounded, also after a restart, and at nobody's cost."""
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime import RefusedError
+from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
+from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
+from pointit.services.selector import history
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.history import History, fitting
+from pointit.services.selector.journal import Journal
+from pointit.services.selector.journal_table import recent
+from pointit.services.selector.service import Selector
+from tests.support.bench import Bench, ManualClock, memory_bench
+from tests.unit.selector.test_journal import NOW, S, ended, keep, refused, selected
+from tests.unit.selector.test_selector_service import stay
+
+
+async def asked(bench: Bench, last: int = 200, since_ns: int = 0) -> tuple[SelectionEvent, ...]:
+    reply = await bench.bus.call(READ_HISTORY, ReadHistory(last=last, since_ns=since_ns))
+    return reply.events
+
+
+def event(number: int, reason: str = "") -> SelectionEvent:
+    return SelectionEvent(stamp_ns=NOW, seq=number, event="selected", object_id="a", reason=reason)
+
+
+async def test_what_was_told_is_told_to_who_asks_also_by_the_next_selector() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        told = bench.collect(SELECTION_EVENTS)
+        bench.start(Selector)
+        await bench.settle()
+        assert await asked(bench) == ()
+        await stay(bench, clock, "anna", 1.0, "a", "b")
+        await stay(bench, clock, "ben", 2.0, "a", "b")
+        await stay(bench, clock, "carl", 1.0, "a", "b")
+        assert [each.event for each in told] == ["selected", "selected", "refused"]
+        assert list(await asked(bench)) == told
+        assert list(await asked(bench, last=2)) == told[1:]
+        assert list(await asked(bench, since_ns=told[1].stamp_ns)) == told[1:]
+    async with memory_bench(clock) as bench:
+        bench.start(Selector)
+        await bench.settle()
+        assert list(await asked(bench)) == told
+
+
+def test_what_no_message_of_the_selector_told_is_left_out(tmp_path: Path) -> None:
+    later = ended("b", 3, stamp_ns=NOW + S)
+    keep(tmp_path, selected("a", 1), selected("b", 2), ended("a", None), later, refused("c", 4))
+    path = Journal(tmp_path).path
+    assert [record.seq for record in recent(path, 200)] == [1, 2, 3, 4]
+    assert [record.seq for record in recent(path, 2)] == [3, 4]
+    assert [record.seq for record in recent(path, 200, since_ns=NOW + 1)] == [3]
+
+
+def test_of_more_than_fits_the_newest_are_told_and_the_reply_is_no_longer_than_allowed() -> None:
+    events = [event(number, "x" * 5000) for number in range(200)]
+    some = fitting(events)
+    assert 40 < len(some) < 200
+    assert list(some) == events[-len(some) :]
+    reply = ReadHistoryReply(message=f"the last {len(some)} events", events=some)
+    assert len(encode(reply)) <= ReadHistoryReply.max_bytes
+    assert (
+        len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * history.ENVELOPE_BYTES
+    )
+    assert fitting([event(1, "x" * 5000)], 5000) == ()
+
+
+async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal(tmp_path)
+    journal.begin(NOW)
+    is_read, may_end = asyncio.Event(), threading.Event()
+    loop = asyncio.get_running_loop()
+
+    def slow(path: Path, last: int, *, since_ns: int = 0) -> object:
+        loop.call_soon_threadsafe(is_read.set)
+        assert may_end.wait(10.0)
+        return recent(path, last, since_ns=since_ns)
+
+    monkeypatch.setattr(history, "recent", slow)
+    answer = asyncio.create_task(History(journal.path).answer(ReadHistory(), ""))
+    try:
+        await asyncio.wait_for(is_read.wait(), 10.0)
+        journal.add(selected("a", 1))
+        journal.commit(NOW)
+        assert journal.problem == ""
+    finally:
+        may_end.set()
+    assert [each.seq for each in (await answer).events] == [1]
+    journal.close()
+
+
+async def test_what_is_not_kept_or_cannot_be_read_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    async with memory_bench() as bench:
+        bench.start(Selector, SelectorConfig.model_validate({"journal": {"enabled": False}}))
+        await bench.settle()
+        with pytest.raises(RefusedError, match="keeps no journal"):
+            await asked(bench)
+    (tmp_path / "journal.sqlite").write_bytes(b"no journal" * 500)
+    for path in (tmp_path / "journal.sqlite", tmp_path / "none.sqlite"):
+        with pytest.raises(RefusedError, match="the journal cannot be read"):
+            await History(path).answer(ReadHistory(), "")

@@ -1,0 +1,197 @@
+"""Objects whose way to a bay is decided: refused when it is tried, closed with where and when they left."""
+
+import pytest
+
+from pointit.schemas import NS_PER_S, ConveyorState, Departure, SelectionEvent, TrackedObject
+from pointit.services.selector.outputs import Owned
+from tests.unit.selector.room import Room, at, package
+
+LEAD_S = 0.25
+
+
+def bound(object_id: str, x_m: float, until_s: float | None, *, bay: str = "3") -> TrackedObject:
+    until_ns = None if until_s is None else 0 if until_s == 0.0 else at(until_s)
+    return package(object_id, x_m).model_copy(update={"bay": bay, "bay_until_ns": until_ns})
+
+
+def departure(object_id: str, time_s: float, bay: str, user: str = "") -> ConveyorState:
+    gone = Departure(object_id=object_id, stamp_ns=at(time_s), bay=bay, user=user)
+    return ConveyorState(stamp_ns=at(time_s), speed_mps=0.5, departures=(gone,))
+
+
+def refused_by_conveyor(object_id: str, time_s: float, user: str) -> SelectionEvent:
+    return SelectionEvent(
+        stamp_ns=at(time_s),
+        event="refused",
+        object_id=object_id,
+        kind="red",
+        user=user,
+        reason="too late for bay 1",
+    )
+
+
+@pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])
+def test_what_is_past_its_last_way_is_refused_with_the_reason_and_a_cue(method: str) -> None:
+    room = Room(bound("a", 5.0, 0.0), method=method)
+    room.stay(2.0, anna=5.0)
+    assert room.told == [("refused", "a", "anna")]
+    reason = "red is past its last way to another bay, it goes on to bay 3"
+    assert room.events[0].reason == reason
+    assert [(cue.cue, cue.text) for cue in room.cues["anna"]] == [("refused", reason)]
+    assert not room.owners
+    assert room.hovers["anna"][20].action == "refuse"
+    assert [record.event for record in room.records] == ["refused"]
+
+
+def test_a_selection_is_in_time_until_a_lead_before_the_last_way() -> None:
+    early = Room(bound("a", 5.0, 3.0), lead_s=LEAD_S)
+    early.stay(1.0, anna=5.0)
+    fired_s = (early.events[0].stamp_ns - at(0.0)) / 1e9
+    assert early.owners == {"a": "anna"}
+    just = Room(bound("a", 5.0, fired_s + LEAD_S + 0.001), lead_s=LEAD_S)
+    just.stay(1.0, anna=5.0)
+    assert just.owners == {"a": "anna"}
+    late = Room(bound("a", 5.0, fired_s + LEAD_S), lead_s=LEAD_S)
+    late.stay(1.0, anna=5.0)
+    assert late.told == [("refused", "a", "anna")]
+
+
+def chosen(*object_ids: str) -> Room:
+    """Return a room in which anna has selected `object_ids`, which are then on their way to bay 1."""
+    room = Room(*(bound(name, 2.0 + 2.0 * number, 100.0) for number, name in enumerate(object_ids)))
+    for number, _ in enumerate(object_ids):
+        room.stay(1.2, anna=2.0 + 2.0 * number)
+    assert room.owners == dict.fromkeys(object_ids, "anna")
+    room.objects = [bound(one.id, one.surface_position_m, 0.0, bay="1") for one in room.objects]
+    room.wait(1.0)
+    room.events.clear()
+    room.cues.clear()
+    return room
+
+
+def test_what_is_on_its_way_to_the_bay_is_not_taken_back_by_pointing() -> None:
+    room = chosen("a")
+    room.stay(1.0, anna=9.0)
+    room.stay(1.5, anna=2.0)
+    assert room.told == [("refused", "a", "anna")]
+    assert room.owners == {"a": "anna"}
+
+
+@pytest.mark.parametrize("deed", ["undo", "clear", "release"])
+def test_nor_by_any_other_means(deed: str) -> None:
+    room = chosen("a")
+    selecting = room.selecting
+    if deed == "release":
+        room.take(selecting.release("ben", "a", False, room.now_ns))
+    else:
+        room.take(getattr(selecting, deed)("anna", room.now_ns))
+    assert [event.event for event in room.events] == ["refused"]
+    assert room.events[0].cause == deed
+    assert room.owners == {"a": "anna"}
+    assert [cue.cue for cues in room.cues.values() for cue in cues] == ["refused"]
+
+
+@pytest.mark.parametrize("deed", ["undo", "clear", "release"])
+def test_of_what_a_silent_tracker_listed_it_is_not_too_late(deed: str) -> None:
+    """The conveyor has ended; where its objects go now, nobody knows."""
+    room = chosen("a")
+    selecting = room.selecting
+    now_ns = room.now_ns + NS_PER_S + 1  # one longer than objects_stale_after_s; it is given up after 30 s
+    if deed == "release":
+        room.take(selecting.release("ben", "a", False, now_ns))
+    else:
+        room.take(getattr(selecting, deed)("anna", now_ns))
+    assert [event.event for event in room.events] == ["deselected"]
+    assert not room.owners
+
+
+def test_clear_takes_back_what_still_can_be_and_undo_brings_that_back_alone() -> None:
+    room = chosen("a", "b")
+    room.objects = [bound("a", 2.0, 0.0, bay="1"), bound("b", 4.0, 100.0, bay="1")]
+    room.wait(0.2)
+    room.take(room.selecting.clear("anna", room.now_ns))
+    assert sorted(room.told) == [("deselected", "b", "anna"), ("refused", "a", "anna")]
+    room.take(room.selecting.undo("anna", room.now_ns))
+    assert room.owners == {"a": "anna", "b": "anna"}
+
+
+def test_taking_over_changes_the_owner_alone_and_is_never_too_late() -> None:
+    room = chosen("a")
+    room.take(room.selecting.release("ben", "a", True, room.now_ns))
+    assert room.owners == {"a": "ben"}
+    room.take(room.selecting.undo("ben", room.now_ns))
+    assert room.owners == {"a": "anna"}
+
+
+def test_what_left_is_closed_with_the_conveyors_time_and_bay() -> None:
+    room = chosen("a")
+    selections = len(room.selections)
+    state = departure("a", 2.0, "1", "anna")
+    room.take(room.selecting.on_conveyor(state))
+    room.take(room.selecting.on_conveyor(state))
+    assert not room.owners
+    assert len(room.selections) == selections + 1
+    left = room.records[-1]
+    assert (left.event, left.stamp_ns, left.user, left.reason) == ("left", at(2.0), "anna", "left at bay 1")
+    assert [record.event for record in room.records].count("left") == 1
+
+
+def test_what_left_while_no_selector_ran_is_closed_with_the_conveyors_time_too() -> None:
+    again = Room()
+    again.selecting.restore({"a": Owned("anna", "red", at(1.0))}, 7, at(50.0))
+    again.take(again.selecting.on_conveyor(departure("a", 20.0, "3")))
+    assert not again.owners
+    assert [(r.event, r.stamp_ns, r.reason) for r in again.records] == [("left", at(20.0), "left at bay 3")]
+
+
+def test_what_left_where_a_belt_ends_is_closed_without_a_bay() -> None:
+    room = chosen("a")
+    room.take(room.selecting.on_conveyor(departure("a", 2.0, "")))
+    assert (room.records[-1].event, room.records[-1].reason) == ("left", "")
+
+
+@pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])
+def test_who_rests_on_what_the_conveyor_refuses_tries_no_more(method: str) -> None:
+    room = Room(bound("a", 5.0, 100.0), method=method)
+    room.stay(1.2, anna=5.0)
+    room.stay(1.2, anna=9.0)
+    room.stay(0.3, anna=5.0)  # back, to take it back
+    room.take(room.selecting.on_event(refused_by_conveyor("a", room.time_s, "anna")))
+    room.stay(3.0, anna=5.0)
+    assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
+    room.stay(1.2, anna=9.0)
+    room.stay(1.2, anna=5.0)
+    assert room.owners == {"a": "anna"}
+
+
+def test_a_selection_that_the_conveyor_refuses_is_taken_back_and_the_person_told() -> None:
+    room = Room(bound("a", 5.0, 100.0))
+    room.stay(1.2, anna=5.0)
+    refused = refused_by_conveyor("a", room.time_s, "anna")
+    room.take(room.selecting.on_event(refused))
+    assert room.selecting.on_event(refused) == []  # told again by a conveyor that was restarted
+    assert not room.owners
+    assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
+    assert (room.cues["anna"][-1].cue, room.cues["anna"][-1].text) == ("refused", "too late for bay 1")
+    assert not room.selections[-1].objects
+
+
+def test_a_deselection_that_the_conveyor_refuses_gives_it_back_to_who_had_it() -> None:
+    room = Room(bound("a", 5.0, 100.0))
+    room.stay(1.2, anna=5.0)
+    room.take(room.selecting.clear("anna", room.now_ns))
+    assert not room.owners
+    refused = refused_by_conveyor("a", room.time_s, "anna")
+    room.take(room.selecting.on_event(refused))
+    assert room.selecting.on_event(refused) == []
+    assert room.owners == {"a": "anna"}
+    assert room.events[-1].event == "selected"
+    assert room.cues["anna"][-1].cue == "refused"
+
+
+def test_its_own_refusals_and_other_events_change_nothing() -> None:
+    room = chosen("a")
+    own = refused_by_conveyor("a", room.time_s, "anna").model_copy(update={"cause": "dwell"})
+    left = own.model_copy(update={"event": "dispatched", "cause": ""})
+    assert room.selecting.on_event(own) == room.selecting.on_event(left) == []
+    assert room.owners == {"a": "anna"}

@@ -10,8 +10,8 @@ from pointit.cli.processes import Processes
 from pointit.cli.scenario import read_scenario
 from pointit.geometry import rotation
 from pointit.runtime import Launch, Publisher, WallClock, run_services
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import ImuSample, StripsFrame, UserPose
 from pointit.schemas.topics import IMU, POSE, STRIPS_FRAME
 

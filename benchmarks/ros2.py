@@ -20,8 +20,8 @@ from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.types import Types
 from pointit.geometry import rotation
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import PointingRay, WristSample
 from pointit.schemas.topics import RAY, USER_ALIVE, WRIST
 from tests.support.buses import free_port

@@ -14,8 +14,8 @@ from pointit.cli.scenario import read_scenario
 from pointit.cli.score import Score
 from pointit.cli.view import draw
 from pointit.runtime import SimulatedClock, run_services
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 
 PEOPLE = 1
 SPEED = 1.0

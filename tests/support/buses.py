@@ -13,9 +13,9 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from pointit.runtime import Bus, Exchange, MemoryBus
+from pointit.runtime.link import Link
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import psutil
 
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects
 from pointit.schemas.topics import (
     CURSOR,

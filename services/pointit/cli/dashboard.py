@@ -17,13 +17,13 @@ from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
 from pointit.runtime import ConfigError, SiteClock
 from pointit.runtime.ending import run_async
+from pointit.runtime.link import Link
 from pointit.runtime.link_options import link_of
 from pointit.runtime.log import setup_logging
 from pointit.runtime.presence import present
 from pointit.runtime.process import log_option
 from pointit.runtime.service import check_launches, run_service
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
 
 

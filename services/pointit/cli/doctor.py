@@ -22,9 +22,9 @@ from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
 from pointit.diagnosis.writers import split
 from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.runtime.errors import ConnectError
+from pointit.runtime.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link_options import given_credentials
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.zenoh_sites import sites_at
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE

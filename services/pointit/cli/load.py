@@ -21,11 +21,11 @@ from pointit.runtime import ConfigError
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.credentials import Credentials
 from pointit.runtime.ending import EXIT_FAILED, run_async
+from pointit.runtime.link import Link
 from pointit.runtime.link_options import given_credentials
 from pointit.runtime.state import VARIABLE
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import USER_ALIVE
 
 WARM_UP_S = 1.0

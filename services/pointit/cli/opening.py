@@ -7,9 +7,9 @@ import logging
 from pointit.cli.plan import Plan
 from pointit.cli.stage import PRESENCE_PATIENCE_S, refuse_names_in_use
 from pointit.runtime import Clock, ListenError, SimulatedClock, SiteClock, WallClock
+from pointit.runtime.link import Link
 from pointit.runtime.presence import present
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pointit.cli.page import Page
 from pointit.runtime import Launch
-from pointit.runtime.zenoh_session import Link
+from pointit.runtime.link import Link
 from pointit.schemas import RunScenario
 
 

@@ -13,8 +13,8 @@ from pointit.cli.output import Section, console, print_json, print_table, to_jso
 from pointit.evaluation.arm_rays import OPERATOR
 from pointit.runtime import ConfigError, Launch, SimulatedClock, run_services, sleep
 from pointit.runtime.config import Layers
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import NS_PER_S, BodyMeasures, Localization, UserPose, UserProfile
 from pointit.schemas.topics import LOCALIZATION, POSE, PROFILE
 from pointit.services.imu_bridge.config import ImuBridgeConfig

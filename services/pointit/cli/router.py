@@ -17,11 +17,11 @@ from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
 from pointit.runtime.file_limit import raise_file_limit
+from pointit.runtime.link import DEFAULT_ENDPOINT
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option
 from pointit.runtime.router import Router, routing
 from pointit.runtime.zenoh_log import listening
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
 
 log = logging.getLogger(__name__)
 

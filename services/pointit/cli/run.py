@@ -22,10 +22,10 @@ from pointit.cli.settings import check_settings
 from pointit.cli.summary import check_writable
 from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
+from pointit.runtime.link import DEFAULT_ENDPOINT
 from pointit.runtime.link_options import given_credentials, link_options
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT
 
 
 def _check_people(choices: Choices, people: int) -> None:

@@ -12,8 +12,8 @@ from pointit.cli.launches import Choices
 from pointit.cli.page import PORT
 from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.runtime.environment import check_environment
+from pointit.runtime.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link_options import given_credentials, link_of
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, Link
 from pointit.services.registry import PROCESSES
 
 BESIDE_ROS = "tcp/127.0.0.1:7448"

@@ -13,9 +13,9 @@ from pointit.cli.page import Page
 from pointit.cli.plan import Plan
 from pointit.cli.score import Score
 from pointit.runtime import Clock, ConfigError, Launch
+from pointit.runtime.bus import UNDECLARE_S
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_writers import UNDECLARE_S
 from pointit.schemas.topics import USER_ALIVE
 
 log = logging.getLogger(__name__)

@@ -39,6 +39,9 @@ Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
 MAX_IN_FLIGHT = 256
 """Answers that one server works on at a time; further callers are refused at once."""
 
+UNDECLARE_S = 0.25
+"""How long a retired writer is still known elsewhere, unless its session is closed before."""
+
 
 @dataclass(slots=True)
 class Traffic:

@@ -10,7 +10,7 @@ import click
 
 from pointit.runtime.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.zenoh_session import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 
 
 def link_options() -> list[click.Parameter]:

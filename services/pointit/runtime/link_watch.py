@@ -11,9 +11,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.daemon_thread import in_daemon_thread
-from pointit.runtime.presence import LEASE_MS
+from pointit.runtime.link import LEASE_MS, Link, ports_of
 from pointit.runtime.tcp_silence import end_silence
-from pointit.runtime.zenoh_session import Link, ports_of, refusals
+from pointit.runtime.zenoh_session import refusals
 
 log = logging.getLogger(__name__)
 

@@ -5,9 +5,6 @@ import asyncio
 from pointit.runtime.bus import Bus
 from pointit.schemas.topics import Presence
 
-LEASE_MS = 3000
-"""A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
-
 
 async def present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
     """Return the names that are present now, as far as they are known after `wait_s` (ms on one machine).

@@ -16,13 +16,13 @@ from pointit.runtime.daemon_thread import is_left, leave
 from pointit.runtime.ending import EXIT_FAILED, end_with_parent, run_async
 from pointit.runtime.environment import check_spelling, environment_prefix
 from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.link import Link
 from pointit.runtime.link_options import link_of, link_options
 from pointit.runtime.log import setup_logging
 from pointit.runtime.parameters import leaves
 from pointit.runtime.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import SchemaError
 from pointit.schemas.system import check_user
 from pointit.schemas.text import plain

@@ -20,16 +20,10 @@ import zenoh
 
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.presence import LEASE_MS
+from pointit.runtime.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router_account import RouterAccount
 from pointit.runtime.tcp_silence import cut, end_lingering, end_silence, unread
-from pointit.runtime.zenoh_session import (
-    CLOSE_PATIENCE_S,
-    Link,
-    close_session,
-    open_session,
-    ports_of,
-)
+from pointit.runtime.zenoh_session import CLOSE_PATIENCE_S, close_session, open_session
 from pointit.schemas.rows import NAME
 
 log = logging.getLogger(__name__)

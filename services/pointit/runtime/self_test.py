@@ -17,15 +17,12 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.credentials import Credentials
 from pointit.runtime.errors import PointItError
+from pointit.runtime.permissions import JOIN, ROOM, VERBS
 from pointit.schemas.topics import ANY, REQUESTS, topic_of
 
 log = logging.getLogger(__name__)
 
-ROOM = "@may"
-VERBS = ("writes", "reads", "serves", "asks")
 WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
-JOIN = "joins"
-"""What every identity with any right may write below `ROOM`."""
 
 SETTLE_S = 0.25
 """What is declared within this time is tested together."""

@@ -16,7 +16,8 @@ from collections.abc import Callable, Collection
 
 from pointit.runtime.bus import Bus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.presence import LEASE_MS, present
+from pointit.runtime.link import LEASE_MS
+from pointit.runtime.presence import present
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, Presence
 

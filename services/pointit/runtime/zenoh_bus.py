@@ -24,6 +24,7 @@ from pointit.runtime.bus import (
     Subscription,
 )
 from pointit.runtime.errors import NoAnswerError
+from pointit.runtime.link import Link
 from pointit.runtime.link_watch import LinkWatch
 from pointit.runtime.mailbox import Mailbox
 from pointit.runtime.memory_bus import MemoryBus
@@ -35,7 +36,7 @@ from pointit.runtime.zenoh_keeping import Recollection, ZenohKeeping
 from pointit.runtime.zenoh_presence import ZenohWatcher
 from pointit.runtime.zenoh_readers import LatestInlet, Parcel, ZenohSubscription
 from pointit.runtime.zenoh_requests import ZenohDesk, ask
-from pointit.runtime.zenoh_session import Link, close_session, open_session
+from pointit.runtime.zenoh_session import close_session, open_session
 from pointit.runtime.zenoh_writers import ZenohPublisher
 from pointit.schemas import Environment, Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic

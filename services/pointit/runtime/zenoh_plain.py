@@ -16,8 +16,8 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.bus import Closable
 from pointit.runtime.errors import BusClosedError, ConnectError, ListenError
+from pointit.runtime.link import LEASE_MS, ports_of
 from pointit.runtime.mailbox import Dispatcher
-from pointit.runtime.presence import LEASE_MS
 from pointit.runtime.tcp_silence import end_silence
 from pointit.runtime.zenoh_open import opened
 from pointit.runtime.zenoh_plain_ends import (
@@ -29,12 +29,7 @@ from pointit.runtime.zenoh_plain_ends import (
 from pointit.runtime.zenoh_plain_link import PlainLink, plain_configuration
 from pointit.runtime.zenoh_plain_requests import Ask, PlainAsker, PlainDesk
 from pointit.runtime.zenoh_plain_tokens import TokenReader, declared_token
-from pointit.runtime.zenoh_session import (
-    IN_USE,
-    OPEN_RETRY_S,
-    close_session,
-    ports_of,
-)
+from pointit.runtime.zenoh_session import IN_USE, OPEN_RETRY_S, close_session
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import zenoh
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.zenoh_session import ENDPOINT
+from pointit.runtime.link import ENDPOINT
 
 Mode = Literal["peer", "client", "router"]
 

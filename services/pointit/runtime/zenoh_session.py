@@ -9,32 +9,19 @@ import json
 import logging
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import zenoh
 
-from pointit.runtime.credentials import Credentials, refusal
+from pointit.runtime.credentials import refusal
 from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
-from pointit.runtime.presence import LEASE_MS
+from pointit.runtime.link import LEASE_MS, Link, check_addresses, ports_of
 from pointit.runtime.tcp_silence import end_silence
 from pointit.runtime.zenoh_open import opened
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where `pointit run` listens and every other command looks, on this machine only."""
-
-DEFAULT_SITE = "lab"
-
-ENDPOINT = re.compile(
-    r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
-)
-"""What Zenoh takes for an address: host and port, or what other protocols need (`serial//dev/ttyUSB0`)."""
-
-MAX_PORT = 65535
 
 SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
 IN_USE = re.compile(r"\(os error (48|98|10048)\)")
@@ -50,24 +37,6 @@ CLOSE_PATIENCE_S = 1.0
 the attempt to reach it that goes on."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Link:
-    """How a process joins the network: it listens and relays for its clients, or connects, or neither."""
-
-    site: str = DEFAULT_SITE
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    router: bool = False
-    """Route for everybody, without being a member of the site."""
-    credentials: Credentials | None = None
-    """By what it proves who it is, at a router that wants to know."""
-
-    @property
-    def addresses(self) -> tuple[str, ...]:
-        """Return where it listens or connects: who listens connects nowhere."""
-        return self.listen or self.connect
-
-
 def configuration(link: Link) -> zenoh.Config:
     """Return Zenoh's configuration for `link`.
 
@@ -78,7 +47,7 @@ def configuration(link: Link) -> zenoh.Config:
         KeyNameError: the site's name cannot stand in a key.
     """
     check_name(link.site, "site")
-    _check_addresses(link)
+    check_addresses(link)
     config = zenoh.Config()
     if link.router:
         mode = "router"
@@ -112,18 +81,6 @@ def configuration(link: Link) -> zenoh.Config:
             shown = "…" if key.startswith("transport/auth") else json.dumps(value)
             raise ConfigError(f"Zenoh does not take {key} = {shown}: {_short(error)}") from error
     return config
-
-
-def _check_addresses(link: Link) -> None:
-    for endpoint in (*link.listen, *link.connect):
-        found = ENDPOINT.fullmatch(endpoint)
-        if not found:
-            raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
-        if found["port"] and int(found["port"]) > MAX_PORT:
-            raise ConfigError(f"{endpoint!r}: there is no port {found['port']}; use one up to {MAX_PORT}")
-    if link.credentials is not None:
-        for endpoint in link.connect:
-            link.credentials.check_endpoint(endpoint)
 
 
 async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.Session:
@@ -171,12 +128,6 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
                 log.info("connected to %s", ", ".join(link.connect))
             end_silence(ports_of((*link.listen, *link.connect)), LEASE_MS)
             return session
-
-
-def ports_of(endpoints: Sequence[str]) -> set[int]:
-    """Return the ports of addresses that have one."""
-    found = (ENDPOINT.fullmatch(endpoint.partition("#")[0]) for endpoint in endpoints)
-    return {int(address["port"]) for address in found if address and address["port"]}
 
 
 def _turns(link: Link) -> list[Link]:

@@ -8,8 +8,9 @@ import contextlib
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_open import opened
-from pointit.runtime.zenoh_session import Link, close_session, configuration
+from pointit.runtime.zenoh_session import close_session, configuration
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
 

@@ -9,7 +9,7 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
-from pointit.runtime.bus import AnyTopic
+from pointit.runtime.bus import UNDECLARE_S, AnyTopic
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import MemoryPublisher
 from pointit.runtime.zenoh_wire import PRIORITY, encoding_of
@@ -23,9 +23,6 @@ EVENT_CACHE = 500
 
 HEARTBEAT_S = 0.2
 """How often a writer of states and events tells its last sequence number: bounds the time to recover."""
-
-UNDECLARE_S = 0.25
-"""How long a retired writer is still known elsewhere, unless its session is closed before."""
 
 
 class _LatestWriter:

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime import Bus, Launch, WallClock, run_services
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig

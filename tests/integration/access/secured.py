@@ -24,8 +24,9 @@ from pointit.access.router_configuration import configuration as router_configur
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.runtime.credentials import Credentials, read_credentials
+from pointit.runtime.link import Link
 from pointit.runtime.router import parsed
-from pointit.runtime.zenoh_session import Link, configuration
+from pointit.runtime.zenoh_session import configuration
 from tests.support.buses import free_port
 
 PATIENCE_S = 10.0

@@ -10,8 +10,8 @@ import zenoh
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.credentials import read_credentials, refusal
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Health, ImuSample
 from pointit.schemas.topics import ANY, BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
 from tests.integration.access.secured import (

@@ -17,9 +17,9 @@ from pointit.access.site_folder import SiteFolder
 from pointit.runtime import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.credentials import read_credentials, refusal
+from pointit.runtime.link import Link
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import (
     ButtonEvent,
     Done,

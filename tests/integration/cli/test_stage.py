@@ -20,8 +20,8 @@ from pointit.cli.scenario import read_scenario
 from pointit.cli.settings import Settings
 from pointit.cli.stage import Stage
 from pointit.runtime import Bus, RefusedError, WallClock
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Deployment, Environment, Health, Message, RunScenario
 from pointit.schemas.topics import (
     CONVEYOR_STATE,

@@ -16,8 +16,8 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.processes import Processes
 from pointit.cli.scenario import read_scenario
 from pointit.runtime import Launch
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Message
 from pointit.schemas.topics import (
     INTERACTION,

@@ -12,12 +12,11 @@ from pointit.bridges.ros2.backend import LATCHED
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.runtime import ConfigError, ConnectError, ListenError
-from pointit.runtime.presence import LEASE_MS
+from pointit.runtime.link import LEASE_MS, Link
 from pointit.runtime.tcp_silence import tcp_sockets
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.runtime.zenoh_plain import open_plain
 from pointit.runtime.zenoh_plain_link import PlainLink
-from pointit.runtime.zenoh_session import Link
 from tests.integration.ros2.nodes import (
     ADD,
     BOOL,

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 
 import pytest
 
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import RouterProcess, free_port, router_process

@@ -10,8 +10,8 @@ import pytest_asyncio
 
 from pointit.runtime import NoAnswerError, WallClock
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.runtime.zenoh_writers import EVENT_CACHE
 from pointit.schemas import ButtonEvent, Done, ImuSample, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE

@@ -6,8 +6,8 @@ import pytest
 
 from pointit.runtime import Launch, SimulatedClock, keep_time
 from pointit.runtime import process as process_module
+from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
 from pointit.schemas import Environment
 from pointit.schemas.topics import MAP
 from pointit.services.pui.config import PuiConfig

@@ -5,7 +5,7 @@ import time
 from pointit.cli.notice import Notice
 from pointit.cli.plan import Plan
 from pointit.runtime import Exchange, Launch, MemoryBus
-from pointit.runtime.zenoh_session import Link
+from pointit.runtime.link import Link
 from pointit.schemas import Deployment, ExpectedService
 from pointit.schemas.topics import DEPLOYMENT
 from pointit.services.pointing.service import Pointing

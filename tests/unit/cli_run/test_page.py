@@ -29,7 +29,7 @@ from pointit.cli.scenario import read_scenario
 from pointit.cli.settings import Settings
 from pointit.cli.summary import sum_up
 from pointit.runtime import ConfigError, Exchange, ListenError, MemoryBus
-from pointit.runtime.zenoh_session import Link
+from pointit.runtime.link import Link
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until

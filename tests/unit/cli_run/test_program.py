@@ -11,7 +11,7 @@ from pointit.cli.plan import Plan
 from pointit.cli.program import Program, staged
 from pointit.cli.scenario import read_scenario, scenario_names
 from pointit.runtime import ConfigError
-from pointit.runtime.zenoh_session import Link
+from pointit.runtime.link import Link
 from pointit.schemas import RunScenario
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime import tcp_silence
-from pointit.runtime.presence import LEASE_MS
+from pointit.runtime.link import LEASE_MS, Link, ports_of
 from pointit.runtime.tcp_silence import LINGER, end_lingering, end_silence, tcp_sockets
-from pointit.runtime.zenoh_session import Link, close_session, open_session, ports_of
+from pointit.runtime.zenoh_session import close_session, open_session
 from tests.support.buses import free_port
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")

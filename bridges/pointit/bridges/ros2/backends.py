@@ -16,9 +16,9 @@ from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health import Warnings
+from pointit.runtime.link import ENDPOINT, MAX_PORT
 from pointit.runtime.zenoh_plain import open_plain
 from pointit.runtime.zenoh_plain_link import PlainLink
-from pointit.runtime.zenoh_session import ENDPOINT, MAX_PORT
 
 log = logging.getLogger(__name__)
 

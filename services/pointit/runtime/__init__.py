@@ -22,7 +22,8 @@ from pointit.runtime.errors import (
     RefusedError,
     RequestError,
 )
-from pointit.runtime.memory_bus import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.presence import present
 from pointit.runtime.service import (
     AnyService,

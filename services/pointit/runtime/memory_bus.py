@@ -6,7 +6,7 @@ Several buses may share one `Exchange`; each stands for one participant.
 import asyncio
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pointit.runtime.bus import (
     REQUEST_TIMEOUT_S,
@@ -18,6 +18,7 @@ from pointit.runtime.bus import (
     Subscription,
 )
 from pointit.runtime.errors import BusClosedError, RefusedError
+from pointit.runtime.exchange import Exchange, Participant
 from pointit.runtime.mailbox import Dispatcher, Mailbox
 from pointit.runtime.memory_desk import Desk
 from pointit.runtime.memory_ends import Declaration, Keeping, MailboxSubscription, MemoryPublisher, Watcher
@@ -35,45 +36,13 @@ CLOSE_PATIENCE_S = 1.0
 log = logging.getLogger(__name__)
 
 
-class Exchange:
-    """What participants of one process share: readers, last values, servers, presence."""
-
-    def __init__(self) -> None:
-        self.readers: dict[str, list[tuple[str, Mailbox]]] = {}
-        """By topic key: the wanted name (or `*`) and the mailbox."""
-        self.states: dict[str, dict[str, Message]] = {}
-        """By topic key and name: the last value whose writer is still there."""
-        self.desks: dict[str, list[Desk[Any, Any]]] = {}
-        """By request key: who answers."""
-        self.present: dict[str, dict[str, int]] = {}
-        """By presence key and name: how many announce it."""
-        self.watchers: dict[str, list[Watcher]] = {}
-        self.keepings: list[Keeping] = []
-        """Who answers for writers that are gone."""
-
-    def readers_of(self, topic: AnyTopic) -> list[tuple[str, Mailbox]]:
-        """Return the live list of readers, for writers to keep."""
-        return self.readers.setdefault(topic.key, [])
-
-    def desk_of(self, request: Request[Q, R], name: str) -> Desk[Q, R] | None:
-        """Return who answers `request` for `name` in this process."""
-        for desk in self.desks.get(request.key, ()):
-            if desk.wanted in (ANY, name):
-                return desk
-        return None
-
-
-class MemoryBus:
+class MemoryBus(Participant):
     """A participant of an exchange; see `pointit.runtime.bus.Bus` for the contract."""
 
     def __init__(self, exchange: Exchange | None = None) -> None:
         """Join `exchange`, or a new one; must be called in the event loop that will run the handlers."""
-        self.exchange = exchange if exchange is not None else Exchange()
-        self.declarations: set[Closable] = set()
+        super().__init__(exchange)
         self.dispatcher = Dispatcher()
-        self._loop = asyncio.get_running_loop()
-        self._closed = self._loop.create_future()
-        self._tasks: set[asyncio.Task[Any]] = set()
 
     @property
     def site(self) -> str:
@@ -144,11 +113,6 @@ class MemoryBus:
             self._loop.call_soon(watcher.tell, name, True)
         return watcher
 
-    @property
-    def is_closed(self) -> bool:
-        """Return whether the bus is closed, or being closed."""
-        return self._closed.done()
-
     async def close(self) -> None:
         """Close everything that was declared here."""
         if self._closed.done():
@@ -165,13 +129,6 @@ class MemoryBus:
             for task in left:
                 log.error("%s goes on although the bus is closed", task.get_name())
 
-    def spawn(self, work: Any, name: str) -> asyncio.Task[Any]:
-        """Run the coroutine `work` as a task that ends with the bus."""
-        task = self._loop.create_task(work, name=name)
-        self._tasks.add(task)
-        task.add_done_callback(self._forget)
-        return task
-
     async def _wait_for(
         self, reply: "asyncio.Task[R]", request: Request[Q, R], key: str, timeout_s: float
     ) -> R:
@@ -184,11 +141,6 @@ class MemoryBus:
         if reply.cancelled():
             raise RefusedError(shutting_down(request))
         return reply.result()
-
-    def _forget(self, task: asyncio.Task[Any]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled():
-            task.exception()  # seen: whoever asked may have gone
 
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
         for watcher in self.exchange.watchers.get(presence.key, ()):

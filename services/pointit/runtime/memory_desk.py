@@ -2,16 +2,14 @@
 
 import asyncio
 import logging
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from pointit.runtime.bus import MAX_IN_FLIGHT, Server
 from pointit.runtime.errors import PointItError, RefusedError
+from pointit.runtime.exchange import Participant
 from pointit.runtime.memory_ends import Declaration
 from pointit.schemas import Query, Reply
 from pointit.schemas.topics import ANY, Request
-
-if TYPE_CHECKING:
-    from pointit.runtime.memory_bus import MemoryBus
 
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
@@ -22,7 +20,7 @@ log = logging.getLogger(__name__)
 class Desk(Generic[Q, R]):
     """Where one request is answered: each answer is a task that ends with the desk, not with its caller."""
 
-    def __init__(self, bus: "MemoryBus", request: Request[Q, R], server: Server[Q, R], name: str) -> None:
+    def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
         self.request = request
         self.wanted = name if request.placeholder else ANY
         self._bus = bus

@@ -2,16 +2,14 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from pointit.runtime.bus import AnyTopic, Recall, Traffic
 from pointit.runtime.errors import BusClosedError
+from pointit.runtime.exchange import Participant
 from pointit.runtime.mailbox import Mailbox
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Delivery, Presence, Topic
-
-if TYPE_CHECKING:
-    from pointit.runtime.memory_bus import MemoryBus
 
 M = TypeVar("M", bound=Message)
 
@@ -21,7 +19,7 @@ log = logging.getLogger(__name__)
 class Declaration:
     """Something declared: undone once, by itself or with its bus."""
 
-    def __init__(self, bus: "MemoryBus", undo: Callable[[], None]) -> None:
+    def __init__(self, bus: Participant, undo: Callable[[], None]) -> None:
         self._bus = bus
         self._undo: Callable[[], None] | None = undo
         bus.declarations.add(self)
@@ -37,7 +35,7 @@ class Declaration:
 class MemoryPublisher(Generic[M]):
     """Hands messages to the readers of this process as they are: they are frozen."""
 
-    def __init__(self, bus: "MemoryBus", topic: Topic[M], name: str) -> None:
+    def __init__(self, bus: Participant, topic: Topic[M], name: str) -> None:
         topic.at(name)  # raises on a name that cannot stand in the key
         self._name = name
         self._readers = bus.exchange.readers_of(topic)
@@ -75,7 +73,7 @@ class MemoryPublisher(Generic[M]):
 class MailboxSubscription:
     """A mailbox in the exchange's list of readers."""
 
-    def __init__(self, bus: "MemoryBus", topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
+    def __init__(self, bus: Participant, topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
         if name != ANY:
             topic.at(name)
         self._mailbox = mailbox
@@ -107,7 +105,7 @@ class MailboxSubscription:
 class Keeping:
     """What somebody keeps of states: handed over to the readers there are, and to each that comes."""
 
-    def __init__(self, bus: "MemoryBus", topics: Sequence[AnyTopic], recall: Recall) -> None:
+    def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
         self.recall = recall
         self._keys = frozenset(topic.key for topic in topics)
         self._keepings = bus.exchange.keepings
@@ -135,7 +133,7 @@ class Keeping:
 class Watcher:
     """Tells a handler who is present, each change once."""
 
-    def __init__(self, bus: "MemoryBus", presence: Presence, handler: Callable[[str, bool], None]) -> None:
+    def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
         self.presence = presence
         self._handler = handler
         self._known: set[str] = set()

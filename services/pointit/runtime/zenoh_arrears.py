@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import zenoh
 
 from pointit.runtime.bus import EVENT_CAPACITY
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.exchange import Participant
 from pointit.runtime.zenoh_asking import kept_samples
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
@@ -46,7 +46,7 @@ class Arrears:
 
     def __init__(
         self,
-        bus: MemoryBus,
+        bus: Participant,
         session: zenoh.Session,
         hand_on: Callable[[zenoh.Sample], None],
         lose: Callable[[int], None],

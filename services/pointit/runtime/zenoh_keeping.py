@@ -15,8 +15,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus import AnyTopic, Recall
+from pointit.runtime.exchange import Participant
 from pointit.runtime.mailbox import Mailbox
-from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import Keeping
 from pointit.runtime.names import limit_of
 from pointit.runtime.waiting_line import TurnedAway, WaitingLine
@@ -40,7 +40,7 @@ class ZenohKeeping(Keeping):
 
     def __init__(
         self,
-        bus: MemoryBus,
+        bus: Participant,
         session: zenoh.Session,
         topics: Sequence[AnyTopic],
         recall: Recall,
@@ -98,7 +98,7 @@ class ZenohKeeping(Keeping):
 class Recollection:
     """Asks who keeps states elsewhere, for the readers of this process, once for each reader and keeper."""
 
-    def __init__(self, bus: MemoryBus, session: zenoh.Session) -> None:
+    def __init__(self, bus: Participant, session: zenoh.Session) -> None:
         """Watch for who keeps states; must be called in the loop."""
         self._bus = bus
         self._session = session

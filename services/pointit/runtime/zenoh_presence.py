@@ -9,7 +9,7 @@ from collections.abc import Callable
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.exchange import Participant
 from pointit.runtime.memory_ends import Watcher
 from pointit.runtime.zenoh_wire import name_in
 from pointit.schemas import SchemaError
@@ -20,7 +20,11 @@ class ZenohWatcher(Watcher):
     """Tells who is present here or elsewhere."""
 
     def __init__(
-        self, bus: MemoryBus, session: zenoh.Session, presence: Presence, handler: Callable[[str, bool], None]
+        self,
+        bus: Participant,
+        session: zenoh.Session,
+        presence: Presence,
+        handler: Callable[[str, bool], None],
     ) -> None:
         super().__init__(bus, presence, handler)
         self._loop = asyncio.get_running_loop()

@@ -12,8 +12,8 @@ from zenoh import ext
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus import AnyTopic
+from pointit.runtime.exchange import Participant
 from pointit.runtime.mailbox import Mailbox
-from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.memory_ends import MailboxSubscription
 from pointit.runtime.names import Names, Places
 from pointit.runtime.zenoh_arrears import Arrears
@@ -102,7 +102,7 @@ class _KeptInlet(_Inlet):
 
     def __init__(
         self,
-        bus: MemoryBus,
+        bus: Participant,
         session: zenoh.Session,
         topic: AnyTopic,
         key: str,
@@ -150,7 +150,7 @@ class ZenohSubscription(MailboxSubscription):
 
     def __init__(
         self,
-        bus: MemoryBus,
+        bus: Participant,
         session: zenoh.Session,
         topic: AnyTopic,
         mailbox: Mailbox,

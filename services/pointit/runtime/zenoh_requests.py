@@ -12,7 +12,7 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.bus import Server
 from pointit.runtime.errors import RefusedError, RequestError
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.exchange import Participant
 from pointit.runtime.memory_desk import Desk
 from pointit.runtime.unanswered import no_answer, shutting_down
 from pointit.runtime.waiting_line import MAX_WAITING, TurnedAway, WaitingLine
@@ -34,7 +34,7 @@ class ZenohDesk(Desk[Q, R]):
 
     def __init__(
         self,
-        bus: MemoryBus,
+        bus: Participant,
         session: zenoh.Session,
         request: Request[Q, R],
         server: Server[Q, R],

@@ -10,7 +10,7 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from pointit.runtime.bus import UNDECLARE_S, AnyTopic
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.exchange import Participant
 from pointit.runtime.memory_ends import MemoryPublisher
 from pointit.runtime.zenoh_wire import PRIORITY, encoding_of
 from pointit.schemas import Message, encode
@@ -81,7 +81,7 @@ class _KeptWriter:
 class ZenohPublisher(MemoryPublisher[M]):
     """Hands messages to this process's readers, and their bytes to Zenoh for the others."""
 
-    def __init__(self, bus: MemoryBus, session: zenoh.Session, topic: Topic[M], name: str) -> None:
+    def __init__(self, bus: Participant, session: zenoh.Session, topic: Topic[M], name: str) -> None:
         key = topic.at(name)
         self._writer = (
             _LatestWriter(session, topic, key)

@@ -19,8 +19,8 @@ from pointit.runtime import (
     SimulatedClock,
     WallClock,
 )
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import Exchange
 from pointit.schemas import Health, ImuSample, SetYawOrigin
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import (

@@ -14,8 +14,8 @@ import pytest
 
 from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.runtime import ConfigError, Context, MemoryBus, WallClock
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import Exchange
 from pointit.runtime.serial_port import PortSettings
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import (

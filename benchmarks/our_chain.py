@@ -9,8 +9,10 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.processes import Processes
 from pointit.cli.scenario import read_scenario
 from pointit.geometry import rotation
-from pointit.runtime import Launch, Publisher, WallClock, run_services
+from pointit.runtime.bus import Publisher
+from pointit.runtime.clock import WallClock
 from pointit.runtime.link import Link
+from pointit.runtime.service import Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample, StripsFrame, UserPose
 from pointit.schemas.topics import IMU, POSE, STRIPS_FRAME

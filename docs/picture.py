@@ -13,8 +13,9 @@ from pointit.cli.monitor import Monitor
 from pointit.cli.scenario import read_scenario
 from pointit.cli.score import Score
 from pointit.cli.view import draw
-from pointit.runtime import SimulatedClock, run_services
+from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.link import Link
+from pointit.runtime.service import run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 
 PEOPLE = 1

@@ -8,8 +8,11 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import Config, Context, Exchange, MemoryBus
+from pointit.runtime.config import Config
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Context
 from pointit.schemas.topics import USER_ALIVE
 from pointit.services.registry import PROCESSES, Process
 from tests.support.bench import ManualClock, until

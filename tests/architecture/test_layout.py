@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import Config, Service
+from pointit.runtime.config import Config
+from pointit.runtime.service import Service
 from pointit.schemas.topics import REQUESTS, TOPICS, Topic
 from pointit.services.registry import PROCESSES, Process
 from tests.architecture import keys, sources

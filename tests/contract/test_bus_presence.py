@@ -6,12 +6,10 @@ import time
 
 import pytest
 
-from pointit.runtime import (
-    Bus,
-    BusClosedError,
-    MemoryBus,
-    present,
-)
+from pointit.runtime.bus import Bus
+from pointit.runtime.errors import BusClosedError
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.presence import present
 from pointit.schemas import (
     Done,
     SetBrightness,

@@ -5,11 +5,8 @@ import time
 
 import pytest
 
-from pointit.runtime import (
-    NoAnswerError,
-    RefusedError,
-)
 from pointit.runtime.bus import MAX_IN_FLIGHT
+from pointit.runtime.errors import NoAnswerError, RefusedError
 from pointit.schemas import (
     AddPackage,
     AddPackageReply,

@@ -5,8 +5,12 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
-from pointit.runtime import AnyService, Bus, Config, Exchange, Launch, MemoryBus, run_service
+from pointit.runtime.bus import Bus
 from pointit.runtime.clock import Clock
+from pointit.runtime.config import Config
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import AnyService, Launch, run_service
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic
 

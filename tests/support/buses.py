@@ -12,8 +12,10 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from pointit.runtime import Bus, Exchange, MemoryBus
+from pointit.runtime.bus import Bus
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.link import Link
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE

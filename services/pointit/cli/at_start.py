@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from pointit.cli.launches import Choices
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch
 from pointit.runtime.state import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from pointit.cli.output import Section, json_option, show
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.state import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name

@@ -8,8 +8,8 @@ import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 
-from pointit.runtime import Bus, ConfigError
-from pointit.runtime.bus import Closable
+from pointit.runtime.bus import Bus, Closable
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.files import put
 from pointit.schemas.topics import SERVICE_ALIVE
 

@@ -17,9 +17,9 @@ from pointit.cli.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.prompt import changing_line, enter
 from pointit.diagnosis.writers import instance_of, why_silent
 from pointit.geometry.rotation import IDENTITY, Quaternion
-from pointit.runtime import NoAnswerError, PointItError
 from pointit.runtime.bus import Bus
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.presence import present
 from pointit.runtime.state import StateFile
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply

@@ -19,10 +19,10 @@ from pointit.cli.output import INTERRUPTED, Section, console, json_option, print
 from pointit.cli.pose import found
 from pointit.cli.prompt import ChangingLine, changing_line
 from pointit.diagnosis.writers import why_silent
-from pointit.runtime import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.bus import AnyTopic, Bus
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.presence import present
 from pointit.runtime.state import StateFile
 from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile

@@ -12,10 +12,10 @@ from pointit.cli.keys import filled
 from pointit.cli.lazy import Mistake, nearest
 from pointit.cli.link import joined, quiet, site_options, untold_address
 from pointit.cli.output import Row, Section, json_option, print_json, say, show, to_line
-from pointit.runtime import ConfigError
 from pointit.runtime.bus import REQUEST_TIMEOUT_S
 from pointit.runtime.config import Layers
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.parameters import Leaf, leaves
 from pointit.schemas import Query, Reply, explain
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of

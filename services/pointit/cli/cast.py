@@ -6,7 +6,8 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pointit.cli.processes import Processes
-from pointit.runtime import Clock, Launch, run_services
+from pointit.runtime.clock import Clock
+from pointit.runtime.service import Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 

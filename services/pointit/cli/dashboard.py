@@ -15,8 +15,9 @@ from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.run_options import NEW_LINK
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
-from pointit.runtime import ConfigError, SiteClock
+from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import Link
 from pointit.runtime.link_options import link_of
 from pointit.runtime.log import setup_logging

@@ -22,8 +22,7 @@ from pointit.cli.stage import Stage
 from pointit.cli.summary import sum_up
 from pointit.cli.view import figures
 from pointit.cli.wishes import Wishes
-from pointit.runtime import Clock, SimulatedClock, WallClock
-from pointit.runtime.clock import keep_time
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock, keep_time
 from pointit.runtime.console import PlainConsole
 from pointit.runtime.ending import run_async
 from pointit.runtime.log import setup_logging

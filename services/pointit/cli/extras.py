@@ -4,7 +4,7 @@ import importlib.metadata
 import re
 from typing import Any
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.registry import Process
 
 NAME = re.compile(r"[\w.-]+")

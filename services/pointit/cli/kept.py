@@ -8,8 +8,8 @@ from pydantic import BaseModel
 
 from pointit.cli.link import joined
 from pointit.cli.output import print_json
-from pointit.runtime import ConnectError, NoAnswerError
 from pointit.runtime.bus import Bus
+from pointit.runtime.errors import ConnectError, NoAnswerError
 from pointit.runtime.state import StateFile
 
 R = TypeVar("R")

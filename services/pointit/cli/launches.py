@@ -9,7 +9,8 @@ from pointit.cli.person_options import REALISTIC, Pose, body_of
 from pointit.cli.scenario import Place, Scenario
 from pointit.cli.seeds import seed_of
 from pointit.cli.settings import Settings, layers_of
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch
 from pointit.schemas.system import check_user
 from pointit.services import registry
 

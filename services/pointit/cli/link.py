@@ -8,7 +8,8 @@ from contextlib import asynccontextmanager, contextmanager
 import click
 from click.core import ParameterSource
 
-from pointit.runtime import PointItError, zenoh_session
+from pointit.runtime import zenoh_session
+from pointit.runtime.errors import PointItError
 from pointit.runtime.link_options import link_of, link_options
 from pointit.runtime.log import setup_logging
 from pointit.runtime.zenoh_bus import ZenohBus

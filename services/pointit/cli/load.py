@@ -17,10 +17,10 @@ from pointit.cli.load_layout import Layout, Load, groups
 from pointit.cli.load_rig import rigged, router_process
 from pointit.cli.load_site import secured_site
 from pointit.cli.output import INTERRUPTED, Section, json_option, print_json, show
-from pointit.runtime import ConfigError
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.credentials import Credentials
 from pointit.runtime.ending import EXIT_FAILED, run_async
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import Link
 from pointit.runtime.link_options import given_credentials
 from pointit.runtime.state import VARIABLE

@@ -6,7 +6,7 @@ from typing import Literal
 from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.load_rig import Group
 from pointit.cli.scenario import read_scenario
-from pointit.runtime import Launch
+from pointit.runtime.service import Launch
 
 Layout = Literal["one", "users", "services"]
 

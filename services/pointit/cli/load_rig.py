@@ -15,7 +15,9 @@ from pointit.cli.load_figures import Measured, Usage
 from pointit.cli.load_usage import taken
 from pointit.cli.load_worker import told
 from pointit.cli.load_wrist import Wrist, beat
-from pointit.runtime import ConfigError, Launch, WallClock, run_services
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, Cursor, Hover, Message, StripsFrame, UserPose
 from pointit.schemas.topics import CURSOR, HOVER, IMU, POSE, STRIPS_FRAME

@@ -15,13 +15,14 @@ import click
 
 from pointit.cli.load_usage import taken
 from pointit.cli.load_wrist import Wrist, beat
-from pointit.runtime import Launch, WallClock, run_services
+from pointit.runtime.clock import WallClock
 from pointit.runtime.config import Layers
 from pointit.runtime.credentials import VARIABLE, read_credentials
 from pointit.runtime.ending import run_async
 from pointit.runtime.link import Link
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import run_program
+from pointit.runtime.service import Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas.topics import IMU
 from pointit.services import registry

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 
 from pointit.geometry import rotation
-from pointit.runtime import Publisher
+from pointit.runtime.bus import Publisher
 from pointit.schemas import ImuSample
 
 SWEEP_RAD = 0.3

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch
 from pointit.schemas import Environment
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.from_map import UnusableMapError

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pointit.cli.latency import Latency
 from pointit.cli.score import Score
 from pointit.diagnosis.certainty import FRAME_RATE
-from pointit.runtime import Bus, Clock, Closable
+from pointit.runtime.bus import Bus, Closable
+from pointit.runtime.clock import Clock
 from pointit.schemas import (
     Anchor,
     Cursor,

@@ -8,8 +8,9 @@ from pointit.access.rights import ALL, Role, rights_of
 from pointit.cli.launches import CURSOR_COLORS
 from pointit.cli.link import joined
 from pointit.cli.scenario import scenario_names
-from pointit.runtime import Bus, ConfigError, ConnectError
+from pointit.runtime.bus import Bus
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.link_options import given_credentials
 from pointit.schemas import Deployment, UserProfile
 from pointit.schemas.base import Rgb

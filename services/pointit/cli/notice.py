@@ -8,8 +8,8 @@ import time
 from collections.abc import Sequence
 
 from pointit.cli.plan import Plan
-from pointit.runtime import Bus, Launch
-from pointit.runtime.bus import Closable, Publisher
+from pointit.runtime.bus import Bus, Closable, Publisher
+from pointit.runtime.service import Launch
 from pointit.schemas import Deployment, ExpectedService
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT

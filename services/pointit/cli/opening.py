@@ -6,7 +6,8 @@ import logging
 
 from pointit.cli.plan import Plan
 from pointit.cli.stage import PRESENCE_PATIENCE_S, refuse_names_in_use
-from pointit.runtime import Clock, ListenError, SimulatedClock, SiteClock, WallClock
+from pointit.runtime.clock import Clock, SimulatedClock, SiteClock, WallClock
+from pointit.runtime.errors import ListenError
 from pointit.runtime.link import Link
 from pointit.runtime.presence import present
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -15,8 +15,9 @@ from pointit.cli.extras import has_extra, load, remedy
 from pointit.cli.launches import PAGE
 from pointit.cli.page_tokens import Tokens
 from pointit.cli.settings import Settings, layers_of, service_of
-from pointit.runtime import AnyService, ConfigError, Launch, ListenError
 from pointit.runtime.address import own_address
+from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.service import AnyService, Launch
 from pointit.services import registry
 
 log = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.cli.launches import PAGE
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.files import put
 from pointit.runtime.state import site_folder
 

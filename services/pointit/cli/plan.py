@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pointit.cli.page import Page
-from pointit.runtime import Launch
 from pointit.runtime.link import Link
+from pointit.runtime.service import Launch
 from pointit.schemas import RunScenario
 
 

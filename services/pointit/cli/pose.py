@@ -14,10 +14,10 @@ from pointit.cli.newest import Newest
 from pointit.cli.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.prompt import check_keyboard, enter
 from pointit.cli.whereabouts import localizing, missing, outside, people
-from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.presence import present
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST

@@ -9,10 +9,10 @@ import click
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options
 from pointit.cli.output import json_option, print_json, say
 from pointit.diagnosis.writers import instance_of, split
-from pointit.runtime import NoAnswerError
 from pointit.runtime.bus import Bus
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import ButtonEvent, Feedback, Interaction
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, SERVICE_ALIVE, check_name
 

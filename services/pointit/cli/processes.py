@@ -14,7 +14,7 @@ from typing import Literal, Self
 
 import yaml
 
-from pointit.runtime import Launch
+from pointit.runtime.service import Launch
 from pointit.services import registry
 
 log = logging.getLogger(__name__)

@@ -12,8 +12,8 @@ from pointit.cli.map_fit import check_map_fits
 from pointit.cli.plan import Plan
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import service_of
-from pointit.runtime import ConfigError, Launch
-from pointit.runtime.service import check_launches
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch, check_launches
 from pointit.schemas import RunScenario
 
 PLACES = 8

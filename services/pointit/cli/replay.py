@@ -11,9 +11,11 @@ import click
 
 from pointit.cli.output import Section, console, print_json, print_table, to_json
 from pointit.evaluation.arm_rays import OPERATOR
-from pointit.runtime import ConfigError, Launch, SimulatedClock, run_services, sleep
+from pointit.runtime.clock import SimulatedClock, sleep
 from pointit.runtime.config import Layers
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import Link
+from pointit.runtime.service import Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, BodyMeasures, Localization, UserPose, UserProfile
 from pointit.schemas.topics import LOCALIZATION, POSE, PROFILE

@@ -14,8 +14,8 @@ from pointit.access.recent import Recent
 from pointit.access.refused import FILTER, MARKS, Refused
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.file_limit import raise_file_limit
 from pointit.runtime.link import DEFAULT_ENDPOINT
 from pointit.runtime.log import setup_logging

@@ -20,8 +20,8 @@ from pointit.cli.run_options import BESIDE_ROS, choices_of, joining, page_option
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import check_settings
 from pointit.cli.summary import check_writable
-from pointit.runtime import ConfigError
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import DEFAULT_ENDPOINT
 from pointit.runtime.link_options import given_credentials, link_options
 from pointit.runtime.log import setup_logging

@@ -6,8 +6,8 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr
 
-from pointit.runtime import Config, ConfigError
-from pointit.runtime.config import Layers, read_yaml
+from pointit.runtime.config import Config, Layers, read_yaml
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
 

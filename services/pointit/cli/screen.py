@@ -10,7 +10,7 @@ from rich.live import Live
 from pointit.cli.keyboard import has_keyboard, keys
 from pointit.cli.stage import Stage
 from pointit.cli.view import REFRESH_HZ, draw
-from pointit.runtime import Publisher
+from pointit.runtime.bus import Publisher
 from pointit.schemas import ButtonEvent
 from pointit.schemas.topics import BUTTON
 

@@ -8,7 +8,7 @@ from pointit.cli.extras import load
 from pointit.cli.lazy import Entry, LazyGroup
 from pointit.cli.list import services
 from pointit.cli.output import Section, json_option, show
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.process import absent_command, service_command
 from pointit.services.registry import PROCESSES, Process
 

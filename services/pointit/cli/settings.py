@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime import ConfigError
 from pointit.runtime.config import Layers, read_yaml
 from pointit.runtime.environment import environment_prefix
+from pointit.runtime.errors import ConfigError
 from pointit.services import registry
 
 

@@ -12,8 +12,10 @@ from pointit.cli.notice import Line, Notice
 from pointit.cli.page import Page
 from pointit.cli.plan import Plan
 from pointit.cli.score import Score
-from pointit.runtime import Clock, ConfigError, Launch
 from pointit.runtime.bus import UNDECLARE_S
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch
 from pointit.runtime.succession import claim
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE

@@ -13,7 +13,7 @@ from pointit.cli.monitor import Monitor
 from pointit.cli.output import say
 from pointit.cli.plan import Plan
 from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 
 
 def check_writable(summary: Path) -> None:

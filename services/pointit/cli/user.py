@@ -14,7 +14,7 @@ from pointit.cli.plan import Plan
 from pointit.cli.run_options import choices_of, joining, shared_options
 from pointit.cli.scenario import Scenario, read_scenario
 from pointit.cli.settings import check_settings
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.link_options import link_options
 from pointit.runtime.process import log_option
 from pointit.schemas.system import check_user

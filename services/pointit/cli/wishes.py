@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from pointit.cli.plan import Plan
 from pointit.cli.stage import Stage
-from pointit.runtime import ConfigError, PointItError, RefusedError
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.schemas import Done, RunScenario, SchemaError
 
 

@@ -2,7 +2,7 @@
 
 import json
 
-from pointit.runtime import SiteClock
+from pointit.runtime.clock import SiteClock
 from tests.support.bench import until
 from tests.support.commands import Commands, onlooker
 

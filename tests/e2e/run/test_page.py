@@ -9,7 +9,7 @@ import httpx
 import msgpack
 import pytest
 
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import Deployment, Environment, RunScenario, SelectionEvent
 from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO, SELECTION_EVENTS
 from tests.e2e.run.visitor import entered, looking_on

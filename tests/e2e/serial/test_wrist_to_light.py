@@ -15,8 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime import Bus, Launch, WallClock, run_services
+from pointit.runtime.bus import Bus
+from pointit.runtime.clock import WallClock
 from pointit.runtime.link import Link
+from pointit.runtime.service import Launch, run_services
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH

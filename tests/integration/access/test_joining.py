@@ -14,9 +14,9 @@ import pytest_asyncio
 import zenoh
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.bus import AnyTopic
 from pointit.runtime.credentials import read_credentials, refusal
+from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.link import Link
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus

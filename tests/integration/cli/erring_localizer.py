@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.geometry.vector import Vec3
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import Anchor, Done, PointAnchor, SetPose, UserPose
 from tests.support.played_localizer import PlayedLocalizer
 

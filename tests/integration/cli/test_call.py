@@ -8,7 +8,7 @@ import yaml
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import AddPackage, AddPackageReply, ButtonEvent, Done, SetPose, SetSpeed
 from pointit.schemas.topics import ADD_PACKAGE, BUTTON, REQUESTS, SET_POSE, SET_SPEED
 from pointit.services.supervisor.service import Supervisor

@@ -19,7 +19,9 @@ from pointit.cli.program import Program, staged
 from pointit.cli.scenario import read_scenario
 from pointit.cli.settings import Settings
 from pointit.cli.stage import Stage
-from pointit.runtime import Bus, RefusedError, WallClock
+from pointit.runtime.bus import Bus
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Deployment, Environment, Health, Message, RunScenario

@@ -15,8 +15,8 @@ import pytest_asyncio
 from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.processes import Processes
 from pointit.cli.scenario import read_scenario
-from pointit.runtime import Launch
 from pointit.runtime.link import Link
+from pointit.runtime.service import Launch
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Message
 from pointit.schemas.topics import (

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pointit.cli.replay import replay
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 
 SPEED = 10.0

@@ -11,7 +11,7 @@ import pytest
 from pointit.bridges.ros2.backend import LATCHED
 from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.runtime import ConfigError, ConnectError, ListenError
+from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.runtime.link import LEASE_MS, Link
 from pointit.runtime.tcp_silence import tcp_sockets
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from pointit.runtime import BusClosedError, RefusedError
+from pointit.runtime.errors import BusClosedError, RefusedError
 from tests.integration.ros2.nodes import ADD, BOOL, cdr_of, graphs, number_of
 from tests.support.bench import until
 

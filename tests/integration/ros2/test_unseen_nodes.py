@@ -16,8 +16,9 @@ from pointit.bridges.ros2.routes import routes
 from pointit.bridges.ros2.scene import Scene
 from pointit.bridges.ros2.site import Site
 from pointit.bridges.ros2.types import Types
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import PointingRay
 from pointit.schemas.topics import RAY
 from tests.integration.ros2.nodes import DOMAIN, POSE, Node, arrives, cdr_of, graphs

@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from pointit.runtime import ConnectError, ListenError
+from pointit.runtime.errors import ConnectError, ListenError
 from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus
 from tests.support.buses import free_port, router_process

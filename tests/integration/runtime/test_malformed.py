@@ -12,7 +12,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime import NoAnswerError, RefusedError, RequestError
+from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, encode
 from pointit.schemas.topics import IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import pytest
 import pytest_asyncio
 
-from pointit.runtime import NoAnswerError, WallClock
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.health import ServiceBus
 from pointit.runtime.link import Link
 from pointit.runtime.zenoh_bus import ZenohBus

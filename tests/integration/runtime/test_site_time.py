@@ -4,9 +4,10 @@ import asyncio
 
 import pytest
 
-from pointit.runtime import Launch, SimulatedClock, keep_time
 from pointit.runtime import process as process_module
+from pointit.runtime.clock import SimulatedClock, keep_time
 from pointit.runtime.link import Link
+from pointit.runtime.service import Launch
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import Environment
 from pointit.schemas.topics import MAP

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from pointit.runtime import NoAnswerError
+from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link import Link
 from pointit.runtime.router import routing
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -14,7 +14,9 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.monitor import Monitor
 from pointit.cli.scenario import Scenario, read_scenario
 from pointit.cli.score import Score
-from pointit.runtime import Exchange, MemoryBus, run_services
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import run_services
 from pointit.schemas import (
     NS_PER_S,
     Anchor,

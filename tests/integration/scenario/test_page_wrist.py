@@ -18,7 +18,9 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.scenario import read_scenario
 from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
-from pointit.runtime import Exchange, Launch, MemoryBus, run_services
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch, run_services
 from pointit.schemas import (
     NS_PER_S,
     BodyMeasures,

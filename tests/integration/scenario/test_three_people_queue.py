@@ -12,7 +12,10 @@ from dataclasses import dataclass, field
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.runtime import Bus, Exchange, Launch, MemoryBus, run_services
+from pointit.runtime.bus import Bus
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch, run_services
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,

@@ -18,7 +18,9 @@ from pointit.cli.launches import Choices, site_launches, user_launches
 from pointit.cli.scenario import read_scenario
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime import Exchange, Launch, MemoryBus, run_services
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch, run_services
 from pointit.schemas import ButtonEvent, Cursor, Environment, Localization, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, LOCALIZATION, MAP, POSE, PROFILE, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig

@@ -20,8 +20,9 @@ from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import UNPAIRED
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime import Context, WallClock
+from pointit.runtime.clock import WallClock
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.service import Context
 from pointit.schemas import (
     Belt,
     ButtonEvent,

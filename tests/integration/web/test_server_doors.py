@@ -12,7 +12,7 @@ from pointit.bridges.web import access, exposure
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import Role
-from pointit.runtime import ConfigError, ListenError
+from pointit.runtime.errors import ConfigError, ListenError
 from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, built, serving
 from tests.support.bench import memory_bench
 from tests.support.links import link_in

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from pointit.bridges.web import answers, pairing
 from pointit.bridges.web.recording import Recording
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     Cursor,
     Deployment,

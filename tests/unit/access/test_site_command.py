@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.site import command
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 
 

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.audit import command, since_ns
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.selector.journal import Journal
 from pointit.services.selector.outputs import Record
 

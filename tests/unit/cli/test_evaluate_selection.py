@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from pointit.cli.evaluate_selection import METHODS, selection
 from pointit.evaluation import selection_condition, selection_method
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 
 
 def invoke(*arguments: str) -> tuple[str, str]:

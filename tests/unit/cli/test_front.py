@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from pointit.cli.extras import load
 from pointit.cli.lazy import Entry, LazyGroup
 from pointit.cli.main import COMMANDS, EXAMPLES, command
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.registry import process
 
 

@@ -17,7 +17,7 @@ from pointit.cli.main import command
 from pointit.cli.map_belts_picture import beside
 from pointit.cli.map_picture import map_figure
 from pointit.geometry.polyline import Polyline
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
 from pointit.services.pui.map_file import load_map_and_clouds, shipped_maps
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from pointit.cli.link import telling, untold_address
 from pointit.cli.main import command, folded
-from pointit.runtime import NoAnswerError
+from pointit.runtime.errors import NoAnswerError
 
 GROUPS = {"calibrate": ("mounting", "user"), "evaluate": ("localization", "pointing")}
 ALONE = ("anchor", "call", "doctor", "pose", "run", "user")

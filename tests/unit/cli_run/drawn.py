@@ -8,7 +8,7 @@ from rich.console import Console
 from pointit.cli.monitor import Monitor
 from pointit.cli.score import Score
 from pointit.cli.view import draw
-from pointit.runtime import WallClock
+from pointit.runtime.clock import WallClock
 from pointit.schemas import Cursor, Environment, Strip, StripFrame, StripsFrame
 
 RED, BLUE, DARK = (255, 0, 0), (0, 0, 255), (0, 0, 0)

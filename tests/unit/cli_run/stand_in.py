@@ -3,8 +3,7 @@
 from typing import ClassVar
 
 from pointit.bridges.web.config import WebConfig
-from pointit.runtime import Context, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.service import Context, Scope, Service
 
 
 class StandIn(Service[WebConfig]):

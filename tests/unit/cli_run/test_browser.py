@@ -7,7 +7,8 @@ import pytest
 
 from pointit.bridges.web.link_file import keep_link
 from pointit.cli import browser
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 

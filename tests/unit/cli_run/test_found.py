@@ -8,7 +8,8 @@ import pytest
 
 from pointit.cli.monitor import Monitor
 from pointit.cli.summary import summary_lines, true_yaw_deg
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import Localization, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE
 from pointit.services.user_sim.config import UserSimConfig

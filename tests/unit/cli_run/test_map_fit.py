@@ -7,7 +7,7 @@ import pytest
 from pointit.cli.launches import Choices
 from pointit.cli.program import Program, staged
 from pointit.cli.scenario import read_scenario, scenario_names
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.pui.map_file import load_map

@@ -4,8 +4,10 @@ import time
 
 from pointit.cli.notice import Notice
 from pointit.cli.plan import Plan
-from pointit.runtime import Exchange, Launch, MemoryBus
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.link import Link
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch
 from pointit.schemas import Deployment, ExpectedService
 from pointit.schemas.topics import DEPLOYMENT
 from pointit.services.pointing.service import Pointing

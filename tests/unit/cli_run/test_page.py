@@ -28,8 +28,10 @@ from pointit.cli.program import PLACES, places
 from pointit.cli.scenario import read_scenario
 from pointit.cli.settings import Settings
 from pointit.cli.summary import sum_up
-from pointit.runtime import ConfigError, Exchange, ListenError, MemoryBus
+from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.link import Link
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until

@@ -10,7 +10,8 @@ from rich.segment import Segment
 from pointit.cli.monitor import Monitor
 from pointit.cli.view import draw
 from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import (
     NS_PER_S,
     Anchor,

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from pointit.cli.launches import Choices, user_launches
 from pointit.cli.person_options import PERSON_OPTIONS, Pose, pose
 from pointit.cli.scenario import read_scenario
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch
 
 
 def person(choices: Choices, index: int = 0, scenario: str = "scenario_2") -> dict[str, dict[str, Any]]:

@@ -16,7 +16,8 @@ import yaml
 
 from pointit.cli.processes import Processes, last_words
 from pointit.cli.summary import check_writable
-from pointit.runtime import ConfigError, Launch
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch
 from pointit.services.pointing.service import Pointing
 from pointit.services.selector.service import Selector
 from tests.support.bench import until

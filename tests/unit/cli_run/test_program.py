@@ -10,7 +10,7 @@ from pointit.cli.person_options import Pose
 from pointit.cli.plan import Plan
 from pointit.cli.program import Program, staged
 from pointit.cli.scenario import read_scenario, scenario_names
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import Link
 from pointit.schemas import RunScenario
 

@@ -14,8 +14,8 @@ from pointit.cli.run import run
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import check_settings
 from pointit.cli.user import command as user
-from pointit.runtime import ConfigError, Launch
-from pointit.runtime.service import check_launches
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch, check_launches
 from pointit.schemas import KeyNameError
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import check_name

@@ -12,7 +12,8 @@ from rich.segment import Segment
 from pointit.cli.monitor import LINES, Monitor
 from pointit.cli.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
 from pointit.diagnosis.observation import SILENT_S
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import (
     Cursor,
     Environment,

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime import ConfigError, Context, RefusedError, SimulatedClock
+from pointit.runtime.clock import SimulatedClock
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.service import Context
 from pointit.schemas import (
     AddPackage,
     Belt,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.schedule import check_schedule, read_schedule
 from pointit.services.pui.map_file import load_map

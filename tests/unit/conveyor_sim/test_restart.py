@@ -168,7 +168,7 @@ async def test_a_disk_that_fails_is_a_warning_until_it_works_again(monkeypatch: 
 
 LIFE = """
 import asyncio, sys
-from pointit.runtime import SimulatedClock
+from pointit.runtime.clock import SimulatedClock
 from pointit.schemas.topics import MAP, OBJECTS, SELECTION_EVENTS
 from pointit.services.conveyor_sim.service import ConveyorSim
 from tests.support.bench import memory_bench

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import AddPackage, ConveyorState, Environment, ResetConveyor, SetFeeding, SetSpeed
 from pointit.schemas.topics import (
     ADD_PACKAGE,

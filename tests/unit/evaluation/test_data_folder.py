@@ -10,7 +10,7 @@ import pytest
 
 from pointit.evaluation.data_folder import read_index, recordings_folder
 from pointit.evaluation.datasets import read_trials
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from tests.unit.evaluation.recorded import Stand, write_motion, write_track
 
 YAW, EYES = "ref_yaw_deg_human_minus_world", "eye_height_guess_m"

@@ -12,7 +12,7 @@ from pointit.evaluation.baselines import mean_angle
 from pointit.evaluation.data_folder import recordings_folder
 from pointit.evaluation.datasets import SETS, read_trials
 from pointit.evaluation.trial import Trial
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 from tests.unit.evaluation.recorded import (
     Stand,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pointit.evaluation.datasets import read_trials
 from pointit.evaluation.datasets.proximity_feedback import read_floor_trials
 from pointit.evaluation.datasets.vr_eyefinger import read_wall_trials
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from tests.unit.evaluation.recorded import Stand, write_acts, write_motion, write_simulated, write_track
 
 STAND = Stand()

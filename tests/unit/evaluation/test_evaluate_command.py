@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
 

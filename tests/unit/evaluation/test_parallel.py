@@ -9,7 +9,7 @@ import time
 import pytest
 
 from pointit.evaluation.parallel import spread
-from pointit.runtime import PointItError
+from pointit.runtime.errors import PointItError
 
 
 def assert_all_end() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.table_file import read_table
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 
 
 def write(folder: Path, text: str) -> Path:

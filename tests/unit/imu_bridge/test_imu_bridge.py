@@ -11,16 +11,12 @@ import pytest
 import serial
 
 from pointit.geometry import rotation, vector
-from pointit.runtime import (
-    ConfigError,
-    Context,
-    MemoryBus,
-    RefusedError,
-    SimulatedClock,
-    WallClock,
-)
+from pointit.runtime.clock import SimulatedClock, WallClock
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Context
 from pointit.schemas import Health, ImuSample, SetYawOrigin
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import (

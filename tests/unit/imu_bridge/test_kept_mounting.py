@@ -7,7 +7,7 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime import WallClock
+from pointit.runtime.clock import WallClock
 from pointit.runtime.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Health, ImuSample, SetMounting, SetMountingReply

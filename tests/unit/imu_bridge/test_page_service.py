@@ -11,7 +11,8 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime import RefusedError, WallClock
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.state import StateFile
 from pointit.schemas import (
     NS_PER_S,

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pointit.geometry import rotation
-from pointit.runtime import WallClock
+from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, SetMounting, SetYawOrigin
 from pointit.schemas.topics import IMU, SET_MOUNTING, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig, SimulatedConfig

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime import Exchange, Launch, MemoryBus, run_service
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch, run_service
 from pointit.runtime.skew import SkewWatch
 from pointit.schemas import Health, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE

@@ -13,10 +13,13 @@ from typing import Any, cast
 import pytest
 
 from pointit.diagnosis.certainty import FRAME_RATE
-from pointit.runtime import ConfigError, Context, MemoryBus, WallClock
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.serial_port import PortSettings
+from pointit.runtime.service import Context
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import (
     CURSOR,

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from pointit.runtime import RequestError
+from pointit.runtime.errors import RequestError
 from pointit.schemas import (
     FARTHEST,
     Cursor,

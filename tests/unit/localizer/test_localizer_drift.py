@@ -7,7 +7,9 @@ from typing import Any, Literal
 import pytest
 
 from pointit.geometry import rotation, vector
-from pointit.runtime import Publisher, RefusedError, SimulatedClock, sleep
+from pointit.runtime.bus import Publisher
+from pointit.runtime.clock import SimulatedClock, sleep
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     CancelLocalization,
     Health,

@@ -8,8 +8,9 @@ from contextlib import asynccontextmanager
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.runtime import Clock, ConfigError, RefusedError, SimulatedClock, sleep
+from pointit.runtime.clock import Clock, SimulatedClock, sleep
 from pointit.runtime.config import Layers
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import (
     CancelLocalization,
     Environment,

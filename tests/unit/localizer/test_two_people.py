@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.runtime import SimulatedClock, sleep
+from pointit.runtime.clock import SimulatedClock, sleep
 from pointit.schemas import (
     CancelLocalization,
     LampColor,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.pui import cloud_file
 from pointit.services.pui.cloud_file import read_cloud
 from pointit.services.pui.map_file import load_map_and_clouds

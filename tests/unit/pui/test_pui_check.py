@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.runtime import ConfigError, Launch, MemoryBus, run_service
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch, run_service
 from pointit.schemas import Cursor, Interaction, PointingRay, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, INTERACTION, MAP, POSE, RAY, USER_ALIVE
 from pointit.services.pui.config import PuiConfig

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.geometry import vector
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import SetTolerance, SetToleranceReply
 from pointit.schemas.topics import SET_TOLERANCE
 from tests.unit.pui.room import EYES, Room, room

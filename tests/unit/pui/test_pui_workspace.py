@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import ConfigError, RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import PointingRay, SetWorkspace, TrackedObject, TrackedObjects
 from pointit.schemas.topics import OBJECTS, RAY, SET_WORKSPACE
 from pointit.services.pui.config import PuiConfig

@@ -12,8 +12,9 @@ from pointit.bridges.ros2.routes import Routes, routes
 from pointit.bridges.ros2.scene import Scene
 from pointit.bridges.ros2.site import Site
 from pointit.bridges.ros2.types import Types
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
 from tests.support.bench import ManualClock
 
 

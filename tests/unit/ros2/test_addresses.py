@@ -6,8 +6,8 @@ from pydantic import ValidationError
 from pointit.bridges.ros2.addresses import check_apart, place_of
 from pointit.bridges.ros2.config import BackendConfig, Ros2Config
 from pointit.bridges.ros2.service import Ros2
-from pointit.runtime import ConfigError, Launch
-from pointit.runtime.service import check_launches
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Launch, check_launches
 
 ROS = "tcp/127.0.0.1:7447"
 

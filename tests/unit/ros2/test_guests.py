@@ -10,8 +10,8 @@ from pointit.bridges.ros2 import guests, service
 from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.inward.guest import interaction
 from pointit.bridges.ros2.service import Ros2
-from pointit.runtime import Config, ConfigError
-from pointit.runtime.config import Layers
+from pointit.runtime.config import Config, Layers
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import (
     BUTTON,

@@ -9,7 +9,7 @@ import pytest
 
 from pointit.bridges.ros2.inbox import MOST_ASKED
 from pointit.bridges.ros2.routes import routes
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
 from pointit.schemas.environment import Belt
 from pointit.schemas.topics import (

@@ -5,8 +5,9 @@ import pytest
 from pointit.bridges.ros2.backend import Closable, Graph
 from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.outlook import Outlook
-from pointit.runtime import Exchange, MemoryBus
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
 from tests.support.bench import ManualClock
 
 

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from pointit.runtime import Exchange, MemoryBus, zenoh_arrears, zenoh_asking
+from pointit.runtime import zenoh_arrears, zenoh_asking
 from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.zenoh_arrears import MOST_WRITERS, Arrears
 from tests.support.bench import until
 

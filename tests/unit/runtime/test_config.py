@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import AfterValidator, Field
 
-from pointit.runtime import Config, ConfigError
-from pointit.runtime.config import Layers, read_yaml
+from pointit.runtime.config import Config, Layers, read_yaml
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.parameters import leaves
 
 

@@ -13,7 +13,7 @@ from pointit.cli.monitor import Monitor
 from pointit.cli.output import Section, print_table, say
 from pointit.cli.score import Score
 from pointit.cli.view import draw
-from pointit.runtime import WallClock
+from pointit.runtime.clock import WallClock
 from pointit.runtime.console import PlainConsole
 from pointit.runtime.log import setup_logging
 from pointit.schemas import Cursor

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pointit.runtime import ConfigError
 from pointit.runtime.environment import check_environment, environment_prefix
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.process import load_config
 from pointit.services.registry import PROCESSES
 from pointit.services.selector.service import Selector

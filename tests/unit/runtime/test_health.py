@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import pytest
 import pytest_asyncio
 
-from pointit.runtime import Exchange, MemoryBus
 from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.exchange import Exchange
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
 from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until

@@ -15,16 +15,10 @@ import click
 import pytest
 from pydantic import Field
 
-from pointit.runtime import (
-    Config,
-    ConfigError,
-    ConnectError,
-    ListenError,
-    NoAnswerError,
-    Service,
-    process,
-)
+from pointit.runtime import process
+from pointit.runtime.config import Config
 from pointit.runtime.ending import run_async
+from pointit.runtime.errors import ConfigError, ConnectError, ListenError, NoAnswerError
 from pointit.runtime.parameters import leaves
 from pointit.runtime.process import (
     ASKED_CLOCK_PATIENCE_S,
@@ -33,7 +27,7 @@ from pointit.runtime.process import (
     run_command,
     service_command,
 )
-from pointit.runtime.service import Scope
+from pointit.runtime.service import Scope, Service
 from pointit.schemas import KeyNameError
 
 

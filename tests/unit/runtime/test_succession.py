@@ -8,7 +8,10 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from pointit.runtime import ConfigError, Exchange, MemoryBus, succession
+from pointit.runtime import succession
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.succession import Succession, claim
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE

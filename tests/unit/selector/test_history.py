@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
 from pointit.services.selector import history

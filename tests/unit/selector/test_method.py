@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ReservedObject, SetMethod, SetMethodReply
 from pointit.schemas.topics import HOVER, SELECTION, SELECTION_EVENTS, SET_METHOD
 from pointit.services.selector.config import Method, SelectorConfig

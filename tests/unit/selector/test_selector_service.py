@@ -2,9 +2,10 @@
 
 import pytest
 
-from pointit.runtime import ConfigError, Context, RefusedError
 from pointit.runtime.config import Layers
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.service import Context
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,

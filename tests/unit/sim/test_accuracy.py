@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import UserPose
 from pointit.sim.accuracy import Accuracy, reference_yaw_deg
 from pointit.sim.recordings import ImuRecording

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 from pointit.sim.recordings import MAX_BYTES, read_imu_csv
 from tests.support.data import data_file
 

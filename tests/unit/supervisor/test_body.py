@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime import ConfigError
 from pointit.runtime.config import Layers
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
 from pointit.services.supervisor.body import DEFAULT_STATURE_M, measures
 from pointit.services.supervisor.config import SupervisorConfig

@@ -5,7 +5,11 @@ from typing import Literal
 
 import pytest
 
-from pointit.runtime import Exchange, Launch, MemoryBus, RefusedError, SimulatedClock, run_service
+from pointit.runtime.clock import SimulatedClock
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.exchange import Exchange
+from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.service import Launch, run_service
 from pointit.schemas import ButtonEvent, Done, Interaction, Localization, PointingRay, SetPose, UserPose
 from pointit.schemas.topics import (
     BUTTON,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     ButtonEvent,
     Done,

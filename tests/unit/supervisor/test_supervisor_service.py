@@ -5,9 +5,11 @@ import asyncio
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.runtime import ConfigError, Context, RefusedError, SimulatedClock
+from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.config import Layers
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.service import Context
 from pointit.schemas import (
     ButtonEvent,
     CancelLocalization,

@@ -6,8 +6,8 @@ import itertools
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.runtime import Context
 from pointit.runtime.health import ServiceBus
+from pointit.runtime.service import Context
 from pointit.runtime.state import StateFile
 from pointit.schemas import ButtonEvent, Health, ImuSample, Interaction, Localization, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, INTERACTION, LOCALIZATION, POSE

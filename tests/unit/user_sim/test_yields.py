@@ -7,7 +7,7 @@ import pytest
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime import WallClock
+from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.belief import Belief

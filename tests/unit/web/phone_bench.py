@@ -21,7 +21,7 @@ from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.phone_line import PhoneHost
 from pointit.bridges.web.wire import Answer, Ask, Role
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.state import site_folder
 from pointit.schemas import WristSample
 from tests.support.bench import START_NS, ManualClock

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.web.asks import DEEDS, OPERATORS, REQUESTS, Call, Press, Tremor, Wish, understood
 from pointit.bridges.web.wire import Ask, Deed, Role
-from pointit.runtime import PointItError, RefusedError
+from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, SetSpeed
 from pointit.schemas.topics import SET_MOUNTING, SET_OFFSET, SET_POSE, SET_SPEED, UNDO_SELECTION
 

@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtensionOID
 
 from pointit.bridges.web.certificate import LEFT, VALID, Certificate, obtain
-from pointit.runtime import ConfigError
+from pointit.runtime.errors import ConfigError
 
 NOW = dt.datetime(2030, 1, 1, tzinfo=dt.UTC)
 HERE = ["192.168.1.20", "fd00::5"]

@@ -14,7 +14,7 @@ from starlette.routing import Route
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.lan import Lan, choose_address
 from pointit.bridges.web.serving import url
-from pointit.runtime import ConfigError, RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.state import site_folder
 
 

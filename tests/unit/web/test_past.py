@@ -8,7 +8,7 @@ import pytest
 
 from pointit.bridges.web.hub import HISTORY, Hub
 from pointit.bridges.web.past import AHEAD_NS, BACK_NS, Past
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.health import ServiceBus
 from pointit.schemas import Feedback, ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import FEEDBACK, READ_HISTORY, SELECTION_EVENTS

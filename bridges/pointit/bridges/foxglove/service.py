@@ -16,9 +16,9 @@ from pointit.bridges.foxglove.chronicle import Chronicle, Line
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
-from pointit.runtime import Context, Service, Subscription
 from pointit.runtime.address import own_address
-from pointit.runtime.service import Scope
+from pointit.runtime.bus import Subscription
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
 from pointit.schemas.plain import Plain, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic

@@ -20,8 +20,7 @@ from pointit.bridges.ros2.rows import Inward, Outward, Served
 from pointit.bridges.ros2.scene import HEARD, Scene
 from pointit.bridges.ros2.site import Site
 from pointit.bridges.ros2.types import Types
-from pointit.runtime import Context, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import Message
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, Topic
 

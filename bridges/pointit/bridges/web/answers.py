@@ -14,8 +14,8 @@ from pointit.bridges.web.phone import Phones
 from pointit.bridges.web.wire import Answer, Ask, Role
 from pointit.bridges.web.wrists import Hold, Wrists
 from pointit.diagnosis.writers import instance_of
-from pointit.runtime import Bus, RefusedError
-from pointit.runtime.bus import REQUEST_TIMEOUT_S
+from pointit.runtime.bus import REQUEST_TIMEOUT_S, Bus
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import SetYawOrigin
 from pointit.schemas.topics import SET_YAW_ORIGIN
 

@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from pointit.bridges.web.recording import LastMinute, file_name
 from pointit.bridges.web.responses import Pieces
-from pointit.runtime import Clock
+from pointit.runtime.clock import Clock
 
 
 class Downloads:

@@ -12,8 +12,8 @@ from starlette.types import ASGIApp
 from pointit.bridges.web.certificate import obtain
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.serving import Listener, bind, url
-from pointit.runtime import ConfigError, ListenError, RefusedError
 from pointit.runtime.address import found_addresses
+from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.state import site_folder
 
 PORTS = 10

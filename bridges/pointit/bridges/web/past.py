@@ -5,7 +5,8 @@ import logging
 from collections import deque
 
 from pointit.bridges.web.hub import HISTORY, MOST_EVENTS, Hub
-from pointit.runtime import Clock, NoAnswerError, PointItError
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.health import ServiceBus
 from pointit.schemas import NS_PER_S, ReadHistory, SchemaError, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS

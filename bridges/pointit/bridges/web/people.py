@@ -2,7 +2,9 @@
 
 from typing import Literal
 
-from pointit.runtime import Clock, Publisher, RefusedError
+from pointit.runtime.bus import Publisher
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.health import ServiceBus
 from pointit.schemas import ButtonEvent, WristSample
 from pointit.schemas.topics import BUTTON, WRIST

@@ -15,7 +15,7 @@ from pointit.bridges.web.pace import Bucket
 from pointit.bridges.web.pairing import Phone
 from pointit.bridges.web.wire import MOST_TOLD, OWN_FAULT, Answer, Ask, Part, Turn
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import PointItError
+from pointit.runtime.errors import PointItError
 from pointit.runtime.health import Warnings
 from pointit.schemas import SchemaError, WristSample, explain
 

@@ -33,8 +33,9 @@ from pointit.bridges.web.slow_link import SlowLink
 from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrist_motion import WristMotion
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import ConfigError, Context, RefusedError, Service, WallClock
-from pointit.runtime.service import Scope
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import (
     Deployment,
     Environment,

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
-from pointit.runtime import ListenError
+from pointit.runtime.errors import ListenError
 
 log = logging.getLogger(__name__)
 

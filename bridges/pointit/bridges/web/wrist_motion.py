@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from pointit.bridges.web.people import People
 from pointit.bridges.web.wrists import Wrists
-from pointit.runtime import Clock
+from pointit.runtime.clock import Clock
 
 
 class WristMotion:

@@ -3,8 +3,9 @@
 import asyncio
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, RefusedError, Service, ticks
-from pointit.runtime.service import Scope
+from pointit.runtime.clock import ticks
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.runtime.state import site_folder
 from pointit.schemas import (
     NS_PER_S,

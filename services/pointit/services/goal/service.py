@@ -4,8 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime import Context, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig

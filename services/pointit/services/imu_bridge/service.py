@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, RefusedError, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.runtime.state import StateFile
 from pointit.schemas import (
     WRIST_PATIENCE_S,

@@ -7,9 +7,10 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, Service, WallClock, sleep
 from pointit.runtime.bus import AnyTopic
-from pointit.runtime.service import Scope
+from pointit.runtime.clock import WallClock, sleep
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.runtime.skew import REMEDY, SkewWatch
 from pointit.runtime.state import site_folder
 from pointit.schemas import NS_PER_S, Health, Message

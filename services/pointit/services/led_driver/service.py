@@ -5,9 +5,9 @@ from collections import Counter
 from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
-from pointit.runtime import ConfigError, Context, RefusedError, Service
 from pointit.runtime.bus import Publisher
-from pointit.runtime.service import Scope
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
     Cursor,

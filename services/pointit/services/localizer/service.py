@@ -5,8 +5,10 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import ClassVar
 
-from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
-from pointit.runtime.service import Scope
+from pointit.runtime.bus import Publisher
+from pointit.runtime.clock import sleep
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
     Anchor,

@@ -3,8 +3,7 @@
 import logging
 from typing import ClassVar
 
-from pointit.runtime import Context, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, ImuSample, UserPose, UserProfile
 from pointit.schemas.topics import IMU, POSE, PROFILE, RAY
 from pointit.services.pointing.config import PointingConfig

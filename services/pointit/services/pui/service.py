@@ -3,8 +3,9 @@
 import math
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, Publisher, RefusedError, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.bus import Publisher
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import (
     Cursor,
     Done,

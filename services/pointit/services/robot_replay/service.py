@@ -5,8 +5,9 @@ import logging
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, Service, sleep
-from pointit.runtime.service import Scope
+from pointit.runtime.clock import sleep
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig

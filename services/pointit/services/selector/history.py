@@ -4,7 +4,7 @@ import asyncio
 import sqlite3
 from pathlib import Path
 
-from pointit.runtime import RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.services.selector.journal_table import recent
 from pointit.services.selector.outputs import event_of

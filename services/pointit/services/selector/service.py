@@ -4,8 +4,10 @@ import logging
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime import Context, Publisher, RefusedError, Service, sleep
-from pointit.runtime.service import Scope
+from pointit.runtime.bus import Publisher
+from pointit.runtime.clock import sleep
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.runtime.state import site_folder
 from pointit.schemas import (
     ButtonEvent,

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime import ConfigError, Context, RefusedError, RequestError, Service
-from pointit.runtime.service import Scope
+from pointit.runtime.errors import ConfigError, RefusedError, RequestError
+from pointit.runtime.service import Context, Scope, Service
 from pointit.runtime.state import StateFile
 from pointit.schemas import (
     NS_PER_S,

@@ -5,9 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pointit.runtime import Context, Service
 from pointit.runtime.clock import ticks
-from pointit.runtime.service import Scope
+from pointit.runtime.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample
 from pointit.schemas.topics import (
     BUTTON,

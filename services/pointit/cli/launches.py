@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pointit.cli.extras import load
-from pointit.cli.person_options import REALISTIC, Pose, body_of
+from pointit.cli.person import REALISTIC, Pose, body_of
 from pointit.cli.scenario import Place, Scenario
 from pointit.cli.seeds import seed_of
 from pointit.cli.settings import Settings, layers_of

@@ -12,7 +12,7 @@ from pointit.bridges.ros2.config import NAME, BackendConfig
 from pointit.cli.extras import has_extra, remedy
 from pointit.cli.finite import Finite
 from pointit.cli.lazy import Mistake
-from pointit.cli.link import quiet
+from pointit.cli.link import quiet, telling
 from pointit.cli.map_check import examined, print_findings
 from pointit.cli.output import INTERRUPTED
 from pointit.runtime.config import Layers
@@ -115,7 +115,7 @@ def command(
     found: list[Mapping[str, Any]] = []
 
     async def fetch() -> int:
-        found.append(await fetched(config, wish))
+        found.append(await fetched(config, wish, say=_say, telling=telling))
         return 0
 
     bridge = logging.getLogger("pointit.bridges.ros2")
@@ -128,6 +128,10 @@ def command(
         return INTERRUPTED
     _write(name, found[0], output)
     return 0
+
+
+def _say(sentence: str) -> None:
+    click.echo(sentence, err=True)
 
 
 def _config(options: Mapping[str, str | None]) -> BackendConfig:

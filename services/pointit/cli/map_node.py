@@ -1,12 +1,11 @@
 """The map of a ROS node: finds out how its parameters hold it, and takes it."""
 
+import contextlib
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import click
 
 from pointit.bridges.ros2.backends import NEEDS, check_endpoint, opened
 from pointit.bridges.ros2.config import BackendConfig
@@ -15,18 +14,26 @@ from pointit.bridges.ros2.parameter_values import Value
 from pointit.bridges.ros2.parameters import GET, LIST, MAX_SHOWN, NodeParameters
 from pointit.bridges.ros2.types import Types
 from pointit.bridges.ros2.wording import listed, shown
-from pointit.cli.link import PATIENCE_S, telling
-from pointit.runtime.config import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError, ConnectError
+from pointit.runtime.yaml_file import parse_yaml, read_yaml
 
 log = logging.getLogger(__name__)
 
 APPEARS_S = 2.0
 """Within which a node that is there is seen through a router; who is there on DDS is found out slowly."""
+PATIENCE_S = 2.0
+"""How long to look for a ROS router."""
 MAX_PATH = 1000
 """Characters of a path that is looked for here, and of a foreign word in a sentence."""
 SUFFIXES = (".yaml", ".yml")
 """Of files that are read because a foreign node names them: others are no maps, and some never end."""
+
+
+Say = Callable[[str], None]
+"""Takes a sentence for the person who asked for the map."""
+
+Telling = Callable[[str], contextlib.AbstractContextManager[None]]
+"""Wraps a wait that the sentence describes, for who says it when the wait gets long."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +62,20 @@ class _Unheard:
         log.debug("%s: well", topic)
 
 
-async def fetched(config: BackendConfig, wish: Wish) -> dict[str, Any]:
+async def fetched(
+    config: BackendConfig,
+    wish: Wish,
+    *,
+    say: Say = log.info,
+    telling: Telling = contextlib.nullcontext,
+) -> dict[str, Any]:
     """Return the map, as its file would have it; nothing in it is checked yet.
+
+    Args:
+        config: how to join the ROS graph.
+        wish: which map of which node.
+        say: is told which file was read in the node's place.
+        telling: wraps each wait, with what is waited for.
 
     Raises:
         ConfigError: nothing there is a map, or it cannot be read.
@@ -83,12 +102,12 @@ async def fetched(config: BackendConfig, wish: Wish) -> dict[str, Any]:
             needs=NEEDS if config.kind == "rmw_zenoh" else "",
         )
         with telling(f"asking {wish.node} for its parameters …"):
-            return await _taken(parameters, wish)
+            return await _taken(parameters, wish, say)
     finally:
         await backend.close()
 
 
-async def _taken(parameters: NodeParameters, wish: Wish) -> dict[str, Any]:
+async def _taken(parameters: NodeParameters, wish: Wish, say: Say) -> dict[str, Any]:
     names = await parameters.names()
     holder = wish.usual if wish.parameter is None else wish.parameter
     if wish.parameter is not None and holder not in names:
@@ -96,7 +115,7 @@ async def _taken(parameters: NodeParameters, wish: Wish) -> dict[str, Any]:
     if wish.prefix is None and holder in names:
         held = (await parameters.values([holder])).get(holder)
         if isinstance(held, str) and held.strip():
-            return _of_text(held, f"parameter {holder} of {wish.node}")
+            return _of_text(held, f"parameter {holder} of {wish.node}", say)
         if wish.parameter is not None:
             raise ConfigError(
                 f"parameter {holder} of {wish.node} is {_kind(held)}, not the text of a map or its path; "
@@ -112,7 +131,7 @@ async def _taken(parameters: NodeParameters, wish: Wish) -> dict[str, Any]:
         raise ConfigError(f"node {wish.node}: {error}") from error
 
 
-def _of_text(text: str, where: str) -> dict[str, Any]:
+def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
     """Return the map that `text` is, or that is in the YAML file whose path it is, if that is here too.
 
     Raises:
@@ -123,7 +142,7 @@ def _of_text(text: str, where: str) -> dict[str, Any]:
         return parse_yaml(text.encode(), where)  # as it is: all its lines may be indented
     path = Path(word)
     if path.is_absolute() and len(word) <= MAX_PATH and path.suffix in SUFFIXES and _is_file(path):
-        click.echo(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too", err=True)
+        say(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too")
         return read_yaml(path)
     raise ConfigError(
         f"{where} is a path, {shown(word, MAX_PATH)!r}, of a file on that node's machine; copy the file to "

@@ -2,31 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import click
 
 from pointit.cli.finite import Finite
+from pointit.cli.person import Pose
 from pointit.schemas import FARTHEST
-from pointit.services.supervisor.body import measures
-
-REALISTIC: dict[str, Any] = {
-    "wristband": {"yaw_rate_bias_sd_degps": 0.25, "dropout_share": 0.01},
-    "anchor_when_off_deg": 10.0,
-}
-"""Of a simulated person whose place is found out by pointing: a band as bands are (pointing.md §7), and the
-sense to point at a lamp anew when the cursor has drifted away."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pose:
-    """A place on the floor of {W}, and the azimuth there of the IMU's yaw 0."""
-
-    x_m: float
-    y_m: float
-    yaw_deg: float | None = None
-    """None: not said."""
 
 
 def pose(text: str) -> Pose:
@@ -50,11 +32,6 @@ def pose(text: str) -> Pose:
 
 def _poses(_context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[Pose, ...]:
     return tuple(pose(text) for text in texts)
-
-
-def body_of(stature_m: float) -> dict[str, float]:
-    """Return the measures of somebody `stature_m` tall, as parameters."""
-    return {name: round(value, 4) for name, value in measures(stature_m, {}).model_dump().items()}
 
 
 PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (

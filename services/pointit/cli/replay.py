@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 from pointit.cli.output import Section, console, print_json, print_table, to_json
-from pointit.evaluation.arm_rays import OPERATOR
 from pointit.runtime.clock import SimulatedClock, sleep
 from pointit.runtime.config import Layers
 from pointit.runtime.errors import ConfigError
@@ -28,7 +27,7 @@ from pointit.services.pointing.service import Pointing
 from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.service import RobotReplay
 from pointit.sim.accuracy import Accuracy, Measured, reference_yaw_deg
-from pointit.sim.recordings import ImuRecording, read_imu_csv
+from pointit.sim.recordings import OPERATOR, ImuRecording, read_imu_csv
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,6 @@ from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.finite import Finite
 from pointit.cli.launches import PAGE, Choices
-from pointit.cli.newcomer import USUAL
 from pointit.cli.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
 from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.plan import Plan
@@ -20,6 +19,7 @@ from pointit.cli.run_options import BESIDE_ROS, choices_of, joining, page_option
 from pointit.cli.scenario import Scenario, read_scenario, scenario_names
 from pointit.cli.settings import check_settings
 from pointit.cli.summary import check_writable
+from pointit.cli.surroundings import USUAL
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import DEFAULT_ENDPOINT

@@ -6,8 +6,9 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr
 
-from pointit.runtime.config import Config, Layers, read_yaml
+from pointit.runtime.config import Config, Layers
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.yaml_file import read_yaml
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
 

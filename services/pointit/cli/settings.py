@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime.config import Layers, read_yaml
+from pointit.runtime.config import Layers
 from pointit.runtime.environment import environment_prefix
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.yaml_file import read_yaml
 from pointit.services import registry
 
 

@@ -9,11 +9,12 @@ import click
 from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
 from pointit.cli.launches import user_launches
-from pointit.cli.newcomer import USUAL, check_person, look_round
+from pointit.cli.newcomer import check_person, look_round
 from pointit.cli.plan import Plan
 from pointit.cli.run_options import choices_of, joining, shared_options
 from pointit.cli.scenario import Scenario, read_scenario
 from pointit.cli.settings import check_settings
+from pointit.cli.surroundings import USUAL
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link_options import link_options
 from pointit.runtime.process import log_option

@@ -13,11 +13,6 @@ from pointit.services.pointing.arm_ray import ArmRay
 
 Array = NDArray[np.float64]
 
-OPERATOR = BodyMeasures(
-    footprint_to_neck_m=1.47, neck_to_eyes_m=0.22, shoulder_to_wrist_m=0.52, wrist_to_finger_m=0.17
-)
-"""Shoulder 1.47 m, eyes 1.69 m, arm 0.69 m: the operator of `motion_relloc`, 1.83 m tall."""
-
 STATURE_M = 1.835
 """Of whom the default measures are; others are scaled from theirs."""
 

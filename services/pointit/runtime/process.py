@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import click
 
 from pointit.runtime.clock import Clock, SiteClock, WallClock
-from pointit.runtime.config import Config, Layers, read_yaml
+from pointit.runtime.config import Config, Layers
 from pointit.runtime.daemon_thread import is_left, leave
 from pointit.runtime.ending import EXIT_FAILED, end_with_parent, run_async
 from pointit.runtime.environment import check_spelling, environment_prefix
@@ -22,6 +22,7 @@ from pointit.runtime.log import setup_logging
 from pointit.runtime.parameters import leaves
 from pointit.runtime.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.succession import claim
+from pointit.runtime.yaml_file import read_yaml
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas import SchemaError
 from pointit.schemas.system import check_user

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import FARTHEST
+from pointit.schemas import FARTHEST, BodyMeasures
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,11 @@ _TIME = "t"
 _ORIENTATION = ("qx", "qy", "qz", "qw")
 _ROBOT = ("robot_x", "robot_y", "robot_z")
 _HEAD = ("head_x", "head_y", "head_z")
+
+OPERATOR = BodyMeasures(
+    footprint_to_neck_m=1.47, neck_to_eyes_m=0.22, shoulder_to_wrist_m=0.52, wrist_to_finger_m=0.17
+)
+"""Shoulder 1.47 m, eyes 1.69 m, arm 0.69 m: the operator of `motion_relloc`, 1.83 m tall."""
 
 
 @dataclass(frozen=True, kw_only=True)

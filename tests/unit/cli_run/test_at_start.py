@@ -6,7 +6,7 @@ import pytest
 
 from pointit.cli.at_start import assumed_places, kept_mountings, kept_offsets
 from pointit.cli.launches import Choices, user_launches
-from pointit.cli.person_options import Pose
+from pointit.cli.person import Pose
 from pointit.cli.scenario import read_scenario
 from pointit.runtime.state import StateFile
 from pointit.schemas import PointingOffset

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.cli.launches import CURSOR_COLORS
-from pointit.cli.newcomer import USUAL, free_place, surroundings
+from pointit.cli.surroundings import USUAL, free_place, surroundings
 from pointit.runtime.exchange import Exchange
 from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import Deployment, UserProfile

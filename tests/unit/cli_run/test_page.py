@@ -22,7 +22,7 @@ from pointit.cli.cast import shown
 from pointit.cli.launches import Choices
 from pointit.cli.main import command
 from pointit.cli.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
-from pointit.cli.person_options import Pose
+from pointit.cli.person import Pose
 from pointit.cli.plan import Plan
 from pointit.cli.program import PLACES, places
 from pointit.cli.scenario import read_scenario

@@ -7,7 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.launches import Choices, user_launches
-from pointit.cli.person_options import PERSON_OPTIONS, Pose, pose
+from pointit.cli.person import Pose
+from pointit.cli.person_options import PERSON_OPTIONS, pose
 from pointit.cli.scenario import read_scenario
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import Launch

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.launches import Choices
-from pointit.cli.person_options import Pose
+from pointit.cli.person import Pose
 from pointit.cli.plan import Plan
 from pointit.cli.program import Program, staged
 from pointit.cli.scenario import read_scenario, scenario_names

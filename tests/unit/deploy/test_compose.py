@@ -13,8 +13,8 @@ import pytest
 from pointit.bridges.web.exposure import CONTAINER
 from pointit.cli.main import front
 from pointit.cli.scenario import read_scenario
-from pointit.runtime.config import read_yaml
 from pointit.runtime.process import load_config
+from pointit.runtime.yaml_file import read_yaml
 from pointit.services.registry import PROCESSES, process
 from tests.unit.deploy.stack import DEPLOY, VARIABLE, compose
 from tests.unit.deploy.test_locks import LOCKS

@@ -14,7 +14,7 @@ from pointit.bridges.ros2.map_parameters import LINES, SECTIONS, of_maps, parame
 from pointit.bridges.ros2.parameter_values import message_of, value_of
 from pointit.bridges.ros2.types import Types
 from pointit.geometry.vector import Vec3
-from pointit.runtime.config import parse_yaml
+from pointit.runtime.yaml_file import parse_yaml
 from pointit.services.pui.map_check import check_map
 from pointit.services.pui.map_file import map_path, parse_map_file, shipped_maps
 from pointit.services.pui.map_model import ENTRIES, MapFile

@@ -25,8 +25,9 @@ from pointit.bridges.ros2.outward.table import outward
 from pointit.bridges.ros2.rows import Inward, Outward, Served
 from pointit.bridges.ros2.scene import KINDS
 from pointit.runtime.complaint import complaint, unknown
-from pointit.runtime.config import Config, read_yaml
+from pointit.runtime.config import Config
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.yaml_file import read_yaml
 
 Row = TypeVar("Row", Outward, Inward, Served)
 

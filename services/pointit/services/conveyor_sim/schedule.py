@@ -9,8 +9,8 @@ from typing import Annotated
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pointit.runtime.complaint import complaint
-from pointit.runtime.config import read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.yaml_file import read_yaml
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.feeding import Feeder, Supply
 

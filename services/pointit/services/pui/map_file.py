@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from pointit.runtime.complaint import field_names, listed, more_mistakes, shown
-from pointit.runtime.config import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.yaml_file import parse_yaml, read_yaml
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 from pointit.services.pui.cloud_file import read_cloud

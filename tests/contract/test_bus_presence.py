@@ -6,10 +6,9 @@ import time
 
 import pytest
 
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus import Bus, present
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.presence import present
 from pointit.schemas import (
     Done,
     SetBrightness,

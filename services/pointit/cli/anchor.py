@@ -7,11 +7,10 @@ import click
 
 from pointit.cli import pose_text
 from pointit.cli.anchoring import LATE_S, Anchoring
-from pointit.cli.finite import Finite
-from pointit.cli.link import joined, quiet, site_options, untold_address
-from pointit.cli.newest import Newest
+from pointit.cli.keyboard import changing_line
+from pointit.cli.link import Newest, joined, quiet, site_options, untold_address
+from pointit.cli.option_types import Finite
 from pointit.cli.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.prompt import changing_line
 from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.schemas import Anchor, UserPose
 from pointit.schemas.topics import POSE, check_name

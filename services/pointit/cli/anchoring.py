@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 
 from pointit.cli.link import PATIENCE_S, telling
 from pointit.cli.whereabouts import missing
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus import Bus, present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
-from pointit.runtime.presence import present
 from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor
 from pointit.schemas.topics import (
     ANCHOR,

@@ -9,18 +9,17 @@ from typing import Any
 import click
 
 from pointit.cli.anchoring import LISTEN_S
-from pointit.cli.finite import Finite
 from pointit.cli.kept import erase_here, kept_here, reached
+from pointit.cli.keyboard import changing_line, enter
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
+from pointit.cli.option_types import Finite
 from pointit.cli.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.prompt import changing_line, enter
 from pointit.diagnosis.writers import instance_of, why_silent
 from pointit.geometry.rotation import IDENTITY, Quaternion
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus import Bus, present
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import NoAnswerError, PointItError
-from pointit.runtime.presence import present
 from pointit.runtime.state import StateFile
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name

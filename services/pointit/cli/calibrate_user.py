@@ -11,19 +11,17 @@ import click
 from pointit.cli.anchor import timeout_option
 from pointit.cli.anchoring import LISTEN_S, Anchoring, NotBegunError
 from pointit.cli.kept import erase_here, kept_here, reached
+from pointit.cli.keyboard import ChangingLine, changing_line
 from pointit.cli.lazy import Mistake, nearest
-from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
-from pointit.cli.newest import Newest
+from pointit.cli.link import PATIENCE_S, Newest, joined, quiet, site_options, telling, untold_address
 from pointit.cli.offset_report import Pointing, assess, describe, doubt, shown_row, table_row
 from pointit.cli.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
 from pointit.cli.pose import found
-from pointit.cli.prompt import ChangingLine, changing_line
 from pointit.diagnosis.writers import why_silent
-from pointit.runtime.bus import AnyTopic, Bus
+from pointit.runtime.bus import AnyTopic, Bus, present
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
-from pointit.runtime.presence import present
 from pointit.runtime.state import StateFile
 from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
 from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name

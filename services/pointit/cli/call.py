@@ -7,10 +7,10 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from pointit.cli.finite import Finite
 from pointit.cli.keys import filled
 from pointit.cli.lazy import Mistake, nearest
 from pointit.cli.link import joined, quiet, site_options, untold_address
+from pointit.cli.option_types import Finite
 from pointit.cli.output import Row, Section, json_option, print_json, say, show, to_line
 from pointit.runtime.bus import REQUEST_TIMEOUT_S
 from pointit.runtime.config import Layers

@@ -15,13 +15,13 @@ from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.run_options import NEW_LINK
 from pointit.cli.settings import Settings
 from pointit.cli.stage import PRESENCE_PATIENCE_S
+from pointit.runtime.bus import present
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import Link
 from pointit.runtime.link_options import link_of
 from pointit.runtime.log import setup_logging
-from pointit.runtime.presence import present
 from pointit.runtime.process import log_option
 from pointit.runtime.service import check_launches, run_service
 from pointit.runtime.zenoh_bus import ZenohBus

@@ -12,9 +12,9 @@ from typing import Any
 import click
 from rich.text import Text
 
-from pointit.cli.finite import Finite
 from pointit.cli.identities import ending, section, seen_from
 from pointit.cli.link import PATIENCE_S, address, joined, quiet, site_options, telling
+from pointit.cli.option_types import Finite
 from pointit.cli.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.narrowed import is_about, narrowed

@@ -12,10 +12,9 @@ from rich.text import Text
 
 from pointit.cli import browser
 from pointit.cli.at_start import kept_mountings, kept_offsets
-from pointit.cli.onlookers import Onlookers
 from pointit.cli.opening import beside_others, clock_of, open_bus
 from pointit.cli.output import say
-from pointit.cli.page import Page, kept_link, where
+from pointit.cli.page import Onlookers, Page, kept_link, where
 from pointit.cli.plan import Plan
 from pointit.cli.screen import on_screen
 from pointit.cli.stage import Stage

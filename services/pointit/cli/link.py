@@ -1,24 +1,31 @@
 """How commands that look on join a site: as clients that give up soon."""
 
 import asyncio
+import contextlib
 import logging
-from collections.abc import AsyncGenerator, Generator, Sequence
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import asynccontextmanager, contextmanager
+from typing import Generic, TypeVar
 
 import click
 from click.core import ParameterSource
 
 from pointit.runtime import zenoh_session
+from pointit.runtime.bus import Bus
 from pointit.runtime.errors import PointItError
 from pointit.runtime.link_options import link_of, link_options
 from pointit.runtime.log import setup_logging
 from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.schemas import Message
+from pointit.schemas.topics import Topic
 
 PATIENCE_S = 2.0
 """How long to look for somebody who answers."""
 
 SILENT_S = 1.0
 """A wait that takes longer is told of."""
+
+M = TypeVar("M", bound=Message)
 
 
 def site_options() -> list[click.Parameter]:
@@ -81,3 +88,29 @@ def telling(text: str) -> Generator[None]:
 def quiet() -> None:
     """Log only what is wrong: standard output belongs to what was asked for."""
     setup_logging("warning")
+
+
+def _any(_message: Message) -> bool:
+    return True
+
+
+class Newest(Generic[M]):
+    """Follows one key."""
+
+    def __init__(self, bus: Bus, topic: Topic[M], name: str = "") -> None:
+        self.value: M | None = None
+        self._changed = asyncio.Event()
+        bus.subscribe(topic, self._on_message, name)
+
+    async def wait(self, patience_s: float, fits: Callable[[M], bool] = _any) -> M | None:
+        """Return the newest message as soon as it `fits`; none when none does within `patience_s`."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while self.value is None or not fits(self.value):
+                    self._changed.clear()
+                    await self._changed.wait()
+        return self.value if self.value is not None and fits(self.value) else None
+
+    def _on_message(self, message: M, _name: str) -> None:
+        self.value = message
+        self._changed.set()

@@ -1,6 +1,7 @@
 """`pointit load`: how many people this machine, or a running site, carries."""
 
 import contextlib
+import datetime as dt
 import os
 import socket
 import tempfile
@@ -10,15 +11,16 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from pointit.cli.finite import Finite
+from pointit.access.site_folder import SiteFolder
+from pointit.access.site_state import SiteState
 from pointit.cli.link import joined, quiet, site_options
 from pointit.cli.load_figures import Measured, Search
 from pointit.cli.load_layout import Layout, Load, groups
 from pointit.cli.load_rig import rigged, router_process
-from pointit.cli.load_site import secured_site
+from pointit.cli.option_types import Finite
 from pointit.cli.output import INTERRUPTED, Section, json_option, print_json, show
 from pointit.runtime.credentials import VARIABLE as CREDENTIALS
-from pointit.runtime.credentials import Credentials
+from pointit.runtime.credentials import Credentials, read_credentials
 from pointit.runtime.ending import EXIT_FAILED, run_async
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import Link
@@ -32,6 +34,8 @@ WARM_UP_S = 1.0
 MOST_USERS = 1000
 FIRST = 5
 """People with whom a sweep begins."""
+
+NAME = "load"
 
 
 @click.command("load", params=site_options())
@@ -229,3 +233,24 @@ def _free_port() -> int:
 
 def _tell(text: str) -> None:
     click.echo(text, err=True)
+
+
+def secured_site(folder: Path, site: str, port: int) -> Credentials:
+    """Make the site in `folder`, for a router on this machine; return who drives its services and people.
+
+    Raises:
+        ConfigError: `cryptography` is missing, or something cannot be written.
+    """
+    now = dt.datetime.now(dt.UTC)
+    made = SiteFolder(folder)
+    state = SiteState(
+        site=site,
+        hosts=("127.0.0.1",),
+        port=port,
+        days=1.0,
+        password=False,
+        dashboard_rate_hz=0.0,
+        identities={},
+    )
+    made.found(state, {NAME: "supervisor"}, now)
+    return read_credentials(made.identity_folder(NAME), now)

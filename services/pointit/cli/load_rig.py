@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.cli.load_figures import Measured, Usage
-from pointit.cli.load_usage import taken
-from pointit.cli.load_worker import told
+from pointit.cli.load_worker import taken, told
 from pointit.cli.load_wrist import Wrist, beat
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError

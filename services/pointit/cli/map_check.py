@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.map_person import Point, person_option
+from pointit.cli.option_types import Point, person_option
 from pointit.cli.output import json_option, print_json
 from pointit.runtime.errors import ConfigError
 from pointit.services.pui.finding import Finding, error

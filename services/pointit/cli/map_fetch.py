@@ -10,10 +10,10 @@ import yaml
 
 from pointit.bridges.ros2.config import NAME, BackendConfig
 from pointit.cli.extras import has_extra, remedy
-from pointit.cli.finite import Finite
 from pointit.cli.lazy import Mistake
 from pointit.cli.link import quiet, telling
 from pointit.cli.map_check import examined, print_findings
+from pointit.cli.option_types import Finite
 from pointit.cli.output import INTERRUPTED
 from pointit.runtime.config import Layers
 from pointit.runtime.ending import run_async

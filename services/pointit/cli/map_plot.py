@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from pointit.cli.extras import remedy
-from pointit.cli.map_person import Point, person_option
+from pointit.cli.option_types import Point, person_option
 from pointit.runtime.errors import ConfigError
 from pointit.services.pui.map_check import contents
 from pointit.services.pui.map_file import map_path, read_whole_map

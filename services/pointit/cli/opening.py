@@ -6,10 +6,10 @@ import logging
 
 from pointit.cli.plan import Plan
 from pointit.cli.stage import PRESENCE_PATIENCE_S, refuse_names_in_use
+from pointit.runtime.bus import present
 from pointit.runtime.clock import Clock, SimulatedClock, SiteClock, WallClock
 from pointit.runtime.errors import ListenError
 from pointit.runtime.link import Link
-from pointit.runtime.presence import present
 from pointit.runtime.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 

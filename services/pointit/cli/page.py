@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import math
 import socket
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -15,9 +16,11 @@ from pointit.cli.extras import has_extra, load, remedy
 from pointit.cli.launches import PAGE
 from pointit.cli.page_tokens import Tokens
 from pointit.cli.settings import Settings, layers_of, service_of
+from pointit.diagnosis.observation import SILENT_S
 from pointit.runtime.address import own_address
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.service import AnyService, Launch
+from pointit.schemas import Health
 from pointit.services import registry
 
 log = logging.getLogger(__name__)
@@ -32,6 +35,9 @@ PORTS_TO_TRY = 10
 """Ports from the usual one on that are tried when none was asked for."""
 
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
+
+VIEWERS = "viewers"
+"""The figure of a page's health: how many have it open."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,3 +213,23 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
 def missing(why: str) -> ConfigError:
     """Return the error for who asks something of a page that cannot be."""
     return ConfigError(f"{why}: {REMEDY}")
+
+
+class Onlookers:
+    """Knows how long somebody looks on at least: a page that is loaded anew is not gone at once."""
+
+    def __init__(self) -> None:
+        self.until_s = -math.inf
+        """Somebody looks on until then, unless more is heard; on the clock of `on_health`."""
+
+    def on_health(self, health: Health, now_s: float) -> bool:
+        """Take note of what a service says; return whether it is news of people who look on."""
+        is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
+        if is_open and health.service == PAGE:
+            self.until_s = max(self.until_s, now_s + SILENT_S)
+            return True
+        return False
+
+    def are_there(self, now_s: float) -> bool:
+        """Return whether somebody looks on at `now_s`."""
+        return now_s < self.until_s

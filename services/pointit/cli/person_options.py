@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.finite import Finite
+from pointit.cli.option_types import Finite
 from pointit.cli.person import Pose
 from pointit.schemas import FARTHEST
 

@@ -7,18 +7,16 @@ import click
 
 from pointit.cli import pose_text
 from pointit.cli.anchoring import LISTEN_S
-from pointit.cli.finite import Finite
+from pointit.cli.keyboard import check_keyboard, enter
 from pointit.cli.lazy import Mistake
-from pointit.cli.link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
-from pointit.cli.newest import Newest
+from pointit.cli.link import PATIENCE_S, Newest, joined, quiet, site_options, telling, untold_address
+from pointit.cli.option_types import Finite
 from pointit.cli.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.prompt import check_keyboard, enter
 from pointit.cli.whereabouts import localizing, missing, outside, people
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus import Bus, present
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.presence import present
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain

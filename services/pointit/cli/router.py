@@ -16,11 +16,10 @@ from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.ending import run_async
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.file_limit import raise_file_limit
 from pointit.runtime.link import DEFAULT_ENDPOINT
 from pointit.runtime.log import setup_logging
 from pointit.runtime.process import log_option
-from pointit.runtime.router import Router, routing
+from pointit.runtime.router import Router, raise_file_limit, routing
 from pointit.runtime.zenoh_log import listening
 
 log = logging.getLogger(__name__)

@@ -9,8 +9,8 @@ import click
 
 from pointit.cli.at_start import assumed_places
 from pointit.cli.execution import execute
-from pointit.cli.finite import Finite
 from pointit.cli.launches import PAGE, Choices
+from pointit.cli.option_types import Finite
 from pointit.cli.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
 from pointit.cli.page_tokens import kept_tokens
 from pointit.cli.plan import Plan

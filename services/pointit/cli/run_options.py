@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from pointit.cli.finite import Finite
 from pointit.cli.launches import Choices
+from pointit.cli.option_types import Finite
 from pointit.cli.page import PORT
 from pointit.cli.person_options import PERSON_OPTIONS
 from pointit.runtime.environment import check_environment

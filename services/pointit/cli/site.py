@@ -11,7 +11,7 @@ from pointit.access.rights import Role
 from pointit.access.site_folder import ROUTER, SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.cli import identities
-from pointit.cli.finite import Finite
+from pointit.cli.option_types import Finite
 from pointit.cli.output import json_option, print_json
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.system import check_user

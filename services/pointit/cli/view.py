@@ -4,14 +4,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeAlias
 
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.panel import Panel
-from rich.segment import SegmentLines
+from rich.segment import Segment, SegmentLines
 from rich.text import Text
 
-from pointit.cli.fit import Block, Worth, fitted
 from pointit.cli.monitor import Monitor
 from pointit.cli.people_view import ROOMY_WIDTH, color_of, doings, places, words
 from pointit.diagnosis.certainty import FRAME_RATE
@@ -38,6 +37,9 @@ OLD_NEWS, PLACES, NEWS, WORDS, STRIPS = range(5)
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown, the chain from wrist to light."""
 END = "Ctrl-C ends it"
+
+Worth: TypeAlias = tuple[int, int] | None
+"""What is worth least is left out first; what has none stays."""
 
 
 def draw(
@@ -237,3 +239,23 @@ def figures(monitor: Monitor) -> Text:
     if ill:
         text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
     return text
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines that are shown or left out together."""
+
+    lines: Sequence[Sequence[Segment]]
+    worth: Worth
+
+
+def fitted(blocks: Sequence[Block], room: int) -> list[list[Segment]]:
+    """Return the lines of `blocks` in their order, at most `room`: those worth least are left out."""
+    height = sum(len(block.lines) for block in blocks)
+    kept = dict(enumerate(blocks))
+    dispensable = sorted((block.worth, at) for at, block in kept.items() if block.worth is not None)
+    for _, at in dispensable:
+        if height <= room:
+            break
+        height -= len(kept.pop(at).lines)
+    return [list(line) for block in kept.values() for line in block.lines]

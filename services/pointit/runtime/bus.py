@@ -3,6 +3,7 @@
 All handlers run in the event loop that opened the bus, one at a time, never from within `put`.
 """
 
+import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -157,3 +158,21 @@ class Bus(Protocol):
     async def close(self) -> None:
         """Close everything that was declared through this bus; no handler runs afterwards."""
         ...
+
+
+async def present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
+    """Return the names that are present now, as far as they are known after `wait_s` (ms on one machine).
+
+    Whoever is about to announce a name asks first, and refuses one that is in use.
+    """
+    names: set[str] = set()
+
+    def tell(name: str, is_present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        (names.add if is_present else names.discard)(name)
+
+    watching = bus.watch(presence, tell)
+    try:
+        await asyncio.sleep(wait_s)
+    finally:
+        watching.close()
+    return names

@@ -9,6 +9,10 @@ believed.
 
 from dataclasses import dataclass
 
+from pointit.runtime.bus import AnyTopic
+from pointit.schemas import NS_PER_S
+from pointit.schemas.topics import CURSOR, HOVER, IMU, OBJECTS, RAY
+
 LATE_S = 0.3
 """What comes later than the quickest by more is left out."""
 
@@ -29,6 +33,18 @@ GAP_S = 0.1
 
 STALL_S = 0.5
 """What comes after so long a silence may have been held up: it says nothing of what came before."""
+
+STREAMS: frozenset[AnyTopic] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
+"""Topics each of whose names has one writer at a time, who stamps with one clock."""
+
+OLD_NS = NS_PER_S // 2
+"""What is older than the newest by more is not merely late."""
+
+STRAY_NS = 2 * NS_PER_S
+"""What is ahead of the newest by more is of a clock that jumped, or a stray: nobody is too old for it yet."""
+
+SILENT_S = 1.0
+"""When nothing has gone on from the newest for so long, the clock was set, or the writer is another."""
 
 
 @dataclass(slots=True)
@@ -90,3 +106,26 @@ class Lateness:
             return False
         pace.least_s, pace.most_s = least_s, most_s
         return now_s - pace.late_since_s >= STEADY_S
+
+
+class Order:
+    """Follows the streams of one topic, by name."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+        """Messages that were no news."""
+        self._newest: dict[str, tuple[int, float]] = {}
+        """By name: the newest stamp, and when it came."""
+
+    def admits(self, name: str, stamp_ns: int, now_s: float) -> bool:
+        """Return whether a message of `name` is news; `now_s` is monotonic."""
+        newest = self._newest.get(name)
+        if newest is not None and now_s - newest[1] <= SILENT_S:
+            ahead_ns = stamp_ns - newest[0]
+            if ahead_ns < -OLD_NS:
+                self.refused += 1
+                return False
+            if not 0 <= ahead_ns <= STRAY_NS:
+                return True  # its reader decides; what is true for the others stays
+        self._newest[name] = (stamp_ns, now_s)
+        return True

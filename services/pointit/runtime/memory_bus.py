@@ -20,9 +20,8 @@ from pointit.runtime.bus import (
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.runtime.exchange import Exchange, Participant
 from pointit.runtime.mailbox import Dispatcher, Mailbox
-from pointit.runtime.memory_desk import Desk
+from pointit.runtime.memory_desk import Desk, no_answer, shutting_down
 from pointit.runtime.memory_ends import Declaration, Keeping, MailboxSubscription, MemoryPublisher, Watcher
-from pointit.runtime.unanswered import no_answer, shutting_down
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Presence, Request, Topic
 

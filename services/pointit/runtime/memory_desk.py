@@ -2,10 +2,10 @@
 
 import asyncio
 import logging
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus import MAX_IN_FLIGHT, Server
-from pointit.runtime.errors import PointItError, RefusedError
+from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.exchange import Participant
 from pointit.runtime.memory_ends import Declaration
 from pointit.schemas import Query, Reply
@@ -63,3 +63,16 @@ class Desk(Generic[Q, R]):
             log.exception("%s failed", key)
             raise RefusedError(f"{server} failed on {key}: {type(error).__name__}: {error}") from error
         return reply
+
+
+def shutting_down(request: Request[Any, Any]) -> str:
+    """Return what a caller is told whose server ends."""
+    return f"{request.server} is shutting down"
+
+
+def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = None) -> NoAnswerError:
+    """Return the error that says who should have answered `key`."""
+    waited = "" if timeout_s is None else f" within {timeout_s:g} s"
+    return NoAnswerError(
+        f"{request.server} does not answer {key}{waited}; is it running? See `pointit doctor`"
+    )

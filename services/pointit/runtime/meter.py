@@ -4,8 +4,7 @@ import math
 from collections.abc import Iterator
 
 from pointit.runtime.bus import AnyTopic, Traffic
-from pointit.runtime.lateness import Lateness
-from pointit.runtime.order import Order
+from pointit.runtime.lateness import Lateness, Order
 from pointit.schemas import Quantiles
 
 REFUSED_SHOWN_S = 5.0

@@ -6,9 +6,8 @@ from typing import Generic, TypeVar
 
 from pointit.runtime.bus import Handler, Publisher
 from pointit.runtime.clock import Clock
-from pointit.runtime.lateness import Lateness
+from pointit.runtime.lateness import STREAMS, Lateness, Order
 from pointit.runtime.meter import Meter, Times
-from pointit.runtime.order import STREAMS, Order
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import Delivery
 

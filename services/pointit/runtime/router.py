@@ -11,6 +11,7 @@ import contextlib
 import json
 import logging
 import re
+import sys
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -256,3 +257,17 @@ def _where(error: Exception) -> str:
     if field := re.search(r"unknown field `([\w/]+)`", text):
         return f"there is no {field[1]}"
     return "a value is not of the kind that stands there"
+
+
+def raise_file_limit() -> None:
+    """Let this process have as many files open as the system lets it at most: mostly it begins with 1024.
+
+    Where the system has no such limit, or does not let it be raised, it stays as it is.
+    """
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415 - there is none on Windows
+
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(OSError, ValueError):  # macOS: "no limit" is more than it takes
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -14,10 +14,9 @@ import socket
 import time
 from collections.abc import Callable, Collection
 
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus import Bus, present
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link import LEASE_MS
-from pointit.runtime.presence import present
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, Presence
 

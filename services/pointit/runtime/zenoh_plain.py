@@ -19,7 +19,6 @@ from pointit.runtime.errors import BusClosedError, ConnectError, ListenError
 from pointit.runtime.link import LEASE_MS, ports_of
 from pointit.runtime.mailbox import Dispatcher
 from pointit.runtime.tcp_silence import end_silence
-from pointit.runtime.zenoh_open import opened
 from pointit.runtime.zenoh_plain_ends import (
     Packet,
     PlainReader,
@@ -29,7 +28,7 @@ from pointit.runtime.zenoh_plain_ends import (
 from pointit.runtime.zenoh_plain_link import PlainLink, plain_configuration
 from pointit.runtime.zenoh_plain_requests import Ask, PlainAsker, PlainDesk
 from pointit.runtime.zenoh_plain_tokens import TokenReader, declared_token
-from pointit.runtime.zenoh_session import IN_USE, OPEN_RETRY_S, close_session
+from pointit.runtime.zenoh_session import IN_USE, OPEN_RETRY_S, close_session, opened
 
 log = logging.getLogger(__name__)
 

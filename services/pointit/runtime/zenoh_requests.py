@@ -13,8 +13,7 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus import Server
 from pointit.runtime.errors import RefusedError, RequestError
 from pointit.runtime.exchange import Participant
-from pointit.runtime.memory_desk import Desk
-from pointit.runtime.unanswered import no_answer, shutting_down
+from pointit.runtime.memory_desk import Desk, no_answer, shutting_down
 from pointit.runtime.waiting_line import MAX_WAITING, TurnedAway, WaitingLine
 from pointit.runtime.zenoh_asking import replies_to
 from pointit.runtime.zenoh_wire import check_size, decoded, encoding_of, name_in

@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import json
 import logging
+import os
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +19,6 @@ from pointit.runtime.daemon_thread import in_daemon_thread
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.runtime.link import LEASE_MS, Link, check_addresses, ports_of
 from pointit.runtime.tcp_silence import end_silence
-from pointit.runtime.zenoh_open import opened
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
@@ -35,6 +35,9 @@ second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
 CLOSE_PATIENCE_S = 1.0
 """How long the closing of a session is waited for; it takes some ms, unless a router is lost: then as long as
 the attempt to reach it that goes on."""
+
+RUNTIME = "(rx: (worker_threads: 1))"
+"""One thread receives, not two: each message would wake both, and both need Python's lock."""
 
 
 def configuration(link: Link) -> zenoh.Config:
@@ -172,3 +175,18 @@ def _short(error: Exception) -> str:
     """Return the innermost reason of a Zenoh error."""
     system = SYSTEM_REASON.search(str(error))
     return system[1] if system else str(error).split(" at ")[0].rstrip(".")
+
+
+async def opened(config: zenoh.Config) -> zenoh.Session:
+    """Return an open session; may be cancelled at any time: one that opens all the same is closed again.
+
+    `ZENOH_RUNTIME` in the environment goes before our choice of threads; Zenoh reads it when it first opens
+    a session in a process.
+
+    Raises:
+        zenoh.ZError: it cannot be opened.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
+    return await in_daemon_thread(
+        lambda: zenoh.open(config), "zenoh-open", discard=lambda session: session.close()
+    )

@@ -9,8 +9,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.link import Link
-from pointit.runtime.zenoh_open import opened
-from pointit.runtime.zenoh_session import close_session, configuration
+from pointit.runtime.zenoh_session import close_session, configuration, opened
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
 

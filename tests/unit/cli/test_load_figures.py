@@ -6,7 +6,7 @@ import pytest
 
 from pointit.cli.load_figures import Measured, Search, Usage, quantile_ms
 from pointit.cli.load_layout import Load, groups
-from pointit.cli.load_usage import taken
+from pointit.cli.load_worker import taken
 
 
 def measured(**fields: Any) -> Measured:

@@ -1,6 +1,6 @@
 """How long somebody looks on."""
 
-from pointit.cli.onlookers import Onlookers
+from pointit.cli.page import Onlookers
 from pointit.diagnosis.observation import SILENT_S
 from pointit.schemas import Figure, Health
 

@@ -14,8 +14,8 @@ from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, INTERACTION, L
 from pointit.services.supervisor import sentences
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 from pointit.services.supervisor.service import Supervisor
-from pointit.services.supervisor.taking_up import LAST_WORD_PURPOSE
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import S, sample, shown, told
 

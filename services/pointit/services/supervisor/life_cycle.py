@@ -23,10 +23,9 @@ from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Interaction, Local
 from pointit.schemas.cues import Cue
 from pointit.services.supervisor import sentences
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
-from pointit.services.supervisor.readiness import Readiness
+from pointit.services.supervisor.readiness import Readiness, TakingUp
 from pointit.services.supervisor.search import Search
 from pointit.services.supervisor.stage import Stage
-from pointit.services.supervisor.taking_up import TakingUp
 from pointit.services.supervisor.voice import State
 
 SETTLE_NS = NS_PER_S

@@ -46,7 +46,7 @@ from pointit.services.supervisor.kept_place import KeptPlace
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, absurd, offset_in_use
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
-from pointit.services.supervisor.taking_up import LAST_WORD_PURPOSE
+from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)
 

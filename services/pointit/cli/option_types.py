@@ -1,10 +1,22 @@
-"""Where a person stands on a map, as people write it on the command line."""
+"""Types of options: finite numbers, and where a person stands."""
 
 import math
+from typing import Any
 
 import click
 
 Point = tuple[float, float]
+
+
+class Finite(click.FloatRange):
+    """A range of numbers without the one that is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return `value` as a number in the range."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is no finite number", param, ctx)
+        return number
 
 
 def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Point | None:

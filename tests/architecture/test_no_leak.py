@@ -1,0 +1,38 @@
+"""What decides loads no Zenoh: it is tested, replayed and spawned without a network."""
+
+import subprocess
+import sys
+
+from pointit.services.registry import PROCESSES
+from tests.architecture.sources import ROOT, shipped
+
+HARMLESS = ("access", "diagnosis", "evaluation", "geometry", "schemas", "sim")
+"""Rooms of which every module is loaded."""
+
+
+def modules() -> list[str]:
+    """Modules of the harmless rooms and of every service, without what starts a process."""
+    rooms = [f"pointit.{room}" for room in HARMLESS]
+    rooms += [row.package for row in PROCESSES if row.room == "services"]
+    names: list[str] = []
+    for path in shipped():
+        parts = path.relative_to(ROOT).with_suffix("").parts[1:]
+        name = ".".join(parts).removesuffix(".__init__")
+        if parts[-1] != "__main__" and any(name == room or name.startswith(f"{room}.") for room in rooms):
+            names.append(name)
+    return names
+
+
+def test_what_decides_loads_no_zenoh() -> None:
+    names = ["pointit.runtime.service", *modules()]
+    assert {"pointit.evaluation.localization", "pointit.services.selector.selecting"} <= set(names)
+    script = (
+        "import importlib, sys\n"
+        "for name in sys.stdin.read().split():\n"
+        "    importlib.import_module(name)\n"
+        "    if 'zenoh' in sys.modules: sys.exit(f'{name} loads zenoh')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], input="\n".join(names), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

@@ -12,13 +12,15 @@ from typing import Any
 
 from pointit.access.site_folder import SiteFolder
 from pointit.services.selector.journal_table import FILE, audit
-from tests.integration.access.secured import endpoint_of, make_site
+from tests.integration.access.secured import NAMES, endpoint_of, make_site
 from tests.support.commands import Command, Commands
 
 SITE = "plant"
 PEOPLE = ("user1", "user2")
 SHARED = ("pui", "selector", "led-driver", "conveyor-sim", "keeper")
 PERSONAL = ("pointing", "localizer", "supervisor", "user-sim")
+FLOODERS = ("flooder1", "flooder2", "flooder3")
+"""Persons who write without limit: each is cut off for a while, which no other test should meet."""
 INSTANCES = (*SHARED, *(f"{name}.{person}" for person in PEOPLE for name in PERSONAL))
 START_S = 120.0
 """Fifteen processes on a busy machine."""
@@ -58,7 +60,11 @@ class Site:
         self.path = path
         self.commands = commands
         self.folder: SiteFolder = make_site(
-            path / "site", SITE, password=password, dashboard_rate_hz=DASHBOARD_HZ if password else 0.0
+            path / "site",
+            SITE,
+            password=password,
+            dashboard_rate_hz=DASHBOARD_HZ if password else 0.0,
+            names={**NAMES, **dict.fromkeys(FLOODERS, "user")},
         )
         self.state = path / "state"
         self.state.mkdir(exist_ok=True)

@@ -8,7 +8,7 @@ import pytest
 from pointit.schemas.topics import BUTTON, RAY
 from tests.faults.account import Account
 from tests.faults.attackers import besieged, flooding
-from tests.faults.site import Site
+from tests.faults.site import FLOODERS, Site
 from tests.support.bench import until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
@@ -19,31 +19,27 @@ STUCK_S = 6.0
 GROWTH_MB = 60.0
 LATE_S = 1.0
 """Five times what a cursor takes on a machine as busy as one that runs other tests beside; a stall is 5 s."""
-EVIL = "anna"
+ONE, TWO, THREE = FLOODERS
 
 
-@pytest.mark.parametrize(
-    ("what", "keys", "words"),
-    [
-        ("on an own key", (RAY.at(EVIL),), (f"plant/{EVIL} writes {RAY.at(EVIL)} ", "times a second")),
-        (
-            "of an own button",
-            (BUTTON.at(EVIL),),
-            (f"plant/{EVIL} writes {BUTTON.at(EVIL)} ", "times a second"),
-        ),
-        (
-            "on many keys",
-            tuple(f"users/{EVIL}/x{number}" for number in range(2000)),
-            (f"plant/{EVIL} may not write users/{EVIL}/x", " more: refused"),
-        ),
-    ],
-)
-async def test_a_flood_harms_nobody_and_is_named(
-    site: Site, account: Account, what: str, keys: tuple[str, ...], words: tuple[str, ...]
-) -> None:
+FLOODS = {
+    "on an own key": (ONE, (RAY.at(ONE),), (f"plant/{ONE} writes {RAY.at(ONE)} ", "times a second")),
+    "of an own button": (TWO, (BUTTON.at(TWO),), (f"plant/{TWO} writes {BUTTON.at(TWO)} ", "times a second")),
+    "on many keys": (
+        THREE,
+        tuple(f"users/{THREE}/x{number}" for number in range(2000)),
+        (f"plant/{THREE} may not write users/{THREE}/x", " more: refused"),
+    ),
+}
+"""Who writes, which keys, and what is shown."""
+
+
+@pytest.mark.parametrize("what", FLOODS)
+async def test_a_flood_harms_nobody_and_is_named(site: Site, account: Account, what: str) -> None:
+    evil, keys, words = FLOODS[what]
     async with besieged(site) as attacked:
         quiet_s = attacked.delay_s()
-        with flooding(site, EVIL, RATE_HZ, *keys) as flood:
+        with flooding(site, evil, RATE_HZ, *keys) as flood:
             await flood.says("begins")
             attacked.begin()
             noticed_s = await attacked.is_told(*words, refused="may not" in words[0])

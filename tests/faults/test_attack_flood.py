@@ -11,7 +11,7 @@ from tests.faults.attackers import besieged, flooding
 from tests.faults.site import FLOODERS, Site
 from tests.support.bench import until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 RATE_HZ = 20_000.0
 FLOOD_S = 4.0

@@ -28,7 +28,7 @@ from tests.faults.site import Site
 from tests.integration.access.secured import Member, credentials_of, link_of, make_site, now, routed, wait
 from tests.support.bench import until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 BY = "doctor: router; the router's log"
 USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"

@@ -15,7 +15,7 @@ from tests.faults.attackers import besieged, member
 from tests.faults.site import Site
 from tests.integration.access.secured import Member
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 VICTIM = "user1"
 OLD_S = 2.0

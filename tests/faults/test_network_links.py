@@ -18,7 +18,7 @@ from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
 from tests.faults.network_view import FRESH_S, PATIENCE_S, View, quantile_s
 from tests.support.bench import until
 
-pytestmark = pytest.mark.timeout(180)  # of a machine that has much else to do
+pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
 
 AFTER_S = 2.0
 LOOK_S = 0.05

@@ -13,7 +13,7 @@ from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
 from tests.faults.network_view import FRESH_S, PATIENCE_S, quantile_s
 from tests.support.bench import until
 
-pytestmark = pytest.mark.timeout(180)  # of a machine that has much else to do
+pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
 
 KBIT = 256
 WIDE_S = 2.0

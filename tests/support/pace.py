@@ -19,6 +19,11 @@ def slowness() -> float:
     return max(1.0, start, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
+def within(took_s: float, limit_s: float) -> bool:
+    """Return True if `took_s` is less than `limit_s`, the limit on a quiet machine."""
+    return took_s < limit_s or took_s < limit_s * min(MOST, slowness())
+
+
 class Patience:
     """A duration that begins now and is longer on a busy machine."""
 

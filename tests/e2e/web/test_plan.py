@@ -12,7 +12,7 @@ from tests.e2e.web.site import SitePage
 from tests.support.bench import until
 from tests.support.commands import onlooker
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 NO_WEBGL = """
 const context = HTMLCanvasElement.prototype.getContext;

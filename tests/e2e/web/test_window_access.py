@@ -11,7 +11,7 @@ from tests.e2e.web.axe import violations
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Theme, Window
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 THEMES: tuple[Theme, ...] = ("light", "dark")
 SIZES = ((390, 844), (320, 640), (844, 390))

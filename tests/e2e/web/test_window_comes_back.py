@@ -11,7 +11,7 @@ from tests.e2e.web.window import Window
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 class Restarting:

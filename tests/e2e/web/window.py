@@ -38,7 +38,7 @@ Vec3 = tuple[float, float, float]
 Theme = Literal["light", "dark"]
 
 expect.set_options(
-    timeout=PATIENCE_S * 1000
+    timeout=2 * PATIENCE_S * 1000
 )  # the usual 5 s are little while all of a machine's cores are busy
 
 

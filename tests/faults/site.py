@@ -14,6 +14,7 @@ from pointit.access.site_folder import SiteFolder
 from pointit.services.selector.journal_table import FILE, audit
 from tests.integration.access.secured import NAMES, endpoint_of, make_site
 from tests.support.commands import Command, Commands
+from tests.support.pace import Patience
 
 SITE = "plant"
 PEOPLE = ("user1", "user2")
@@ -150,13 +151,13 @@ class Site:
 
     async def content(self, patience_s: float = FLOWS_S) -> float:
         """Ask doctor until all is well, however slow the machine is; return how long that took, s."""
-        began_s = time.monotonic()
+        began_s, patience = time.monotonic(), Patience(patience_s)
         while True:
             findings = (await self.doctor())["findings"]
             found = [item for item in findings if item["severity"] != "note" and item["code"] != "slow"]
             if not found:
                 return time.monotonic() - began_s
-            assert time.monotonic() - began_s < patience_s, f"doctor still finds {found}"
+            assert not patience.is_over(), f"doctor still finds {found}"
 
     @property
     def journal(self) -> Path:

@@ -121,7 +121,8 @@ OTHERS: dict[str, tuple[Arguments, str]] = {
 
 @pytest.mark.parametrize("number", SIGNALS)
 async def test_the_other_commands_end_as_well(commands: Commands, endpoint: str, number: int) -> None:
-    commands.start(*RUN, "--listen", endpoint)
+    run = commands.start(*RUN, "--listen", endpoint)
+    await run.says(TOLD)  # `echo` does not wait long for a site
     started = {name: commands.start(*arguments(endpoint)) for name, (arguments, _) in OTHERS.items()}
     for name, command in started.items():
         await command.says(OTHERS[name][1])

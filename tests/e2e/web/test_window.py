@@ -21,11 +21,11 @@ OPENINGS = 3
 """The fastest counts: what else runs on this machine is not the page's fault."""
 
 
-async def test_the_first_screen_comes_fast_and_clean(browser: Browser, site: SitePage) -> None:
+async def test_the_first_screen_comes_fast_and_clean(browser: Browser, shared_site: SitePage) -> None:
     took_s: list[float] = []
     for _ in range(OPENINGS):
         began_s = time.monotonic()
-        window = await Window.open(browser, site.url)
+        window = await Window.open(browser, shared_site.url)
         await window.is_shown()
         took_s.append(time.monotonic() - began_s)
         await expect(window.page.locator("#pill-text")).to_have_text("Live")
@@ -43,8 +43,10 @@ async def test_the_first_screen_comes_fast_and_clean(browser: Browser, site: Sit
     assert within(min(took_s), FIRST_SCREEN_S), took_s
 
 
-async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, site: SitePage) -> None:
-    window = await Window.open(browser, site.url)
+async def test_a_newcomer_selects_a_red_package_with_the_mouse(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.url)
     page = window.page
     await window.is_shown()
     events: list[SelectionEvent] = []
@@ -52,7 +54,7 @@ async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser,
     def selected() -> list[SelectionEvent]:
         return [event for event in events if event.event == "selected" and event.user == USER]
 
-    async with onlooker(site.endpoint) as seen:
+    async with onlooker(shared_site.endpoint) as seen:
         await page.get_by_role("button", name="Point with the mouse").click()
         await expect(page.locator("#guide")).to_contain_text("You are the arm now")
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()

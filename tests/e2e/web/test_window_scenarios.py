@@ -111,7 +111,7 @@ async def test_each_scenario_is_run_from_the_page_and_seen(
         if await chooser.input_value() != scenario:
             await chooser.select_option(scenario)
             await expect(page.locator("#progress")).to_contain_text(f"Starting “{title}”")
-            await expect(page.get_by_text(f"{title} is running.")).to_be_visible(timeout=30_000)
+            await expect(page.get_by_text(f"{title} is running.")).to_be_visible(timeout=60_000)
             await expect(page.locator("#progress")).to_be_hidden()
         await expect(chooser).to_have_value(scenario)
         await window.is_shown()

@@ -35,7 +35,9 @@ FLOODS = {
 """Who writes, which keys, and what is shown."""
 
 
-@pytest.mark.parametrize("what", FLOODS)
+@pytest.mark.parametrize(
+    "what", ["on an own key", pytest.param("of an own button", marks=pytest.mark.long), "on many keys"]
+)
 async def test_a_flood_harms_nobody_and_is_named(site: Site, account: Account, what: str) -> None:
     evil, keys, words = FLOODS[what]
     async with besieged(site) as attacked:

@@ -45,7 +45,10 @@ def say(by: Member, samples: list[zenoh.Sample]) -> None:
         )
 
 
-@pytest.mark.parametrize("name", ["supervisor", "anna"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("supervisor", marks=pytest.mark.long), "anna"],  # the former is in test_clock_replay, too
+)
 async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, name: str) -> None:
     async with besieged(site) as attacked:
         with member(site, "supervisor") as spy, member(site, name) as evil:

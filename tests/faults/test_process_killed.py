@@ -16,12 +16,15 @@ from tests.support.pace import within
 BACK_S = 30.0
 """A process starts in a second or two on a quiet machine."""
 GROWTH_MB = 30.0
-VICTIMS = (*SHARED, "pointing.user1", "localizer.user1", "supervisor.user1", "user-sim.user1")
+OFTEN = (*SHARED, "pointing.user1")
+SELDOM = ("localizer.user1", "supervisor.user1", "user-sim.user1")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
-@pytest.mark.parametrize("instance", VICTIMS)
+@pytest.mark.parametrize(
+    "instance", [*OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in SELDOM)]
+)
 async def test_a_killed_service_is_noticed_and_starts_again(
     site: Site, account: Account, instance: str
 ) -> None:

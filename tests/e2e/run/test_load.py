@@ -24,7 +24,11 @@ def row_of(ended: Ended) -> dict[str, Any]:
     [
         ((), ["all"]),
         (("--layout", "users", "--shards", "2"), ["site", "users 1", "users 2"]),
-        (("--layout", "users", "--shards", "1", "--router"), ["site", "users 1", "router"]),
+        pytest.param(
+            ("--layout", "users", "--shards", "1", "--router"),
+            ["site", "users 1", "router"],
+            marks=pytest.mark.long,  # as with --secured, but for certificates
+        ),
         (("--layout", "users", "--shards", "1", "--secured"), ["site", "users 1", "router"]),
         (
             ("--layout", "services"),

@@ -150,8 +150,15 @@ async def test_a_duration_that_was_asked_for_ends_it_whoever_looks_on(
     assert summary_of(ended)["duration_s"] == pytest.approx(4, abs=0.1)
 
 
-@pytest.mark.parametrize("processes", [(), ("--processes",)])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("number", "processes"),
+    [
+        (signal.SIGINT, ("--processes",)),
+        (signal.SIGTERM, ()),
+        pytest.param(signal.SIGTERM, ("--processes",), marks=pytest.mark.long),
+        pytest.param(signal.SIGINT, (), marks=pytest.mark.long),
+    ],
+)
 async def test_ctrl_c_ends_it_with_a_page_open(
     commands: Commands, endpoint: str, processes: tuple[str, ...], number: int
 ) -> None:

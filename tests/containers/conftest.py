@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from tests.support.buses import free_port
+from tests.support.pace import Patience
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 FILE = DEPLOY / "Dockerfile"
@@ -61,9 +62,9 @@ def podman(*arguments: str, check: bool = True, timeout_s: float = 120.0) -> sub
 
 def until(holds: Callable[[], bool], what: Callable[[], str], patience_s: float = PATIENCE_S) -> float:
     """Wait until something holds; return how long that took, s."""
-    began_s = time.monotonic()
+    began_s, patience = time.monotonic(), Patience(patience_s)
     while not holds():
-        assert time.monotonic() - began_s < patience_s, what()
+        assert not patience.is_over(), what()
         time.sleep(0.2)
     return time.monotonic() - began_s
 

@@ -29,6 +29,7 @@ from tests.faults.witness import Witness, witness
 from tests.integration.access.secured import Member
 from tests.support.bench import until
 from tests.support.commands import Command
+from tests.support.pace import Patience
 
 PATIENCE_S = 20.0
 """The same on a machine that is busy with other things."""
@@ -87,9 +88,10 @@ class Besieged:
     async def is_told(
         self, *words: str, instance: str = ROUTER, again: Callable[[], object] = bool, refused: bool = True
     ) -> float:
-        """Wait until doctor shows all of `words`; return how long it took, s; the router's log has them, too.
+        """Wait until doctor has shown each of `words`; return how long it took, s; the router's log has them.
 
-        What is to be told may be done `again` and again until then, and was `refused`.
+        They need not be shown together: the router reports once a second what is new of each identity. What
+        is to be told may be done `again` and again until then, and was `refused`.
         """
         missing = list(words)
 
@@ -98,11 +100,11 @@ class Besieged:
             missing[:] = [each for each in missing if each not in shown]
             return not missing and (instance != ROUTER or not refused or self.refused_since > 0)
 
-        ended_s = time.monotonic() + PATIENCE_S
+        patience = Patience(PATIENCE_S)
         while not is_shown():
             await asyncio.to_thread(again)  # the loop, on which all is heard and timed, goes on meanwhile
             await asyncio.sleep(0.05)
-            assert time.monotonic() < ended_s, f"{missing} are not shown, but {self.shown(instance)!r}"
+            assert not patience.is_over(), f"{missing} are not shown, but {self.shown(instance)!r}"
         noticed_s = time.monotonic() - self.began_s
         if instance == ROUTER:
             for each in words:

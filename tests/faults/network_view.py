@@ -108,8 +108,12 @@ class View:
         await until(flow, PATIENCE_S, f"fresh cursors of {users}")
 
     async def calm(self) -> None:
-        """Wait until there is nothing to find."""
-        await until(lambda: not self.findings(), PATIENCE_S, "nothing to be found")
+        """Wait until there is nothing to find, except that this machine is slow."""
+
+        def found() -> list[Finding]:
+            return [finding for finding in self.findings() if finding.code != "slow"]
+
+        await until(lambda: not found(), PATIENCE_S, f"nothing to be found; there is {found()}")
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         age_s = (time.time_ns() - cursor.stamp_ns) / 1e9

@@ -14,7 +14,7 @@ from tests.faults.attackers import attack, besieged, member
 from tests.faults.site import Site
 from tests.integration.access.secured import link_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 ADMIN = ("@/**", "@/*/router", "@/*/router/**", "@/*/session/**", "**/@/**")
 

@@ -8,10 +8,11 @@ import pytest
 from pointit.schemas.topics import BUTTON, RAY
 from tests.faults.account import Account
 from tests.faults.attackers import besieged, flooding
-from tests.faults.site import Site
+from tests.faults.site import FLOODERS, Site
 from tests.support.bench import until
+from tests.support.pace import within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 RATE_HZ = 20_000.0
 FLOOD_S = 4.0
@@ -19,38 +20,36 @@ STUCK_S = 6.0
 GROWTH_MB = 60.0
 LATE_S = 1.0
 """Five times what a cursor takes on a machine as busy as one that runs other tests beside; a stall is 5 s."""
-EVIL = "anna"
+ONE, TWO, THREE = FLOODERS
+
+
+FLOODS = {
+    "on an own key": (ONE, (RAY.at(ONE),), (f"plant/{ONE} writes {RAY.at(ONE)} ", "times a second")),
+    "of an own button": (TWO, (BUTTON.at(TWO),), (f"plant/{TWO} writes {BUTTON.at(TWO)} ", "times a second")),
+    "on many keys": (
+        THREE,
+        tuple(f"users/{THREE}/x{number}" for number in range(2000)),
+        (f"plant/{THREE} may not write users/{THREE}/x", " more: refused"),
+    ),
+}
+"""Who writes, which keys, and what is shown."""
 
 
 @pytest.mark.parametrize(
-    ("what", "keys", "words"),
-    [
-        ("on an own key", (RAY.at(EVIL),), (f"plant/{EVIL} writes {RAY.at(EVIL)} ", "times a second")),
-        (
-            "of an own button",
-            (BUTTON.at(EVIL),),
-            (f"plant/{EVIL} writes {BUTTON.at(EVIL)} ", "times a second"),
-        ),
-        (
-            "on many keys",
-            tuple(f"users/{EVIL}/x{number}" for number in range(2000)),
-            (f"plant/{EVIL} may not write users/{EVIL}/x", " more: refused"),
-        ),
-    ],
+    "what", ["on an own key", pytest.param("of an own button", marks=pytest.mark.long), "on many keys"]
 )
-async def test_a_flood_harms_nobody_and_is_named(
-    site: Site, account: Account, what: str, keys: tuple[str, ...], words: tuple[str, ...]
-) -> None:
+async def test_a_flood_harms_nobody_and_is_named(site: Site, account: Account, what: str) -> None:
+    evil, keys, words = FLOODS[what]
     async with besieged(site) as attacked:
         quiet_s = attacked.delay_s()
-        with flooding(site, EVIL, RATE_HZ, *keys) as flood:
+        with flooding(site, evil, RATE_HZ, *keys) as flood:
             await flood.says("begins")
             attacked.begin()
             noticed_s = await attacked.is_told(*words, refused="may not" in words[0])
             await asyncio.sleep(FLOOD_S)
             late_s, rate_hz = attacked.delay_s(), flood_rate_hz(flood.out)
         await attacked.unharmed()
-        assert late_s < LATE_S, f"{late_s:.3f} s, {quiet_s:.3f} s before"
+        assert within(late_s, LATE_S), f"{late_s:.3f} s, {quiet_s:.3f} s before"
         assert attacked.growth_mb() < GROWTH_MB
         lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
         attacked.row(
@@ -81,7 +80,7 @@ async def test_a_reader_that_stands_still_holds_nobody_up(
             reader.process.send_signal(signal.SIGCONT)
             reader.kill()
         await attacked.unharmed()
-        assert late_s < LATE_S
+        assert within(late_s, LATE_S)
         assert growth_mb < GROWTH_MB
         lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
         attacked.row(account, "dashboards that stand still for 6 s", None, "nobody: they only look on", lost)

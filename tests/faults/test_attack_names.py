@@ -23,7 +23,7 @@ from tests.faults.attackers import ROUTER, attack, besieged, keys_of, member, ov
 from tests.faults.site import Site
 from tests.support.bench import until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 EVIL = "anna"
 """May write below her own keys, and read what everybody may."""

@@ -28,8 +28,9 @@ from tests.faults.pretender import pretending
 from tests.faults.site import Site
 from tests.integration.access.secured import Member, credentials_of, link_of, make_site, now, routed, wait
 from tests.support.bench import until
+from tests.support.pace import within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 BY = "doctor: router; the router's log"
 USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
@@ -133,7 +134,7 @@ async def test_who_says_nothing_at_the_door_keeps_nobody_out(password_site: Site
             await asyncio.to_thread(come)  # the loop, on which cursors are heard, goes on meanwhile
             noticed_s = await attacked.is_told(STRANGER, "came by TLS and said nothing")
             await attacked.unharmed()
-        assert attacked.longest_silence_s() < LATE_S  # 3 s where closing each of them is waited for
+        assert within(attacked.longest_silence_s(), LATE_S)  # 3 s where closing each of them is waited for
         attacked.row(account, f"at the router's port: {SILENT} who say nothing", noticed_s, BY)
 
 

@@ -16,7 +16,7 @@ from tests.faults.attackers import (
 from tests.faults.site import Site
 from tests.support.bench import until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 VICTIM = "user1"
 GROWTH_MB = 150.0

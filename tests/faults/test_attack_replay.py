@@ -15,7 +15,7 @@ from tests.faults.attackers import besieged, member
 from tests.faults.site import Site
 from tests.integration.access.secured import Member
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 VICTIM = "user1"
 OLD_S = 2.0
@@ -45,7 +45,10 @@ def say(by: Member, samples: list[zenoh.Sample]) -> None:
         )
 
 
-@pytest.mark.parametrize("name", ["supervisor", "anna"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("supervisor", marks=pytest.mark.long), "anna"],  # the former is in test_clock_replay, too
+)
 async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, name: str) -> None:
     async with besieged(site) as attacked:
         with member(site, "supervisor") as spy, member(site, name) as evil:

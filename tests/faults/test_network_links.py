@@ -17,8 +17,9 @@ from tests.faults.network import ALL
 from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
 from tests.faults.network_view import FRESH_S, PATIENCE_S, View, quantile_s
 from tests.support.bench import until
+from tests.support.pace import Patience, within
 
-pytestmark = pytest.mark.timeout(180)  # of a machine that has much else to do
+pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
 
 AFTER_S = 2.0
 LOOK_S = 0.05
@@ -101,7 +102,7 @@ class Trial:
         await view.calm()
         await self._events_arrive()
         memory = plant.memory_mb()
-        began_s = time.monotonic()
+        began_s, patience = time.monotonic(), Patience(lasts_s + GONE_S)
         found: dict[str, float] = {}
         try:
             begin()
@@ -109,8 +110,7 @@ class Trial:
                 for finding in view.findings():
                     if finding.code in codes:
                         found.setdefault(finding.code, time.monotonic() - began_s)
-                waited_s = time.monotonic() - began_s
-                assert waited_s < lasts_s + GONE_S, f"found after {waited_s:.0f} s: {found}"
+                assert not patience.is_over(), f"found after {patience}: {found}"
                 view.tell()
                 await asyncio.sleep(LOOK_S)
         finally:
@@ -123,10 +123,10 @@ class Trial:
         await asyncio.sleep(AFTER_S)
         await view.calm()
         assert len(view.events) >= lasts_s
-        assert view.gap_s(HERE, began_s) < GAP_S, "ben was disturbed"
-        assert statistics.median(view.ages_s(HERE, began_s)) < FRESH_S
+        assert within(view.gap_s(HERE, began_s), GAP_S), "ben was disturbed"
+        assert within(statistics.median(view.ages_s(HERE, began_s)), FRESH_S)
         assert plant.ended() == []
-        assert recovered_s < RECOVERED_S
+        assert within(recovered_s, RECOVERED_S)
         late_s = max(view.ages_s(HERE, began_s))  # on a machine that has much else to do
         assert max(view.ages_s(THERE, began_s)) < late_s + FRESH_S, "what was held up is shown"
         grown = max(now_mb - memory[name] for name, now_mb in plant.memory_mb().items())
@@ -155,7 +155,7 @@ async def test_a_cut_link(both: Both, account: Account) -> None:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.cut(trial.b), 5.0, GONE, named=["silent"])
     assert outcome.noticed_s is not None
-    assert outcome.noticed_s < NOTICED_S
+    assert within(outcome.noticed_s, NOTICED_S)
     outcome.during_s.clear()
     account.add(outcome.row("link of a host cut for 5 s", "the host's cursors meanwhile"))
 
@@ -179,7 +179,7 @@ async def test_a_link_that_swallows_everything(
             lambda: trial.wire.lose(trial.b, ALL, **ways), 8.0, GONE, named=["absent"]
         )
     assert outcome.noticed_s is not None
-    assert outcome.noticed_s < NOTICED_S
+    assert within(outcome.noticed_s, NOTICED_S)
     assert any("router at" in line and "is back" in line for line in both.plant.there.logged())
     outcome.during_s.clear()
     account.add(outcome.row(name, "the host's cursors meanwhile"))
@@ -200,7 +200,7 @@ async def test_a_link_that_loses_little(both: Both, account: Account) -> None:
     async with both.plant.view() as view:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 1), 15.0, BAD)
-    assert quantile_s(outcome.during_s, 0.5) < FRESH_S
+    assert within(quantile_s(outcome.during_s, 0.5), FRESH_S)
     account.add(outcome.row("1 % of packets lost, both ways", f"{_missing(outcome, 15.0)} of cursors"))
 
 
@@ -210,7 +210,7 @@ async def test_a_link_that_delays(both: Both, account: Account) -> None:
     async with both.plant.view() as view:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.delay(trial.b, 0.0, 0.1), 15.0, BAD)
-    assert quantile_s(outcome.during_s, 0.5) < FRESH_S
+    assert within(quantile_s(outcome.during_s, 0.5), FRESH_S)
     account.add(outcome.row("50 ms delay, ±50 ms jitter, both ways", f"{_missing(outcome, 15.0)} of cursors"))
 
 

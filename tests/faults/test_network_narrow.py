@@ -12,8 +12,9 @@ from tests.faults.network import Host
 from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
 from tests.faults.network_view import FRESH_S, PATIENCE_S, quantile_s
 from tests.support.bench import until
+from tests.support.pace import within
 
-pytestmark = pytest.mark.timeout(180)  # of a machine that has much else to do
+pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
 
 KBIT = 256
 WIDE_S = 2.0
@@ -66,10 +67,10 @@ async def test_who_looks_on_over_a_narrow_link_harms_nobody(
         assert narrow < 2 * KBIT, "the link was not narrow"
         assert late_s, "nothing came any more"
         if who == "operator":
-            assert max(late_s) < LATE_S
+            assert within(max(late_s), LATE_S)
         for user in (HERE, THERE):
-            assert view.gap_s(user, began_s) < GAP_S, f"{user} was disturbed"
-            assert quantile_s(view.ages_s(user, began_s), 0.5) < FRESH_S
+            assert within(view.gap_s(user, began_s), GAP_S), f"{user} was disturbed"
+            assert within(quantile_s(view.ages_s(user, began_s), 0.5), FRESH_S)
         grown = max(now_mb - memory[name] for name, now_mb in plant.memory_mb().items())
         assert grown < MEMORY_MB
         assert plant.ended() == []

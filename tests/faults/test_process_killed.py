@@ -11,16 +11,20 @@ from tests.faults.memory import Memory
 from tests.faults.site import NOTICED_S, SHARED, Site
 from tests.faults.witness import witness
 from tests.support.bench import until
+from tests.support.pace import within
 
 BACK_S = 30.0
 """A process starts in a second or two on a quiet machine."""
 GROWTH_MB = 30.0
-VICTIMS = (*SHARED, "pointing.user1", "localizer.user1", "supervisor.user1", "user-sim.user1")
+OFTEN = (*SHARED, "pointing.user1")
+SELDOM = ("localizer.user1", "supervisor.user1", "user-sim.user1")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
-@pytest.mark.parametrize("instance", VICTIMS)
+@pytest.mark.parametrize(
+    "instance", [*OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in SELDOM)]
+)
 async def test_a_killed_service_is_noticed_and_starts_again(
     site: Site, account: Account, instance: str
 ) -> None:
@@ -44,7 +48,7 @@ async def test_a_killed_service_is_noticed_and_starts_again(
         await seen.hears(instance)
         await seen.flows()
         recovered_s = time.monotonic() - began_s
-        assert recovered_s < BACK_S
+        assert within(recovered_s, BACK_S)
         assert seen.health[instance].pid == again.process.pid
         seen.is_undisturbed(before, instance)
         seen.keeps(selected)
@@ -81,7 +85,7 @@ async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Ac
         await until(lambda: set(before) <= seen.present, BACK_S, "all to be present again")
         await seen.flows()
         recovered_s = time.monotonic() - began_s
-        assert recovered_s < BACK_S
+        assert within(recovered_s, BACK_S)
         seen.is_undisturbed(before)
         seen.keeps(selected)
         await seen.agrees(site)

@@ -13,10 +13,14 @@ from pointit.runtime.memory_bus import MemoryBus
 from pointit.runtime.service import AnyService, Launch, run_service
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic
+from tests.support.pace import Patience
 
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 5.0
+SHORTEST_WAIT_S = 0.002
+LONGEST_WAIT_S = 0.02
+"""Conditions read logs and whole reports: asked more often, they slow down what they wait for."""
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -37,13 +41,19 @@ class ManualClock:
 
 
 async def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S, what: str = "") -> None:
-    """Wait for `condition`; fail, saying `what`, when it does not come true in time."""
-    loop = asyncio.get_running_loop()
-    deadline_s = loop.time() + patience_s
+    """Wait for `condition`; fail, saying `what`, if it does not come true in time.
+
+    Args:
+        condition: is asked every few milliseconds, less often the longer it takes.
+        patience_s: time that is enough on a quiet machine.
+        what: what is waited for.
+    """
+    patience, wait_s = Patience(patience_s), SHORTEST_WAIT_S
     while not condition():
-        if loop.time() > deadline_s:
-            raise AssertionError(f"waited {patience_s} s in vain{': ' + what if what else ''}")
-        await asyncio.sleep(0.002)
+        if patience.is_over():
+            raise AssertionError(f"waited {patience} in vain{': ' + what if what else ''}")
+        await asyncio.sleep(wait_s)
+        wait_s = min(1.1 * wait_s, LONGEST_WAIT_S)
 
 
 class Bench:

@@ -1,15 +1,49 @@
-"""How busy this machine is: how long things may take is said of a quiet one."""
+"""How busy this machine is: durations in tests are those of a quiet one."""
 
+import os
 import subprocess
 import sys
 import time
 
 START_S = 0.1
 """How long Python takes to start on a quiet machine."""
+MOST = 5.0
+"""Upper limit of how many times as long a test is patient."""
 
 
 def slowness() -> float:
-    """Return how many times as long as on a quiet machine Python takes to start now; 1 at least."""
+    """Return how many times as long as on a quiet machine things take now; 1 at least."""
     began_s = time.monotonic()
     subprocess.run([sys.executable, "-c", "pass"], check=True, timeout=60)
-    return max(1.0, (time.monotonic() - began_s) / START_S)
+    start = (time.monotonic() - began_s) / START_S
+    return max(1.0, start, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
+def within(took_s: float, limit_s: float) -> bool:
+    """Return True if `took_s` is less than `limit_s`, the limit on a quiet machine."""
+    return took_s < limit_s or took_s < limit_s * min(MOST, slowness())
+
+
+class Patience:
+    """A duration that begins now and is longer on a busy machine."""
+
+    def __init__(self, duration_s: float) -> None:
+        """Begin; `duration_s` is enough on a quiet machine."""
+        self._duration_s = duration_s
+        self._began_s = time.monotonic()
+        self._factor: float | None = None
+
+    def is_over(self) -> bool:
+        """Return True if the duration is over.
+
+        How busy the machine is, is measured once, when a quiet machine's duration is over.
+        """
+        passed_s = time.monotonic() - self._began_s
+        if passed_s <= self._duration_s:
+            return False
+        if self._factor is None:
+            self._factor = min(MOST, slowness())
+        return passed_s > self._duration_s * self._factor
+
+    def __str__(self) -> str:
+        return f"{self._duration_s} s" + ("" if self._factor is None else f" x {self._factor:.1f} (busy)")

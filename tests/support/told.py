@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tests.support.pace import Patience
+
 PATIENCE_S = 20.0
 POLL_S = 0.02
 
@@ -81,11 +83,10 @@ class Told:
 
     async def until(self, what: str, fits: Callable[[Any], object], **order: Any) -> Any:
         """Tell it again and again until the answer fits; return that."""
-        loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + PATIENCE_S
+        patience = Patience(PATIENCE_S)
         while not fits(answer := await self.do(what, **order)):
-            late = loop.time() > deadline_s
-            assert not late, f"{self.name} {what} {order}: still {str(answer)[:500]} after {PATIENCE_S} s"
+            late = patience.is_over()
+            assert not late, f"{self.name} {what} {order}: still {str(answer)[:500]} after {patience}"
             await asyncio.sleep(POLL_S)
         return answer
 

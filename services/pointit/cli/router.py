@@ -157,16 +157,15 @@ async def _tell(router: Router, refused: Refused, limits: Limits) -> None:
             )
             for session, name, address in router.links()
         ]
-        excess, told = limits.excess(connections, router.roles, refused.rates_hz, now_s, refused.keys)
+        excess, exceeding = limits.excess(connections, router.roles, refused.rates_hz, now_s, refused.keys)
         router.cut(each.address for each in excess)
         by_address = {each.address: each for each in connections}
         waiting = router.unread(by_address)
-        told |= limits.stuck({by_address[address]: count for address, count in waiting.items()})
-        for name, sentence in told.items():
-            sentences[name] = f"{sentences[name]}; {sentence}" if name in sentences else sentence
-        for sentence in sentences.values():
-            log.warning("%s", sentence)
-        recent.add(sentences, now_s)
+        stuck = limits.stuck({by_address[address]: count for address, count in waiting.items()})
+        for kind, told in {"refused": sentences, "excess": exceeding, "stuck": stuck}.items():
+            for sentence in told.values():
+                log.warning("%s", sentence)
+            recent.add(told, now_s, kind)
         router.report(recent.of, refused.total)
 
 

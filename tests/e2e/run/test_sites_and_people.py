@@ -8,6 +8,7 @@ import pytest
 from tests.support.bench import until
 from tests.support.buses import router_process
 from tests.support.commands import Commands, onlooker, summary_of
+from tests.support.pace import within
 
 PERSON = ("pointing", "localizer", "supervisor", "user-sim")
 
@@ -85,7 +86,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
 
         left = await ben.stop()
         assert left.code == 0
-        assert left.took_s < 2
+        assert within(left.took_s, 2.0)
         assert "Traceback" not in left.err
         await until(lambda: "ben" not in seen.people, what="ben to be gone")
         await until(lambda: not services_of("ben") & seen.present, what="his services to be gone")

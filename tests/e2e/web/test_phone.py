@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from typing import Literal
 
 import pytest
@@ -14,8 +15,9 @@ from tests.e2e.web.phone import CUES, NO_SOCKET, PhonePage, Source
 from tests.e2e.web.site import SitePage
 from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
+from tests.support.pace import Patience
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 USER = "user1"
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
@@ -38,7 +40,7 @@ async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 2
     """Have the phone turn left and right, and wait until the ray does the same."""
     begin = 0.0
     for yaw in (0.0, 30.0):
-        deadline = asyncio.get_running_loop().time() + patience_s
+        patience = Patience(patience_s)
         while True:
             seen.cursors[USER].clear()
             for i in range(8):
@@ -51,26 +53,28 @@ async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 2
                 if yaw == 0 or abs(turned - 30) < 4:
                     begin = last[-1]
                     break
-            assert asyncio.get_running_loop().time() < deadline, f"at yaw {yaw} the ray is at {last}"
+            assert not patience.is_over(), f"at yaw {yaw} the ray is at {last}"
 
 
 @pytest.mark.parametrize("source", ["sensor", "event"])
 async def test_an_emulated_phone_moves_the_ray_by_as_much_as_it_turns(
-    browser: Browser, site: SitePage, source: Source
+    browser: Browser, shared_site: SitePage, source: Source
 ) -> None:
-    phone = await PhonePage.open(browser, await address(site), source=source)
-    async with onlooker(site.endpoint) as seen:
+    phone = await PhonePage.open(browser, await address(shared_site), source=source)
+    async with onlooker(shared_site.endpoint) as seen:
         await phone.start()
         await sweeps_the_ray(phone, seen)
     assert phone.faults == []
 
 
-async def test_by_https_from_the_local_network_it_is_the_same(browser: Browser, site: SitePage) -> None:
-    async with site.operator() as operator:
+async def test_by_https_from_the_local_network_it_is_the_same(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    async with shared_site.operator() as operator:
         url = await operator.pair(USER)
     assert url.startswith("https://")
     phone = await PhonePage.open(browser, url)
-    async with onlooker(site.endpoint) as seen:
+    async with onlooker(shared_site.endpoint) as seen:
         await phone.start()
         await sweeps_the_ray(phone, seen)
     assert phone.faults == []
@@ -104,7 +108,7 @@ async def test_it_is_the_persons_button_and_tells_them_what_happens(browser: Bro
     async with onlooker(site.endpoint) as seen:
         await phone.start()
         await page.get_by_role("button", name="Skip").tap()
-        await expect(page.locator("#state")).to_have_text("Pointing", timeout=15_000)
+        await expect(page.locator("#state")).to_have_text("Pointing", timeout=60_000)
         await expect(page.locator("#next")).to_contain_text("arm straight")
         before = await page.evaluate("window.tones")
         presses = await presses_of(phone, seen)
@@ -125,17 +129,16 @@ async def test_it_is_the_persons_button_and_tells_them_what_happens(browser: Bro
 
 async def until_evaluated(phone: PhonePage, condition: str) -> None:
     """Wait for a condition of the page, without `eval`, which its policy forbids to functions that wait."""
-    for _ in range(100):
-        if await phone.page.evaluate(condition):
-            return
+    patience = Patience(5.0)
+    while not await phone.page.evaluate(condition):
+        assert not patience.is_over(), f"never: {condition}"
         await asyncio.sleep(0.05)
-    pytest.fail(f"never: {condition}")
 
 
-async def test_centring_makes_ahead_the_middle_of_the_room(browser: Browser, site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(site))
+async def test_centring_makes_ahead_the_middle_of_the_room(browser: Browser, shared_site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(shared_site))
     big, name = phone.page.locator("#big"), phone.page.locator("#big-name")
-    async with onlooker(site.endpoint) as seen:
+    async with onlooker(shared_site.endpoint) as seen:
         await phone.start(yaw_deg=70)
         await big.tap()
         await expect(name).to_have_text("Press")
@@ -156,37 +159,40 @@ def apart(a: float, b: float) -> float:
 
 async def rests(phone: PhonePage, seen: Onlooker, yaw_deg: float) -> float:
     """Hold the phone like this until the ray rests; return where it goes, degrees."""
-    rays: list[float] = []
-    for _ in range(60):
+    await phone.turn(yaw_deg, -10)
+    turned_ns = time.time_ns()  # on a busy machine cursors of how it was held before come later than this
+    patience = Patience(20.0)
+    while True:
         seen.cursors[USER].clear()
         for i in range(10):
             await phone.turn(yaw_deg + 0.3 * (i % 2), -10)
             await asyncio.sleep(0.03)
-        rays = [azimuth(cursor) for cursor in seen.cursors[USER] if cursor.direction is not None][-8:]
+        shown = [each for each in seen.cursors[USER] if each.direction is not None]
+        rays = [azimuth(each) for each in shown if each.stamp_ns > turned_ns][-8:]
         if len(rays) == 8 and max(apart(ray, rays[0]) for ray in rays) < 1:
             return rays[-1]
-    pytest.fail(f"the ray never rests: {rays}")
+        assert not patience.is_over(), f"the ray never rests: {rays}"
 
 
-async def test_who_lost_the_arm_to_a_mouse_can_take_it_back(browser: Browser, site: SitePage) -> None:
-    async with site.operator() as operator:
+async def test_who_lost_the_arm_to_a_mouse_can_take_it_back(browser: Browser, shared_site: SitePage) -> None:
+    async with shared_site.operator() as operator:
         secure = await operator.pair(USER)
-        phone = await PhonePage.open(browser, site.origin + secure[secure.index("/phone") :])
+        phone = await PhonePage.open(browser, shared_site.origin + secure[secure.index("/phone") :])
         await phone.start()
         await phone.page.get_by_role("button", name="Skip").tap()
         await operator.ask(deed="take", name=USER)
         await expect(phone.page.locator("#said")).to_contain_text("Somebody else moves your arm")
         await phone.page.get_by_role("button", name="Take my arm").tap()
         await expect(phone.page.get_by_role("button", name="Let go")).to_be_visible()
-        async with onlooker(site.endpoint) as seen:
+        async with onlooker(shared_site.endpoint) as seen:
             await sweeps_the_ray(phone, seen)
     assert phone.faults == []
 
 
 async def test_out_of_sight_it_stops_and_says_so_and_goes_on_with_a_tap(
-    browser: Browser, site: SitePage
+    browser: Browser, shared_site: SitePage
 ) -> None:
-    phone = await PhonePage.open(browser, await address(site))
+    phone = await PhonePage.open(browser, await address(shared_site))
     page = phone.page
     await phone.start()
     await page.evaluate(
@@ -201,24 +207,24 @@ async def test_out_of_sight_it_stops_and_says_so_and_goes_on_with_a_tap(
     assert phone.faults == []
 
 
-async def test_without_a_sensor_it_says_what_to_do(browser: Browser, site: SitePage) -> None:
+async def test_without_a_sensor_it_says_what_to_do(browser: Browser, shared_site: SitePage) -> None:
     nothing = "delete window.RelativeOrientationSensor; delete window.DeviceOrientationEvent"
-    phone = await PhonePage.open(browser, await address(site), source="event", scripts=(nothing,))
+    phone = await PhonePage.open(browser, await address(shared_site), source="event", scripts=(nothing,))
     await expect(phone.page.locator("#trouble")).to_contain_text("Chrome on Android")
     await expect(phone.page.get_by_role("button", name="Start")).to_be_disabled()
 
 
-async def test_the_server_comes_back_and_so_does_the_phone(browser: Browser, site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(site))
+async def test_the_server_comes_back_and_so_does_the_phone(browser: Browser, shared_site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(shared_site))
     await phone.start()
     await phone.page.context.set_offline(True)
-    await expect(phone.page.locator("#link")).to_have_text("Connecting …", timeout=15_000)
+    await expect(phone.page.locator("#link")).to_have_text("Connecting …", timeout=60_000)
     await phone.page.context.set_offline(False)
-    await expect(phone.page.locator("#link")).to_have_text("Connected", timeout=15_000)
+    await expect(phone.page.locator("#link")).to_have_text("Connected", timeout=60_000)
 
 
-async def test_nothing_bars_the_way_of_anybody(browser: Browser, site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(site))
+async def test_nothing_bars_the_way_of_anybody(browser: Browser, shared_site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(shared_site))
     for stage in ("before", "running", "button"):
         if stage == "running":
             await phone.start()
@@ -242,7 +248,7 @@ async def test_it_fits_every_phone_without_scrolling_once_it_runs(browser: Brows
         assert await page.evaluate(sideways) <= 0
     await phone.start()
     await page.get_by_role("button", name="Skip").tap()
-    await expect(page.locator("#state")).to_have_text("Pointing", timeout=15_000)
+    await expect(page.locator("#state")).to_have_text("Pointing", timeout=60_000)
     for width, height in sizes:
         await page.set_viewport_size({"width": width, "height": height})
         assert await page.evaluate(sideways) <= 0

@@ -12,7 +12,7 @@ from tests.e2e.web.site import SitePage
 from tests.support.bench import until
 from tests.support.commands import onlooker
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 NO_WEBGL = """
 const context = HTMLCanvasElement.prototype.getContext;
@@ -33,16 +33,16 @@ async def opened(browser: Browser, url: str) -> tuple[Page, list[str]]:
     return page, faults
 
 
-async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, site: SitePage) -> None:
-    page, faults = await opened(browser, site.url)
+async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, shared_site: SitePage) -> None:
+    page, faults = await opened(browser, shared_site.url)
     plan = page.locator("svg.plan-map")
-    await expect(plan).to_be_visible(timeout=15_000)
+    await expect(plan).to_be_visible(timeout=60_000)
     await expect(plan.locator(".plan-belt")).to_have_count(8)
     await expect(plan.locator(".plan-strip")).to_have_count(22)
     await expect(plan.get_by_text("Bay 1", exact=True)).to_be_visible()
     await expect(plan.get_by_text("user1", exact=False).first).to_be_visible()
-    await expect(plan.locator(".plan-box").first).to_be_visible(timeout=15_000)
-    await expect(plan.locator("path.plan-lit").first).to_be_attached(timeout=15_000)
+    await expect(plan.locator(".plan-box").first).to_be_visible(timeout=60_000)
+    await expect(plan.locator("path.plan-lit").first).to_be_attached(timeout=60_000)
     summary = page.locator(".plan-list summary")
     await expect(summary).to_have_text(re.compile(r"As a list: 1 person, \d+ objects?, 3 lamps"))
     await summary.click()
@@ -50,20 +50,20 @@ async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, site:
     assert faults == []
 
 
-async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, site: SitePage) -> None:
-    page, faults = await opened(browser, site.url)
-    await expect(page.locator("svg.plan-map")).to_be_visible(timeout=15_000)
+async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, shared_site: SitePage) -> None:
+    page, faults = await opened(browser, shared_site.url)
+    await expect(page.locator("svg.plan-map")).to_be_visible(timeout=60_000)
     # the plan is there before anything is known of the site: who may be pointed as, too
-    await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=15_000)
+    await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=60_000)
     events: list[SelectionEvent] = []
-    async with onlooker(site.endpoint) as seen:
+    async with onlooker(shared_site.endpoint) as seen:
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
         await page.keyboard.press("m")
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
         await page.locator(".plan-list summary").focus()
         await page.keyboard.press("Enter")
         blue = page.get_by_role("button", name=re.compile("^Point at blue package")).first
-        await expect(blue).to_be_visible(timeout=40_000)
+        await expect(blue).to_be_visible(timeout=60_000)
         events.clear()
         await blue.focus()
         await page.keyboard.press("Enter")

@@ -1,6 +1,5 @@
 """The page in a browser: what a newcomer sees first, and how they select a package with the mouse."""
 
-import os
 import time
 
 import pytest
@@ -12,8 +11,9 @@ from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Window
 from tests.support.bench import until
 from tests.support.commands import onlooker
+from tests.support.pace import within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 USER = "user1"
 FIRST_SCREEN_S = 3.0
@@ -21,16 +21,11 @@ OPENINGS = 3
 """The fastest counts: what else runs on this machine is not the page's fault."""
 
 
-def patience() -> float:
-    """Return how many times as long things take on this machine now, by how many wait for its cores."""
-    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
-
-
-async def test_the_first_screen_comes_fast_and_clean(browser: Browser, site: SitePage) -> None:
+async def test_the_first_screen_comes_fast_and_clean(browser: Browser, shared_site: SitePage) -> None:
     took_s: list[float] = []
     for _ in range(OPENINGS):
         began_s = time.monotonic()
-        window = await Window.open(browser, site.url)
+        window = await Window.open(browser, shared_site.url)
         await window.is_shown()
         took_s.append(time.monotonic() - began_s)
         await expect(window.page.locator("#pill-text")).to_have_text("Live")
@@ -45,11 +40,13 @@ async def test_the_first_screen_comes_fast_and_clean(browser: Browser, site: Sit
         assert window.faults == []
         assert "token" not in window.page.url
         await window.page.context.close()
-    assert min(took_s) < FIRST_SCREEN_S * patience(), took_s
+    assert within(min(took_s), FIRST_SCREEN_S), took_s
 
 
-async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, site: SitePage) -> None:
-    window = await Window.open(browser, site.url)
+async def test_a_newcomer_selects_a_red_package_with_the_mouse(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.url)
     page = window.page
     await window.is_shown()
     events: list[SelectionEvent] = []
@@ -57,7 +54,7 @@ async def test_a_newcomer_selects_a_red_package_with_the_mouse(browser: Browser,
     def selected() -> list[SelectionEvent]:
         return [event for event in events if event.event == "selected" and event.user == USER]
 
-    async with onlooker(site.endpoint) as seen:
+    async with onlooker(shared_site.endpoint) as seen:
         await page.get_by_role("button", name="Point with the mouse").click()
         await expect(page.locator("#guide")).to_contain_text("You are the arm now")
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()

@@ -10,8 +10,9 @@ from playwright.async_api import Browser, Page, expect
 from tests.e2e.web.axe import violations
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Theme, Window
+from tests.support.bench import until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 THEMES: tuple[Theme, ...] = ("light", "dark")
 SIZES = ((390, 844), (320, 640), (844, 390))
@@ -131,11 +132,7 @@ async def test_keys_open_and_close(window: Window) -> None:
     window.sent.clear()
     await page.locator("body").press("ArrowLeft")
     await page.locator("body").press("ArrowUp")
-    for _ in range(100):
-        if sum(part["kind"] == "aim" for part in window.sent) >= 2:
-            break
-        await page.wait_for_timeout(30)
-    assert sum(part["kind"] == "aim" for part in window.sent) >= 2
+    await until(lambda: sum(part["kind"] == "aim" for part in window.sent) >= 2, 5, "two aims")
     await page.locator("body").press("Escape")
     await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
 
@@ -165,11 +162,9 @@ async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shar
     assert canvas is not None
     window.sent.clear()
     await page.touchscreen.tap(canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.55)
-    for _ in range(100):
-        if any(part["kind"] == "aim" for part in window.sent):
-            break
-        await page.wait_for_timeout(30)
-    assert any(part["kind"] == "aim" and part["user"] == "user1" for part in window.sent)
+    await until(
+        lambda: any(part["kind"] == "aim" and part["user"] == "user1" for part in window.sent), 5, "an aim"
+    )
     await page.get_by_role("button", name="Give back").tap()
     await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
     assert window.faults == []

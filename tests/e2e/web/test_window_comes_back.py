@@ -11,7 +11,7 @@ from tests.e2e.web.window import Window
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 class Restarting:
@@ -57,19 +57,19 @@ async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_
     was_ns = await page.evaluate("window.pointit.site.sentNs")
 
     await server.start("the-same-as-before")
-    await expect(lost).to_be_hidden(timeout=20_000)
+    await expect(lost).to_be_hidden(timeout=60_000)
     await expect(page.locator("#pill-text")).to_have_text("Live")
     await window.is_shown()
     assert await page.evaluate("window.pointit.site.sentNs") > was_ns
     await window.until("window.pointit.site.objects.size > 0", "the packages")
-    await expect(page.get_by_role("radio", name="Mouse")).to_be_checked(timeout=15_000)  # it took it again
+    await expect(page.get_by_role("radio", name="Mouse")).to_be_checked(timeout=40_000)  # it took it again
     await expect(page.locator("#guide")).to_contain_text("You are the arm now")
 
     server.kill()
     await expect(lost).to_be_visible()
     await server.start("another-one-than-before")
     await expect(lost).to_contain_text(
-        "PointIt was started anew: open the link that it prints", timeout=20_000
+        "PointIt was started anew: open the link that it prints", timeout=60_000
     )
     # a browser reports by itself what a page asks of a server that is not there, or not its own any more
     asked = ("/ws", f"failed: {site.origin}/", "net::ERR_CONNECTION_", "403")

@@ -16,8 +16,9 @@ from tests.e2e.web.window import Window
 from tests.support.bare_pages import elsewhere
 from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
+from tests.support.pace import Patience, within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 STUCK_MS = 5000
 STUCK = (
@@ -47,18 +48,18 @@ async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(browser: Bro
     stuck_ns = await window.page.evaluate(STUCK) * 1e6
     free_ns = time.time_ns()
     grown_bytes += server.memory_info().rss
-    deadline_s = time.monotonic() + 10
+    patience = Patience(10)
     while True:
         sent_ns = [msgpack.unpackb(batch)[1] for batch in window.batches]
         if sent_ns and sent_ns[-1] >= free_ns:
             break
-        assert time.monotonic() < deadline_s, "nothing new after it was stuck"
+        assert not patience.is_over(), "nothing new after it was stuck"
         await asyncio.sleep(0.01)
     came_s = (time.time_ns() - free_ns) / 1e9
     # what was sent in the midst of it; a batch's own time may pass at either end
     stale = [at_ns for at_ns in sent_ns if stuck_ns <= at_ns < free_ns - 300e6]
     assert len(stale) <= IN_FLIGHT, [(at_ns - free_ns) / 1e9 for at_ns in stale]
-    assert came_s < 1.5
+    assert within(came_s, 1.5)
     assert grown_bytes < MOST_GROWN_BYTES
     assert await window.page.evaluate("window.pointit.site.traffic.dropped") == 0
     assert window.faults == []
@@ -95,7 +96,7 @@ async def test_fifty_pages_all_get_frames_and_the_light_is_as_fast(site: SitePag
         pages = await looking
     assert len(pages) == PAGES
     longest_gap_s = max(page["longest_gap_s"] for page in pages)
-    assert longest_gap_s < LONGEST_GAP_S
+    assert within(longest_gap_s, LONGEST_GAP_S)
     batches = sorted(page["batches"] for page in pages)
     assert batches[0] > 0.5 * batches[-1], "nobody starves"
     assert all(page["latencies_ms"] for page in pages)

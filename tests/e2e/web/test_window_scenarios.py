@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from numpy.typing import NDArray
-from playwright.async_api import Browser, expect
+from playwright.async_api import Browser, Page, expect
 
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Window
+from tests.support.pace import Patience
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(150)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 SCENARIOS = {
     "scenario_4": "Conveyor: select the red packages",
@@ -26,8 +27,16 @@ SCENARIOS = {
 }
 """In the order in which they are run; titles as the page has them."""
 
-LOOKS = 5
-"""A machine that does ten other things draws late."""
+WAY_MS = 1000
+"""The camera's way to the new room."""
+LOOK_S = 10.0
+LOOK_EVERY_MS = 400
+SCENE_ONLY = """hidden => {
+  for (const each of document.querySelector("#view canvas").parentElement.children) {
+    if (each.tagName !== "CANVAS") each.style.visibility = hidden ? "hidden" : "";
+  }
+}"""
+"""Hides what lies over the scene, such as names: their text is white, whatever the scene shows."""
 LIT = """() => {
   const { site } = window.pointit;
   const strips = site.strips?.strips ?? [];
@@ -49,7 +58,8 @@ class Picture:
     strong: int
     """Pixels of a strong colour: lamps, packages, segments."""
     white: int
-    """Pixels of a light that shines at full strength, or of somebody's shirt."""
+    """Pixels of a white light, or of somebody's shirt; not full white: on a slow machine the page draws fewer
+    pixels, which the browser enlarges and so blurs."""
 
     @classmethod
     def of(cls, path: Path, box: tuple[float, float, float, float]) -> "Picture":
@@ -62,7 +72,7 @@ class Picture:
             colors=len(np.unique(steps @ np.array([256, 16, 1]))),
             contrast=float((region @ np.array([0.21, 0.72, 0.07])).std()),
             strong=int((spread > 0.35).sum()),
-            white=int((region.min(axis=1) > 0.97).sum()),
+            white=int((region.min(axis=1) > 0.75).sum()),
         )
 
     def shows(self, scenario: str) -> bool:
@@ -79,6 +89,17 @@ def folder(tmp_path: Path) -> Path:
     return chosen
 
 
+async def picture(page: Page, path: Path) -> Picture:
+    """Return what the page's scene shows; the whole page is kept at `path`."""
+    await page.evaluate(SCENE_ONLY, arg=True)
+    await page.screenshot(path=path)
+    await page.evaluate(SCENE_ONLY, arg=False)
+    box = await page.locator("#view canvas").bounding_box()
+    assert box is not None
+    # without what lies over the scene: the card at the top, cameras and toasts at the bottom
+    return Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
+
+
 async def test_each_scenario_is_run_from_the_page_and_seen(
     browser: Browser, site: SitePage, tmp_path: Path
 ) -> None:
@@ -90,7 +111,7 @@ async def test_each_scenario_is_run_from_the_page_and_seen(
         if await chooser.input_value() != scenario:
             await chooser.select_option(scenario)
             await expect(page.locator("#progress")).to_contain_text(f"Starting “{title}”")
-            await expect(page.get_by_text(f"{title} is running.")).to_be_visible(timeout=30_000)
+            await expect(page.get_by_text(f"{title} is running.")).to_be_visible(timeout=60_000)
             await expect(page.locator("#progress")).to_be_hidden()
         await expect(chooser).to_have_value(scenario)
         await window.is_shown()
@@ -103,19 +124,11 @@ async def test_each_scenario_is_run_from_the_page_and_seen(
         )
         if scenario in ("scenario_3", "scenario_4"):
             await window.until(f"({LIT})().objects > 0", f"something moves in {scenario}", 25)
-        canvas = page.locator("#view canvas")
         path = folder(tmp_path) / f"{scenario}.png"
-        seen: Picture | None = None
-        for _ in range(LOOKS):
-            await page.wait_for_timeout(1500)  # the camera's way to the new room
-            await page.screenshot(path=path)
-            box = await canvas.bounding_box()
-            assert box is not None
-            # without what lies over the scene: the card at the top, cameras and toasts at the bottom
-            seen = Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
-            if seen.shows(scenario):
-                break
-        else:
-            pytest.fail(f"{scenario}: there is too little to see: {seen}, {lit}")
+        await page.wait_for_timeout(WAY_MS)
+        patience = Patience(LOOK_S)
+        while not (seen := await picture(page, path)).shows(scenario):
+            assert not patience.is_over(), f"{scenario}: there is too little to see: {seen}, {lit}"
+            await page.wait_for_timeout(LOOK_EVERY_MS)
     assert window.faults == []
     assert await window.violations() == []

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.async_api import Browser, Page, WebSocket, expect
 
+from tests.support.pace import Patience
+
 PATIENCE_S = 15.0
 LEAST_PLACES = 10
 MOST_OFF_PX = 12.0
@@ -36,7 +38,7 @@ Vec3 = tuple[float, float, float]
 Theme = Literal["light", "dark"]
 
 expect.set_options(
-    timeout=PATIENCE_S * 1000
+    timeout=2 * PATIENCE_S * 1000
 )  # the usual 5 s are little while all of a machine's cores are busy
 
 
@@ -123,9 +125,9 @@ class Window:
 
         Playwright's own `wait_for_function` evaluates strings within the page, which its policy forbids.
         """
-        deadline_s = time.monotonic() + patience_s
+        patience = Patience(patience_s)
         while not (found := await self.page.evaluate(condition)):
-            assert time.monotonic() < deadline_s, f"waited {patience_s} s in vain: {what or condition}"
+            assert not patience.is_over(), f"waited {patience} in vain: {what or condition}"
             await asyncio.sleep(0.03)
         return found
 
@@ -170,10 +172,10 @@ class Window:
 
     async def follows(self, lens: "Lens", kind: str, is_done: Callable[[], bool], patience_s: float) -> None:
         """Keep the mouse on an object of `kind` that is not selected until `is_done`; then on the next."""
-        deadline_s = time.monotonic() + patience_s
+        patience = Patience(patience_s)
         chosen = ""
         while not is_done():
-            assert time.monotonic() < deadline_s, f"{patience_s} s of following {kind} ones in vain"
+            assert not patience.is_over(), f"{patience} of following {kind} ones in vain"
             taken = set(
                 await self.page.evaluate("(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)")
             )

@@ -28,6 +28,7 @@ from pointit.runtime.link import Link
 from pointit.runtime.router import parsed
 from pointit.runtime.zenoh_session import configuration
 from tests.support.buses import free_port
+from tests.support.pace import Patience
 
 PATIENCE_S = 10.0
 NAMES: dict[str, Role] = {
@@ -118,9 +119,9 @@ class Ear:
 
 
 def wait(condition: Callable[[], bool], what: str, meanwhile: Callable[[], object] = lambda: None) -> None:
-    began_s = time.monotonic()
+    patience = Patience(PATIENCE_S)
     while not condition():
-        assert time.monotonic() - began_s < PATIENCE_S, f"waited for {what}"
+        assert not patience.is_over(), f"waited {patience} for {what}"
         meanwhile()
         time.sleep(0.01)
 

@@ -12,6 +12,7 @@ from pointit.bridges.ros2.routes import routes
 from pointit.bridges.ros2.types import Types
 from tests.interop.ros2.ament import AT_LEAST, install, shape
 from tests.support.bench import until
+from tests.support.pace import Patience
 from tests.support.told import Told
 
 HERE = Path(__file__).parent
@@ -93,15 +94,13 @@ class Dora:
 
     async def hears(self, topic: str, fits: Callable[[Any], bool] = lambda _value: True) -> Any:
         """Return the first message on `topic` from now on, or waiting, that fits."""
-        loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + ALIVE_S
-        last = None
-        while loop.time() < deadline_s:
+        patience, last = Patience(ALIVE_S), None
+        while not patience.is_over():
             for last in await self.do("heard", topic=topic):
                 if fits(last):
                     return last
             await asyncio.sleep(0.02)
-        raise AssertionError(f"{topic}: nothing that fits within {ALIVE_S} s; the last one was {last}")
+        raise AssertionError(f"{topic}: nothing that fits within {patience}; the last one was {last}")
 
     async def calls(self, service: str, kind: str, /, **request: Any) -> Any:
         """Return the response."""

@@ -22,6 +22,7 @@ from tests.interop.ros2.peers import DOMAIN, TYPES
 from tests.interop.ros2.site import Site, site
 from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
+from tests.support.pace import Patience
 
 pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 
@@ -163,10 +164,10 @@ class Arm:
     async def points_at(self, target_m: Vec3) -> None:
         """Turn the arm, as people do, by what is seen of the ray, until the cursor is at the place."""
         await until(lambda: bool(self.rooms and self._poses and self.rays), NOTICED_S, "rays of user2")
-        pose, deadline_s = self._poses[-1], time.monotonic() + NOTICED_S
+        pose, patience = self._poses[-1], Patience(NOTICED_S)
         seen = self._look.cursors["user2"]
         while not any(each.point_m and math.dist(each.point_m, target_m) < 0.1 for each in seen[-5:]):
-            assert time.monotonic() < deadline_s, f"{target_m} m: {seen[-1:]}"
+            assert not patience.is_over(), f"{target_m} m: {seen[-1:]}"
             ray = self.rays[-1]
             way = vector.turn(vector.subtract(target_m, pose.position_m), -pose.yaw_rad)
             wanted = vector.subtract(way, ray.origin_m)

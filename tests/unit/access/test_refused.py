@@ -308,3 +308,11 @@ def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
     assert recent.of("lab") == ("lab/anna may not d",)
     recent.add({f"lab/x{number}": "x" for number in range(100)}, 40.0)
     assert len(recent.of("lab")) == MOST_SENTENCES
+
+
+def test_a_repeated_sentence_hides_none_of_another_kind() -> None:
+    recent = Recent()
+    recent.add({"lab/anna": "lab/anna may not a"}, 0.0, "refused")
+    for now_s in range(3):
+        recent.add({"lab/anna": "lab/anna is cut off"}, now_s, "excess")
+    assert recent.of("lab") == ("lab/anna is cut off", "lab/anna may not a")

@@ -6,8 +6,6 @@ import pytest
 from pointit.services.localizer.config import LocalizerConfig
 from tests.unit.localizer.follower import START_NS, follow
 
-pytestmark = pytest.mark.timeout(300)
-
 LATE_S = {"prompt": (0.3, 0.8), "late": (1.0, 2.5)}
 """When the arm begins to rise after the press; all are up within the window."""
 

@@ -12,9 +12,11 @@ from hypothesis import HealthCheck, settings
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
-# how fast this machine is, with all that runs beside, says nothing about a property
-settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("patient")
+# The same examples in every run: a failure is due to a change; `--hypothesis-profile=search` tries others.
+# How fast this machine is says nothing about a property.
+settings.register_profile("search", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("repeatable", settings.get_profile("search"), derandomize=True)
+settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:

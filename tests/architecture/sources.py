@@ -48,18 +48,22 @@ def shown(path: Path, node: ast.expr | ast.stmt | None = None) -> str:
 def importers(module: str, paths: tuple[Path, ...]) -> Iterator[str]:
     """Places that import `module` or something of it, in whatever form and at whatever depth."""
     for path in paths:
-        for node in ast.walk(tree(path)):
-            names: list[str] = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names = [node.module or ""]
-            elif isinstance(node, ast.Call) and _is_dynamic_import(node):
-                names = [str(each.value) for each in node.args[:1] if isinstance(each, ast.Constant)]
-            for name in names:
-                if name == module or name.startswith(f"{module}."):
-                    assert isinstance(node, ast.stmt | ast.expr)
-                    yield shown(path, node)
+        for name, node in _imports(path):
+            if name == module or name.startswith(f"{module}."):
+                yield shown(path, node)
+
+
+@cache
+def _imports(path: Path) -> tuple[tuple[str, ast.stmt | ast.expr], ...]:
+    found: list[tuple[str, ast.stmt | ast.expr]] = []
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            found += [(alias.name, node) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.append((node.module or "", node))
+        elif isinstance(node, ast.Call) and _is_dynamic_import(node):
+            found += [(str(each.value), node) for each in node.args[:1] if isinstance(each, ast.Constant)]
+    return tuple(found)
 
 
 def literals(path: Path) -> Iterator[ast.Constant]:

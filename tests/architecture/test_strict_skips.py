@@ -1,5 +1,6 @@
 """In continuous integration a skip fails unless its reason is on the list."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -39,12 +40,10 @@ def test_only_listed_reasons_are_taken(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "pytest.ini").write_text("[pytest]\n", encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-q", "-rfE", "-c", f"{tmp_path}/pytest.ini", f"{tmp_path}"]
-    lax = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert lax.returncode == 0, lax.stdout
-    assert "1 passed, 4 skipped, 1 xfailed" in lax.stdout
     done = subprocess.run(
         [*command, "-p", "tests.support.strict_skips", "--continue-on-collection-errors"],
         cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
     )  # fmt: skip
     assert done.returncode == 1
     assert "1 passed, 1 skipped, 1 xfailed" in done.stdout

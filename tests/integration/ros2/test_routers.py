@@ -32,6 +32,7 @@ from tests.integration.ros2.nodes import (
 )
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.support.pace import slowness
 
 BACK_S = 15.0
 
@@ -73,7 +74,7 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
     async with graphs() as at:
         began_s = time.monotonic()
         a, b = await asyncio.gather(at.node("/a"), at.node("/b"))
-        assert time.monotonic() - began_s < 3, "0.5 s where the machine has time"
+        assert time.monotonic() - began_s < 3 * slowness(), "0.5 s where the machine has time"
         seen, kept = b.hears("/x", POSE), b.hears("/state", BOOL, LATCHED)
         writer, state = (
             a.backend.advertise("/x", POSE, RELIABLE),
@@ -157,7 +158,7 @@ async def test_who_cannot_join_says_so_in_a_sentence_and_can_be_cancelled() -> N
         began_s = time.monotonic()
         with pytest.raises(asyncio.CancelledError):
             await opening
-        assert time.monotonic() - began_s < 3
+        assert time.monotonic() - began_s < 3 * slowness()
     with pytest.raises(ConfigError, match="'7447' is no address; write one like tcp"):
         await open_plain(PlainLink(endpoint="7447"))
     router = await opened(BackendConfig(mode="router", endpoint=endpoint), Shown())
@@ -204,7 +205,7 @@ async def test_a_reader_that_stands_still_does_not_stop_us() -> None:
                 longest_s = max(longest_s, time.monotonic() - began_s)
                 if number % 10 == 0:
                     await asyncio.sleep(0)
-            assert longest_s < 1, "blocking would be 5 s"
+            assert longest_s < 4, "blocking would be 5 s"
             seen.clear()
             await arrives(lambda: writer.put(cdr_of(9999)), seen)
             assert set(seen) <= {*range(2, 2000), 9999}

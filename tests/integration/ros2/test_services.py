@@ -12,6 +12,7 @@ import pytest
 from pointit.runtime.errors import BusClosedError, RefusedError
 from tests.integration.ros2.nodes import ADD, BOOL, cdr_of, graphs, number_of
 from tests.support.bench import until
+from tests.support.pace import slowness
 
 
 async def add(request: bytes) -> bytes:
@@ -67,7 +68,7 @@ async def test_nobody_a_wrong_hash_and_a_slow_one_are_deadlines() -> None:
             began_s = time.monotonic()
             with pytest.raises(TimeoutError, match=f"ROS service {service}: .*{why}.* within 0.3 s"):
                 await b.backend.call(service, ADD, cdr_of(1), timeout_s=0.3)
-            assert time.monotonic() - began_s < 2
+            assert time.monotonic() - began_s < 2 * slowness()
 
 
 async def test_a_server_that_fails_is_an_answer_at_once(caplog: pytest.LogCaptureFixture) -> None:
@@ -188,7 +189,7 @@ async def test_who_asks_and_does_not_read_holds_up_nobody_else() -> None:
             )
             began_s = time.monotonic()
             assert number_of(await b.backend.call("/add_pack", ADD, cdr_of(1), timeout_s=10)) == 2
-            assert time.monotonic() - began_s < 1.5, "the answers to the other take 4 s"
+            assert time.monotonic() - began_s < 3, "the answers to the other take 4 s"
         finally:
             stuck.kill()
             stuck.wait(10)

@@ -35,17 +35,19 @@ def test_a_person_of_unknown_place_is_found_and_leads_the_cursor_over_the_strips
     assert holds == {0, 1, 2}
     assert "solved" in {news.phase for news in outcome.progress if news.purpose == "pose"}
     pose = first(outcome)
-    assert pose.position_error_m < 1.0  # of one; how good they are is said of twenty, below
+    assert pose.position_error_m < 1.0  # of one; how good they are is asserted of several, below
     assert pose.pose.elevation_bias_rad > 0.05
     assert outcome.states[:2] == ["idle", "localizing"]
     assert {cursor.surface_id for cursor in outcome.cursors if cursor.surface == "strip"} == {"0", "1"}
 
 
-@pytest.mark.slow
-def test_the_stated_uncertainty_is_honest_and_small() -> None:
-    poses = [first(localized(seed)) for seed in range(1, 21)]
+@pytest.mark.parametrize(
+    ("people", "honest"), [(5, 4), pytest.param(20, 18, marks=[pytest.mark.long, pytest.mark.timeout(300)])]
+)
+def test_the_stated_uncertainty_is_honest_and_small(people: int, honest: int) -> None:
+    poses = [first(localized(seed)) for seed in range(1, people + 1)]
     within = [pose.position_error_m <= 2.0 * position_sigma_m(pose.pose) for pose in poses]
-    assert sum(within) >= 18  # of 20
+    assert sum(within) >= honest
     errors_m = [pose.position_error_m for pose in poses]
     assert statistics.median(errors_m) <= 0.4
     assert max(position_sigma_m(pose.pose) for pose in poses) <= 0.5  # what is less certain is refused

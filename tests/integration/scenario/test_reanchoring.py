@@ -39,29 +39,22 @@ def final_error_deg(outcome: Outcome) -> float:
     return float(np.median(errors))
 
 
-@pytest.mark.timeout(300)  # 20 s where nothing else runs
+@pytest.mark.timeout(300)  # 10 s on a quiet machine
 def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> None:
-    held: list[float] = []
-    left: list[float] = []
-    for seed in (1, 2, 3):
-        outcome = three_minutes(seed, *STEADY, *EVERY_MINUTE)
+    for seed, kind in ((1, STEADY), (2, ())):
+        outcome = three_minutes(seed, *kind, *EVERY_MINUTE)
         assert len(outcome.anchors) == 3
-        held.append(final_error_deg(outcome))
-        alone = three_minutes(seed, *STEADY)
-        assert alone.anchors == []
-        left.append(final_error_deg(alone))
-    assert max(held) < 10.0  # of single people; the median is said of twenty, below
-    assert min(left) > 30.0
+        assert final_error_deg(outcome) < 10.0  # of single people; the median of twenty is asserted below
+    alone = three_minutes(1, *STEADY)
+    assert alone.anchors == []
+    assert final_error_deg(alone) > 30.0
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.long
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("kind", "most_deg"),
-    [
-        pytest.param(STEADY, 3.0, id="steady", marks=pytest.mark.long),
-        pytest.param((), BOUND_DEG, id="as measured"),
-    ],
+    [pytest.param(STEADY, 3.0, id="steady"), pytest.param((), BOUND_DEG, id="as measured")],
 )
 def test_so_it_is_for_most_people(kind: tuple[str, ...], most_deg: float) -> None:
     errors_deg = [final_error_deg(three_minutes(seed, *kind, *EVERY_MINUTE)) for seed in range(1, 21)]
@@ -70,8 +63,7 @@ def test_so_it_is_for_most_people(kind: tuple[str, ...], most_deg: float) -> Non
 
 def test_who_notices_that_the_cursor_is_off_sets_it_right_by_themselves() -> None:
     """The realistic person of `--localize`, who counts no minutes."""
-    for seed in (1, 2):
-        outcome = three_minutes(seed, *STEADY, "user-sim.anchor_when_off_deg=10")
-        assert 2 <= len(outcome.anchors) <= 12
-        assert final_error_deg(outcome) < 15.0
-        assert {cursor.surface_id for cursor in outcome.cursors[-500:] if cursor.surface == "strip"}
+    outcome = three_minutes(1, *STEADY, "user-sim.anchor_when_off_deg=10")
+    assert 2 <= len(outcome.anchors) <= 12
+    assert final_error_deg(outcome) < 15.0
+    assert {cursor.surface_id for cursor in outcome.cursors[-500:] if cursor.surface == "strip"}

@@ -6,17 +6,15 @@ import pytest
 from pointit.services.localizer.config import LocalizerConfig
 from tests.unit.localizer.follower import START_NS, follow
 
-pytestmark = pytest.mark.timeout(300)
-
 LATE_S = {"prompt": (0.3, 0.8), "late": (1.0, 2.5)}
 """When the arm begins to rise after the press; all are up within the window."""
 
 
 @pytest.mark.parametrize("who", LATE_S)
 def test_poses_of_people_who_turn_away_when_they_may_point(who: str) -> None:
-    """100 people of each kind; before, 62 of the 200 ended more than 1 m off."""
+    """Were the pose not settled when pointing begins, every third would end more than 1 m off."""
     config = LocalizerConfig(method="moving_target")
-    courses = [follow(seed, config, late_s=LATE_S[who], duration_s=14.0) for seed in range(100)]
+    courses = [follow(seed, config, late_s=LATE_S[who], duration_s=14.0) for seed in range(25)]
     assert {len(course.poses) for course in courses} == {1}
     assert {course.states[-1] for course in courses} == {"pointing"}
     for course in courses:
@@ -30,14 +28,13 @@ def test_poses_of_people_who_turn_away_when_they_may_point(who: str) -> None:
     assert np.mean(errors_m <= 2.0 * sigmas_m) >= 0.95
 
 
-@pytest.mark.slow
 def test_poses_that_are_followed_on_while_people_point_elsewhere() -> None:
     """Asked for explicitly (`autostart`), it goes on, but takes no pose that contradicts the surest one.
 
-    Before, 22 of 40 ended more than 1 m off.
+    Otherwise half of them would end more than 1 m off.
     """
     config = LocalizerConfig(method="moving_target", autostart=True)
-    courses = [follow(seed, config, late_s=LATE_S["prompt"], duration_s=30.0) for seed in range(20)]
+    courses = [follow(seed, config, late_s=LATE_S["prompt"], duration_s=30.0) for seed in range(8)]
     assert {course.states[-1] for course in courses} == {"pointing"}
     assert any("contradict the pose" in news.reason for course in courses for news in course.told)
     errors_m = np.array([course.error_m for course in courses])

@@ -164,8 +164,8 @@ def test_a_sample_takes_microseconds() -> None:
     best = math.inf
     for _ in range(3):
         stillness = Stillness()
-        start = time.perf_counter()
+        start = time.process_time()
         for sample in samples:
             stillness.add(*sample)
-        best = min(best, (time.perf_counter() - start) / len(samples))
+        best = min(best, (time.process_time() - start) / len(samples))
     assert best < 5e-6

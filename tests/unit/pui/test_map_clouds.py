@@ -210,9 +210,9 @@ def test_a_million_points_are_read_in_seconds(tmp_path: Path) -> None:
     points = np.random.default_rng(1).uniform(-10, 10, (1_000_000, 3)).astype("<f4")
     path = tmp_path / "large.ply"
     path.write_bytes(ply("binary_little_endian", XYZ, rows=len(points)) + points.tobytes())
-    start = time.perf_counter()
+    start = time.process_time()
     read = read_cloud(path)
-    assert time.perf_counter() - start < 3.0
+    assert time.process_time() - start < 3.0
     np.testing.assert_array_equal(read, points.astype(np.float64))
 
 

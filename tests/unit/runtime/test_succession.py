@@ -43,8 +43,15 @@ async def bus() -> AsyncIterator[MemoryBus]:
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(succession, "LISTEN_S", 0.01)
-    monkeypatch.setattr(succession, "SILENT_S", 0.2)
+    monkeypatch.setattr(succession, "SILENT_S", 20.0)
     monkeypatch.setattr(succession, "TELL_AFTER_S", 0.05)
+
+
+async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:
+    """Put the report of process 17, as often as it takes to be heard."""
+    while not claiming.done():
+        bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
+        await asyncio.sleep(0.01)
 
 
 class TestClaim:
@@ -53,13 +60,12 @@ class TestClaim:
         began_s = asyncio.get_running_loop().time()
         await claim(bus, USER_ALIVE, {"anna"})
         await claim(bus, USER_ALIVE, ())
-        assert asyncio.get_running_loop().time() - began_s < 0.15
+        assert asyncio.get_running_loop().time() - began_s < succession.SILENT_S
 
     async def test_who_reports_keeps_the_name(self, bus: MemoryBus) -> None:
         bus.announce(USER_ALIVE, "anna")
         claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna", "ben"}))
-        await asyncio.sleep(0.05)
-        bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
+        await reported(bus, claiming)
         with pytest.raises(
             ConfigError, match=r"^anna: already on site memory; choose another name.*process 17 on elsewhere$"
         ):
@@ -68,8 +74,7 @@ class TestClaim:
     async def test_a_service_keeps_its_own(self, bus: MemoryBus) -> None:
         bus.announce(SERVICE_ALIVE, "pointing.anna")
         claiming = asyncio.create_task(claim(bus, SERVICE_ALIVE, {"pointing.anna"}, "do as you like"))
-        await asyncio.sleep(0.05)
-        bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
+        await reported(bus, claiming)
         with pytest.raises(ConfigError, match="do as you like"):
             await claiming
 
@@ -78,11 +83,12 @@ class TestClaim:
         claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna"}))
         await asyncio.sleep(0.05)
         token.close()
-        await asyncio.wait_for(claiming, 0.1)
+        await asyncio.wait_for(claiming, succession.SILENT_S / 2)
 
     async def test_who_is_silent_loses_it_and_the_wait_is_told(
-        self, bus: MemoryBus, caplog: pytest.LogCaptureFixture
+        self, bus: MemoryBus, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
     ) -> None:
+        monkeypatch.setattr(succession, "SILENT_S", 0.2)
         caplog.set_level("INFO")
         bus.announce(USER_ALIVE, "anna")
         bus.publisher(HEALTH, "pointing.ben").put(report(17, 5.0).model_copy(update={"user": "ben"}))
@@ -98,6 +104,7 @@ class TestSuccession:
         bus: MemoryBus,
         uptime_s: float,
         is_lost: bool,  # noqa: FBT001
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         at = Succession(bus, "pointing.anna", lambda: NOW_NS)
         await asyncio.sleep(0.01)
@@ -105,8 +112,8 @@ class TestSuccession:
         await until(lambda: bool(at.mind()))
         assert at.lost.is_set() is is_lost
         assert "process 17 on elsewhere" in at.mind()
-        await asyncio.sleep(0.3)
-        assert not at.mind(), "not heard any more"
+        monkeypatch.setattr(succession, "SILENT_S", 0.01)
+        await until(lambda: not at.mind(), what="not heard any more")
         at.close()
 
     @pytest.mark.parametrize("late_s", [0.0, 2.0, 20.0])

@@ -123,7 +123,6 @@ def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes in the file system are POSIX's")
-@pytest.mark.timeout(10)
 def test_a_pipe_in_its_place_is_not_waited_for(tmp_path: Path) -> None:
     first = made(tmp_path)
     first.certificate.unlink()

@@ -111,3 +111,9 @@ def test_a_point_at_the_eyes_is_at_no_angle() -> None:
     hit = hit_at(0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
     assert (hit.miss_m, hit.range_m) == (0.0, 0.0)
     assert math.isfinite(hit.miss_rad)
+
+
+def test_miss_of_a_point_behind_the_ray_is_its_distance_to_the_origin() -> None:
+    hit = hit_at(0, 0.0, (-3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+    assert hit.miss_m == pytest.approx(5.0)
+    assert hit.miss_rad == pytest.approx(math.atan2(4.0, -3.0))

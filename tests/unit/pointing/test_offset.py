@@ -135,6 +135,13 @@ def test_one_bad_hold_is_dropped(bad: tuple[float, float]) -> None:
     assert fitted.heading_rad == pytest.approx(expected.heading_rad)
 
 
+def test_at_most_a_third_of_the_holds_is_dropped() -> None:
+    good = [seen(20.0 * index, 0.0, 0.0, 2.0) for index in range(4)]
+    bad = [seen(20.0 * index, 0.0, 0.0, 10.0 + 2.0 * index) for index in range(3)]
+    fitted = fit([*good, *bad])
+    assert fitted.dropped == (5, 6)  # the two worst of seven
+
+
 def test_a_lone_hanging_hand_tells_nothing() -> None:
     fitted = fit([seen(0.0, 10.0, 0.0, 70.0)])
     assert fitted.offset is None

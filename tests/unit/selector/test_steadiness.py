@@ -81,3 +81,14 @@ def test_rays_a_nanosecond_apart_have_a_speed() -> None:
     for index in range(4):
         steadiness.add(1_700_000_000 * S + index, vector.direction(math.radians(1e-6 * index), 0.0))
     assert speed_deg_s(steadiness) == pytest.approx(1000.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("turned_deg_s", [10.0, -10.0])
+def test_speed_does_not_jump_where_the_azimuth_does(turned_deg_s: float) -> None:
+    steadiness = Steadiness(0.15)
+    for index in range(11):
+        turned_deg = 180.0 + turned_deg_s * (index - 5) / 100
+        steadiness.add(index * S // 100, vector.direction(math.radians(turned_deg), 0.0))
+    rate = steadiness.rate()
+    assert rate is not None
+    assert math.degrees(rate[0]) == pytest.approx(turned_deg_s)

@@ -135,3 +135,10 @@ def test_a_silent_trackers_objects_cannot_be_hovered() -> None:
     assert whereabouts.forget(6 * S + 1)
     assert not whereabouts.objects
     assert whereabouts.silent(6 * S + 1) == []
+
+
+def test_objects_are_hovered_where_they_are_displayed_which_is_where_they_were() -> None:
+    whereabouts = Whereabouts(margin_m=0.0, display_lag_s=0.5)
+    whereabouts.update("one", listing(on_strip("a", 2.0, speed_mps=1.0)))
+    assert under(whereabouts, cursor(1.5)) == "a"
+    assert under(whereabouts, cursor(2.5)) is None

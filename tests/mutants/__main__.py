@@ -1,0 +1,195 @@
+"""Check that tests notice mistakes: `scripts/mutants --help`.
+
+Each row of `mutants.toml` is a mutant: a mistake of one line that users would feel, and the test that must
+fail because of it. The test runs once unchanged, where it must pass, and once with the line replaced while
+Python imports its file (`plugin.py`): the files themselves are never touched.
+
+- killed: the test failed, as it must.
+- SURVIVED: the test passed. It has lost the behaviour: mend the test, not the row.
+- BROKEN: pytest ended otherwise, for instance because the changed module can no longer be imported.
+
+When code moves, `scripts/mutants --check` names the rows whose line is no longer found exactly once, and
+where such a line is now; `--mend` enters the new path where only one file has it. To add a mutant, append a
+row whose mistake changes behaviour and whose test is narrow and quick.
+"""
+
+import argparse
+import difflib
+import json
+import os
+import random
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tests.mutants.plugin import NOT_IMPORTED, VARIABLE, mutate
+
+ROOT = Path(__file__).parents[2]
+ROWS = Path(__file__).with_name("mutants.toml")
+SOURCES = ("schemas/pointit", "services/pointit", "bridges/pointit")
+TIMEOUT_S = 30
+"""Limit of a single test (s). A mutant that makes a test hang is killed."""
+PASSED, FAILED = 0, 1
+"""Exit codes of pytest. The others mean that it was interrupted or found no test."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A row of `mutants.toml`."""
+
+    file: str
+    """Path of the mutated module, relative to the root of the repository."""
+    line: str
+    """Original line without indentation. It occurs exactly once in `file`."""
+    mutated: str
+    """Line to put in its place, without indentation."""
+    test: str
+    """Test file or node id that fails with the mutant."""
+
+    def error(self) -> str:
+        """Return what must be mended in the row, or `""`."""
+        path = ROOT / self.file
+        if not path.is_file():
+            return f"{self.file}: no such file{self._elsewhere()}"
+        try:
+            compile(mutate(path.read_text("utf-8"), self.line, self.mutated), self.file, "exec")
+        except ValueError as error:
+            return f"{self.file}: {error}{self._elsewhere()}"
+        except SyntaxError as error:
+            return f"{self.file}: mutated line is no Python: {error}"
+        if self.line == self.mutated:
+            return f"{self.file}: line is not changed: {self.line}"
+        test, *names = self.test.split("::")
+        path = ROOT / test
+        if not path.is_file() or any(name.partition("[")[0] not in path.read_text("utf-8") for name in names):
+            return f"{self.test}: no such test"
+        return ""
+
+    def homes(self) -> list[str]:
+        """Return the product files that contain the line exactly once."""
+        files = (path for source in SOURCES for path in sorted((ROOT / source).rglob("*.py")))
+        return [
+            path.relative_to(ROOT).as_posix()
+            for path in files
+            if [text.strip() for text in path.read_text("utf-8").splitlines()].count(self.line) == 1
+        ]
+
+    def _elsewhere(self) -> str:
+        """Return a hint where the line may be now."""
+        if homes := self.homes():
+            return f"\n  the line is in {', '.join(homes)}"
+        path = ROOT / self.file
+        lines = [text.strip() for text in path.read_text("utf-8").splitlines()] if path.is_file() else []
+        nearest = difflib.get_close_matches(self.line, lines, n=1)
+        return f"\n  nearest line: {nearest[0]}" if nearest else ""
+
+
+def read(path: Path = ROWS) -> list[Mutant]:
+    """Return the mutants in the order of the file."""
+    return [Mutant(**row) for row in tomllib.loads(path.read_text("utf-8"))["mutant"]]
+
+
+def mend(path: Path = ROWS) -> None:
+    """Correct the paths of rows whose line is now in exactly one other file."""
+    text = path.read_text("utf-8")
+    head, *rows = text.split("[[mutant]]\n")
+    for index, mutant in enumerate(read(path)):
+        if mutant.error() and len(homes := mutant.homes()) == 1:
+            rows[index] = rows[index].replace(mutant.file, homes[0], 1)
+    path.write_text("[[mutant]]\n".join([head, *rows]), "utf-8")
+
+
+def run_tests(tests: Sequence[str], folder: str, mutant: Mutant | None = None) -> tuple[int, str]:
+    """Run `tests` in a process of their own, with `mutant` if given.
+
+    Python keeps bytecode in `folder`, which saves most of the time of later runs with the same one.
+
+    Returns:
+        The exit code of pytest and what it printed.
+    """
+    changed = {"PYTHONPYCACHEPREFIX": folder, "HYPOTHESIS_STORAGE_DIRECTORY": f"{folder}/hypothesis"}
+    # the same inputs in each run, and none of them remembered for later runs without the mutant
+    options = ["-q", "--no-header", "--tb=short", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
+    options += ["-o", f"timeout={TIMEOUT_S}"]
+    if mutant is not None:
+        changed[VARIABLE] = json.dumps(asdict(mutant) | {"file": str(ROOT / mutant.file)})
+        changed["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder}/hypothesis_of_mutants"
+        options += ["-x", "-p", "tests.mutants.plugin"]
+    ended = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *tests],
+        cwd=ROOT,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        | changed,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return ended.returncode, ended.stdout + ended.stderr
+
+
+def verdict(mutant: Mutant, folder: str) -> str:
+    """Return `"killed"`, or what is wrong."""
+    code, printed = run_tests([mutant.test], folder, mutant)
+    if code == FAILED:
+        return "killed"
+    if code == PASSED:
+        return f"SURVIVED ({NOT_IMPORTED})" if NOT_IMPORTED in printed else "SURVIVED"
+    return f"BROKEN (pytest ended with {code})\n{printed}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the mutants that `arguments` choose; return 0 if their tests killed all of them."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/mutants",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("part", nargs="*", help="only mutants whose file or test contains this text")
+    parser.add_argument("--sample", type=int, metavar="N", help="only N of them, chosen by --seed")
+    parser.add_argument("--seed", default="0", help="any text; the same text chooses the same mutants")
+    parser.add_argument("--check", action="store_true", help="only check the rows; run no test")
+    parser.add_argument("--mend", action="store_true", help="correct paths of moved files first")
+    chosen = parser.parse_args(arguments)
+    if chosen.mend:
+        mend()
+    mutants = [
+        mutant
+        for mutant in read()
+        if not chosen.part or any(part in mutant.file + " " + mutant.test for part in chosen.part)
+    ]
+    if chosen.sample is not None:
+        mutants = random.Random(chosen.seed).sample(mutants, min(chosen.sample, len(mutants)))  # noqa: S311
+    errors = [error for mutant in mutants if (error := mutant.error())]
+    print("\n".join([*errors, f"{len(mutants)} mutants, {len(errors)} rows to mend"]))
+    if errors or chosen.check or not mutants:
+        return int(bool(errors) or not mutants)
+
+    with tempfile.TemporaryDirectory() as folder:
+        return _run(mutants, folder)
+
+
+def _run(mutants: Sequence[Mutant], folder: str) -> int:
+    """Run the tests of `mutants` without and with them; return 0 if all are killed."""
+    code, printed = run_tests(sorted({mutant.test for mutant in mutants}), folder)
+    if code != PASSED:
+        print(f"{printed}\nThe tests fail without any mutant.")
+        return 1
+    killed = 0
+    for mutant in mutants:
+        began = time.monotonic()
+        answer = verdict(mutant, folder)
+        killed += answer == "killed"
+        print(f"{time.monotonic() - began:5.1f} s  {mutant.file}: {mutant.mutated}: {answer}", flush=True)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(f"{killed} of {len(mutants)} killed, {used.ru_utime + used.ru_stime:.0f} s of CPU")
+    return int(killed < len(mutants))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -15,8 +15,8 @@ from rich.table import Table
 
 from benchmarks import bare_chain, cores, our_chain, page, ros2, startup, users
 from benchmarks.statistics import Figures, machine
-from pointit.runtime.ending import SWITCH_INTERVAL_S
-from pointit.runtime.state import VARIABLE
+from pointit.runtime.host.state_file import VARIABLE
+from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 
 RATE_HZ = 100.0
 PARTS = ("latency", "users", "startup", "cores", "page", "ros2")

@@ -10,13 +10,13 @@ import numpy as np
 
 from benchmarks.light import frame_rows
 from benchmarks.paper_cursor import TOLERANCE_M, PaperCursor, discretized, walls
-from pointit.evaluation.baselines import mean_angle_4dof, mean_angle_z0
+from pointit.evaluation.localization.baselines import mean_angle_4dof, mean_angle_z0
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
 from pointit.schemas import Cloud, Environment, PointingRay, UserPose
-from pointit.services.localizer.estimator import Pointings, Solution, solve
+from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.map_file import load_map
 from pointit.services.pui.shapes import Kind
 from pointit.services.pui.surfaces import Surfaces
 

@@ -18,8 +18,8 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.layout import Layout
-from pointit.services.led_driver.lights import Lights
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.picture.layout import Layout
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 BLOCKS = 10

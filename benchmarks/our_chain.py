@@ -5,15 +5,15 @@ import math
 import time
 from collections.abc import Sequence
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.processes import Processes
-from pointit.cli.scenario import read_scenario
 from pointit.geometry import rotation
-from pointit.runtime.bus import Publisher
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.run.subprocesses import Processes
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import WallClock
-from pointit.runtime.link import Link
-from pointit.runtime.service import Launch, run_services
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample, StripsFrame, UserPose
 from pointit.schemas.topics import IMU, POSE, STRIPS_FRAME
 

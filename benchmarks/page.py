@@ -14,9 +14,9 @@ import psutil
 from playwright.async_api import Page
 
 from benchmarks.statistics import machine
-from pointit.cli.latency import Latency
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.launch.run.latency import Latency
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import CURSOR, STRIPS_FRAME
 from tests.e2e.web.site import SitePage, running
 from tests.support.bare_pages import elsewhere

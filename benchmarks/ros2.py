@@ -15,13 +15,13 @@ import psutil
 
 from benchmarks import bare_relay
 from benchmarks.statistics import Figures, machine
-from pointit.bridges.ros2.backend import Backend, Graph, Qos
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.graph.backend import Backend, Graph, Qos
+from pointit.bridges.ros2.graph.backends import opened
+from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import PointingRay, WristSample
 from pointit.schemas.topics import RAY, USER_ALIVE, WRIST
 from tests.support.buses import free_port

@@ -6,12 +6,12 @@ from typing import Any
 
 from benchmarks.our_chain import Wrist, beat
 from benchmarks.statistics import Figures
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.scenario import read_scenario
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.clock import WallClock
-from pointit.runtime.link import Link
-from pointit.runtime.service import run_services
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import run_services
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor
 from pointit.schemas.topics import CURSOR, IMU
 

@@ -8,15 +8,15 @@ from pathlib import Path
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.monitor import Monitor
-from pointit.cli.scenario import read_scenario
-from pointit.cli.score import Score
-from pointit.cli.view import draw
+from pointit.cli.display.view import draw
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.score import Score
 from pointit.runtime.clock import SimulatedClock
-from pointit.runtime.link import Link
-from pointit.runtime.service import run_services
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import run_services
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 PEOPLE = 1
 SPEED = 1.0

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.config import Config
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Context
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.config.config import Config
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.service import Context
 from pointit.schemas.topics import USER_ALIVE
 from pointit.services.registry import PROCESSES, Process
 from tests.support.bench import ManualClock, until

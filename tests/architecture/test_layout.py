@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.config import Config
-from pointit.runtime.service import Service
+from pointit.runtime.config.config import Config
+from pointit.runtime.service.service import Service
 from pointit.schemas.topics import REQUESTS, TOPICS, Topic
 from pointit.services.registry import PROCESSES, Process
 from tests.architecture import keys, sources
@@ -25,42 +25,43 @@ OUTSIDERS = {"cli", "external", "every service"}
 DEVICES = {
     "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py"},
     "keeper": {"record.py"},
-    "led-driver": {"expander.py"},
-    "selector": {"history.py"},
+    "led-driver": {"output/expander.py"},
+    "selector": {"store/history.py"},
     "web": {
-        "answers.py",
-        "app.py",
-        "certificate.py",
-        "download.py",
-        "guard.py",
-        "lan.py",
-        "link_file.py",
-        "pages.py",
-        "past.py",
-        "people.py",
-        "phone.py",
-        "phone_line.py",
-        "serving.py",
-        "session.py",
-        "wrist_motion.py",
+        "pages/request_dispatcher.py",
+        "server/app.py",
+        "server/certificate.py",
+        "server/download.py",
+        "server/security_middleware.py",
+        "server/lan.py",
+        "server/link_file.py",
+        "pages/open_pages.py",
+        "model/history.py",
+        "model/people.py",
+        "wrists/phone.py",
+        "wrists/phone_connection.py",
+        "server/listener.py",
+        "pages/session.py",
+        "wrists/wrist_motion.py",
     },
     "ros2": {
-        "backends.py",
-        "calls.py",
-        "complaints.py",
-        "ear.py",
-        "guests.py",
-        "inbox.py",
-        "outbox.py",
-        "outlook.py",
-        "parameters.py",
-        "site.py",
+        "graph/backends.py",
+        "routing/calls.py",
+        "graph/backend_warnings.py",
+        "routing/input_subscription.py",
+        "routing/guests.py",
+        "routing/inbox.py",
+        "routing/outbox.py",
+        "graph/graph_monitor.py",
+        "parameters/map_of_node.py",
+        "parameters/node_parameters.py",
+        "routing/site.py",
         "over_rclpy/backend.py",
         "over_rclpy/seat.py",
         "over_rclpy/services.py",
         "over_rclpy/topics.py",
         "over_zenoh/backend.py",
-        "over_zenoh/seat.py",
+        "over_zenoh/endpoint_context.py",
         "over_zenoh/services.py",
         "over_zenoh/topics.py",
     },
@@ -112,7 +113,9 @@ def test_every_service_has_the_four_files_and_a_core(row: Process) -> None:
     folder = folder_of(row)
     modules = {path.name for path in folder.glob("*.py")}
     assert modules >= FOUR_FILES
-    assert modules - FOUR_FILES, f"{shown(folder)} has no core: the module named after its idea"
+    assert {path.name for path in folder.rglob("*.py")} - FOUR_FILES, (
+        f"{shown(folder)} has no core: the module named after its idea"
+    )
 
 
 @rows
@@ -129,7 +132,9 @@ def test_every_service_is_what_its_row_says(row: Process) -> None:
 def test_every_main_is_the_same_five_lines(row: Process) -> None:
     statements = sources.tree(folder_of(row) / "__main__.py").body[1:]
     assert [ast.unparse(statement) for statement in statements] == [
-        *sorted(["from pointit.runtime.process import main", f"from {row.package}.service import SERVICE"]),
+        *sorted(
+            ["from pointit.runtime.service.process import main", f"from {row.package}.service import SERVICE"]
+        ),
         "main(SERVICE)",
     ]
 
@@ -157,10 +162,10 @@ def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
     assert shells <= set(modules), "DEVICES names what is not there"
     cores = tuple(path for place, path in modules.items() if place not in shells)
     doors = ("asyncio", "threading", "time", "logging", "serial", "pointit.runtime")
-    harmless = set(sources.importers("pointit.runtime.config", cores))
+    harmless = set(sources.importers("pointit.runtime.config.config", cores))
     harmless |= set(sources.importers("pointit.runtime.errors", cores))
-    harmless |= set(sources.importers("pointit.runtime.complaint", cores))
-    harmless |= set(sources.importers("pointit.runtime.skew", cores))
+    harmless |= set(sources.importers("pointit.runtime.config.validation_message", cores))
+    harmless |= set(sources.importers("pointit.runtime.health.clock_skew", cores))
     found = {place for module in doors for place in sources.importers(module, cores)}
     assert not found - harmless, f"{row.name}: a core gets inputs and the time, and returns messages"
 

@@ -24,8 +24,11 @@ def modules() -> list[str]:
 
 
 def test_what_decides_loads_no_zenoh() -> None:
-    names = ["pointit.runtime.service", *modules()]
-    assert {"pointit.evaluation.localization", "pointit.services.selector.selecting"} <= set(names)
+    names = ["pointit.runtime.service.service", *modules()]
+    assert {
+        "pointit.evaluation.localization.localization",
+        "pointit.services.selector.selection_engine",
+    } <= set(names)
     script = (
         "import importlib, sys\n"
         "for name in sys.stdin.read().split():\n"

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Iterator
 
-from pointit.runtime.bus import AnyTopic
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Message, Selection
 from pointit.schemas.topics import IMU, POSE, PROFILE, SELECTION
 from tests.support.bench import until

@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from pointit.runtime.bus import Bus, present
+from pointit.runtime.bus.contract import Bus, present
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
-from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import (
     Done,
     SetBrightness,

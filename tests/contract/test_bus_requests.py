@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from pointit.runtime.bus import MAX_IN_FLIGHT
+from pointit.runtime.bus.contract import MAX_IN_FLIGHT
 from pointit.runtime.errors import NoAnswerError, RefusedError
 from pointit.schemas import (
     AddPackage,

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.bus import EVENT_CAPACITY
+from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import (
     ButtonEvent,

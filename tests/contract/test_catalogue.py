@@ -7,8 +7,9 @@ from typing import Any, TypeGuard
 import msgpack
 import pytest
 
-from pointit.cli.schema import read_folder
-from pointit.schemas import Message, Query, catalogue, decode, encode
+from pointit.cli.inspect.schema import read_folder
+from pointit.schemas import Message, Query, decode, encode
+from pointit.schemas.catalogue import catalogue
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 FOLDER = Path(__file__).parents[2] / "schemas" / "catalogue"

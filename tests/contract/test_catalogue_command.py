@@ -8,9 +8,10 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.schema import command
+from pointit.cli.inspect.schema import command
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import ImuSample, SchemaError, catalogue
+from pointit.schemas import ImuSample, SchemaError
+from pointit.schemas.catalogue import catalogue
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,8 +8,8 @@ import pytest
 from pydantic import Field, create_model
 
 from pointit.schemas import Message, Part, SchemaError, decode
-from pointit.schemas.catalogue import generate, outdated, renewed
-from pointit.schemas.growth import losses
+from pointit.schemas.catalogue.catalogue import generate, outdated, renewed
+from pointit.schemas.catalogue.compatibility import losses
 
 
 class Wheel(Part):

@@ -19,7 +19,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.router_account import SERVICE
+from pointit.runtime.zenoh.router.router_health import SERVICE
 from pointit.schemas import ButtonEvent, Cursor, encode
 from pointit.schemas.topics import BUTTON, CURSOR, REQUESTS, TOPICS
 from tests.faults.account import Account, Fault

@@ -5,8 +5,8 @@
 import pytest
 import zenoh
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_session import configuration
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.session import configuration
 
 KNOCK_MS = 300
 """For how long somebody tries at a time whom the router tells of; who is let in, is so within 10 ms."""

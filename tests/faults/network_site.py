@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pointit.runtime.credentials import read_credentials
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.credentials import read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from tests.faults.network import Host, Network, network, network_or_skip
 from tests.faults.network_view import PATIENCE_S, View
 from tests.integration.access.secured import now

@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pointit.runtime.credentials import read_credentials
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.credentials import read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message, SelectionEvent
 from pointit.schemas.topics import CURSOR, OBJECTS, SELECTION, SELECTION_EVENTS, STRIPS_FRAME, Topic
 from tests.faults.network_view import told

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import Finding, Observation, Report
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Deployment, Health, SelectionEvent
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HEALTH, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.support.bench import until

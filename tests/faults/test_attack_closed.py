@@ -8,7 +8,7 @@ import json
 import pytest
 import zenoh
 
-from pointit.runtime.zenoh_session import configuration
+from pointit.runtime.zenoh.session import configuration
 from tests.faults.account import Account
 from tests.faults.attackers import attack, besieged, member
 from tests.faults.site import Site

@@ -11,9 +11,9 @@ import pytest
 import zenoh
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.credentials import read_credentials, refusal
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_session import configuration
+from pointit.runtime.link.credentials import read_credentials, refusal
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.session import configuration
 from tests.faults.account import Account
 from tests.faults.attackers import attack, besieged, keys_of, new_rules
 from tests.faults.site import SITE, Site

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from pointit.access.recent import RECENT_S
+from pointit.access.recent_denials import RECENT_S
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.credentials import refusal
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import configuration
+from pointit.runtime.link.credentials import refusal
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.session import configuration
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import CURSOR, IMU, POSE, RAY, SET_METHOD, USER_ALIVE
 from tests.faults.account import Account
 from tests.faults.attackers import PATIENCE_S, ROUTER, attack, besieged, keys_of, member, new_rules

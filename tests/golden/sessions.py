@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 from unittest import mock
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.scenario import read_scenario
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime import BusClosedError, Exchange, Launch, MemoryBus, Subscription, run_services
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, HEALTH, TOPICS, Delivery, Topic

@@ -5,12 +5,12 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config import Config
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import AnyService, Launch, run_service
+from pointit.runtime.config.config import Config
+from pointit.runtime.service.service import AnyService, Launch, run_service
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic
 from tests.support.pace import Patience

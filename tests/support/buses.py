@@ -12,12 +12,12 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from pointit.runtime.bus import Bus
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.link import Link
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.router import routing
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 

@@ -9,8 +9,8 @@ from collections.abc import AsyncGenerator
 from dataclasses import dataclass, field
 
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service import AnyService, Launch, run_service
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.service.service import AnyService, Launch, run_service
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample
 from pointit.schemas.topics import IMU
 from tests.support.bench import until

@@ -17,8 +17,8 @@ from typing import Any
 
 import psutil
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects
 from pointit.schemas.topics import (
     CURSOR,

@@ -4,10 +4,10 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.bridges.ros2.backend import Closable, Endpoint, Graph, RosType
-from pointit.bridges.ros2.parameter_values import message_of
-from pointit.bridges.ros2.parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.graph.backend import Closable, Endpoint, Graph, RosType
+from pointit.bridges.ros2.parameters.node_parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX
+from pointit.bridges.ros2.parameters.values import message_of
+from pointit.bridges.ros2.types.types import Types
 
 NODE = "/pui"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     Anchor,

@@ -3,7 +3,7 @@
 import asyncio
 import time
 
-from pointit.runtime.bus import Publisher
+from pointit.runtime.bus.contract import Publisher
 from pointit.schemas import ButtonEvent, ImuSample, Message, UserProfile
 from tests.support.bench import until
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.runtime import service
+from pointit.runtime.service import service
 
 
 @pytest.fixture(autouse=True)

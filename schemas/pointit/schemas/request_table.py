@@ -3,7 +3,7 @@
 from typing import Any
 
 from pointit.schemas import requests
-from pointit.schemas.rows import Request
+from pointit.schemas.table_types import Request
 
 ADD_PACKAGE = Request(
     key="conveyor/add_package",

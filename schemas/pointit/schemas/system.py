@@ -6,7 +6,7 @@ from pydantic import Field
 
 from pointit.schemas.base import Many, Message, Part
 from pointit.schemas.errors import KeyNameError
-from pointit.schemas.rows import check_name
+from pointit.schemas.table_types import check_name
 
 RUN = "run."
 """First characters of the name under which a run tells its deployment. No person may write there."""

@@ -31,7 +31,16 @@ from pointit.schemas.request_table import (
     START_LOCALIZATION,
     UNDO_SELECTION,
 )
-from pointit.schemas.rows import ANY, NAME, STALE_PERIODS, Delivery, Presence, Request, Topic, check_name
+from pointit.schemas.table_types import (
+    ANY,
+    NAME,
+    STALE_PERIODS,
+    Delivery,
+    Presence,
+    Request,
+    Topic,
+    check_name,
+)
 
 __all__ = [
     "ADD_PACKAGE",

@@ -12,7 +12,7 @@ from typing import Any
 from pointit.access.rights import Role, rights_of
 from pointit.access.rules import Rule, everything, namespace, rules_of
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link import LEASE_MS
+from pointit.runtime.link.link import LEASE_MS
 from pointit.schemas.topics import ANY, HEALTH, REQUESTS, TOPICS, Delivery, Request, Topic
 
 LARGEST_BYTES = 1024 * 1024

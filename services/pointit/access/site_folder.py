@@ -25,10 +25,10 @@ from pointit.access.files import locked, read
 from pointit.access.rights import Role
 from pointit.access.router_configuration import Routed, common_name
 from pointit.access.site_state import Identity, SiteState
-from pointit.runtime.complaint import complaint
-from pointit.runtime.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
+from pointit.runtime.config.validation_message import complaint
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.files import put
+from pointit.runtime.host.atomic_file import put
+from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.schemas.topics import check_name
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from pydantic import Field
 
 from pointit.access.rights import Role
 from pointit.access.router_configuration import Member, Routed, common_name
-from pointit.runtime.config import Config
-from pointit.runtime.credentials import LinkFile
+from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import LinkFile
 
 MOST_FORMER = 20
 """Certificates of an identity that are named when somebody still uses them."""

@@ -7,38 +7,62 @@ from typing import Any, NoReturn
 
 import click
 
-from pointit.cli.lazy import Entry, LazyGroup, from_module
+from pointit.cli.common.lazy import Entry, LazyGroup, from_module
 
 COMMANDS = (
-    ("run", "start a scenario: its services, simulated people, a live view", "pointit.cli.run:run"),
-    ("user", "add one person's services to a running site", "pointit.cli.user:command"),
+    ("run", "start a scenario: its services, simulated people, a live view", "pointit.cli.run.run:run"),
+    ("user", "add one person's services to a running site", "pointit.cli.run.user:command"),
     (
         "dashboard",
         "open the page of a site that runs elsewhere, in the browser",
-        "pointit.cli.dashboard:command",
+        "pointit.cli.run.dashboard:command",
     ),
-    ("service", "run one service; its --help documents every parameter", "pointit.cli.service:command"),
-    ("list", "list what there is to run", "pointit.cli.list:command"),
-    ("topics", "show the topic table: what travels, how often, who writes it", "pointit.cli.topics:command"),
-    ("echo", "print messages as they come", "pointit.cli.echo:command"),
-    ("press", "press a person's button from here", "pointit.cli.press:command"),
-    ("map", "check a map, draw it, fetch it from ROS 2, list the shipped ones", "pointit.cli.map:command"),
-    ("calibrate", "measure how a sensor is worn, and how a person points", "pointit.cli.calibrate:command"),
-    ("anchor", "point at one lamp, to set a person's pose right", "pointit.cli.anchor:command"),
-    ("pose", "show where a person stands and how sure that is, or say it", "pointit.cli.pose:command"),
-    ("call", "ask a service for something; alone, list what can be asked", "pointit.cli.call:command"),
-    ("hz", "measure rates against the nominal ones", "pointit.cli.hz:command"),
-    ("doctor", "say what runs, what is stale, what is wrong and what to do", "pointit.cli.doctor:command"),
+    ("service", "run one service; its --help documents every parameter", "pointit.cli.run.service:command"),
+    ("list", "list what there is to run", "pointit.cli.run.list:command"),
+    (
+        "topics",
+        "show the topic table: what travels, how often, who writes it",
+        "pointit.cli.inspect.topics:command",
+    ),
+    ("echo", "print messages as they come", "pointit.cli.inspect.echo:command"),
+    ("press", "press a person's button from here", "pointit.cli.people.press:command"),
+    (
+        "map",
+        "check a map, draw it, fetch it from ROS 2, list the shipped ones",
+        "pointit.cli.maps.map:command",
+    ),
+    (
+        "calibrate",
+        "measure how a sensor is worn, and how a person points",
+        "pointit.cli.people.calibrate:command",
+    ),
+    ("anchor", "point at one lamp, to set a person's pose right", "pointit.cli.people.anchor:command"),
+    ("pose", "show where a person stands and how sure that is, or say it", "pointit.cli.people.pose:command"),
+    (
+        "call",
+        "ask a service for something; alone, list what can be asked",
+        "pointit.cli.inspect.call:command",
+    ),
+    ("hz", "measure rates against the nominal ones", "pointit.cli.inspect.hz:command"),
+    (
+        "doctor",
+        "say what runs, what is stale, what is wrong and what to do",
+        "pointit.cli.inspect.doctor:command",
+    ),
     (
         "evaluate",
         "measure on recordings of people how good the estimates are",
-        "pointit.cli.evaluate:command",
+        "pointit.cli.evaluate.command:command",
     ),
-    ("load", "measure how many people this machine, or a site, carries", "pointit.cli.load:command"),
-    ("audit", "show who selected what, when and how surely", "pointit.cli.audit:command"),
-    ("schema", "write or check the catalogue of messages", "pointit.cli.schema:command"),
-    ("router", "run a router that joins several machines", "pointit.cli.router:command"),
-    ("site", "say who may join a site, and what each may do there", "pointit.cli.site:command"),
+    (
+        "load",
+        "measure how many people this machine, or a site, carries",
+        "pointit.cli.loadtest.command:command",
+    ),
+    ("audit", "show who selected what, when and how surely", "pointit.cli.inspect.audit:command"),
+    ("schema", "write or check the catalogue of messages", "pointit.cli.inspect.schema:command"),
+    ("router", "run a router that joins several machines", "pointit.cli.site.router:command"),
+    ("site", "say who may join a site, and what each may do there", "pointit.cli.site.site:command"),
 )
 """Name, one line, and where the command is: `module:attribute`."""
 
@@ -127,6 +151,6 @@ command = front()
 
 def main() -> NoReturn:
     """Run the command line; what `pointit` and `python -m pointit.cli` call."""
-    from pointit.runtime.process import run_program  # noqa: PLC0415 - the table above is wanted without it
+    from pointit.runtime.service.process import run_program  # noqa: PLC0415 - the table above is wanted without it
 
     run_program(command)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from pointit.schemas import Health, UserPose
-from pointit.services.localizer.choice import Choice
-from pointit.services.localizer.estimator import Trust
+from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.procedures.target_plan import Choice
 
 UNSURE_M = Trust().max_position_sigma_m
 UNSURE_DEG = round(math.degrees(Trust().max_yaw_sigma_rad), 6)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.runtime.skew import REMEDY, SkewWatch
+from pointit.runtime.health.clock_skew import REMEDY, SkewWatch
 
 
 def clocks_apart(seen: Observation) -> Iterator[Finding]:

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pointit.diagnosis.writers import instance_of, start_command
 from pointit.schemas import Deployment, ExpectedService, Health
-from pointit.schemas.rows import NAME
 from pointit.schemas.system import RUN
+from pointit.schemas.table_types import NAME
 
 SILENT_S = 3.0
 """Present, but without a report for so long: stopped, or too busy to report."""

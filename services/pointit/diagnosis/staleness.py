@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
 from pointit.diagnosis.writers import is_bridge, present_writers
-from pointit.runtime.bus import AnyTopic
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Health, KeyHealth
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS

@@ -2,8 +2,8 @@
 
 from collections.abc import Collection, Iterable
 
-from pointit.runtime.bus import AnyTopic
-from pointit.schemas.rows import NAME
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, HEALTH
 from pointit.services.registry import PROCESSES, Process
 

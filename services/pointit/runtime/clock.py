@@ -6,7 +6,7 @@ import time
 from collections.abc import AsyncIterator
 from typing import Protocol
 
-from pointit.runtime.bus import Bus, Closable
+from pointit.runtime.bus.contract import Bus, Closable
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.bus import Bus
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.link import Link
-from pointit.runtime.service import Launch, run_services
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig

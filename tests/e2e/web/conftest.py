@@ -7,7 +7,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Browser
 
-from pointit.bridges.web.bundle import STATIC
+from pointit.bridges.web.server.bundle import STATIC
 from tests.e2e.web.site import SitePage, running
 from tests.support.browser import NAMES, chromium, installed
 from tests.support.commands import Commands

@@ -23,10 +23,10 @@ from pointit.access.router_configuration import Routed
 from pointit.access.router_configuration import configuration as router_configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
-from pointit.runtime.credentials import Credentials, read_credentials
-from pointit.runtime.link import Link
-from pointit.runtime.router import parsed
-from pointit.runtime.zenoh_session import configuration
+from pointit.runtime.link.credentials import Credentials, read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.router.router import parsed
+from pointit.runtime.zenoh.session import configuration
 from tests.support.buses import free_port
 from tests.support.pace import Patience
 

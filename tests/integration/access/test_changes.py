@@ -9,9 +9,9 @@ import zenoh
 
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.credentials import read_credentials, refusal
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.credentials import read_credentials, refusal
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, ImuSample
 from pointit.schemas.topics import ANY, BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
 from tests.integration.access.secured import (

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from pointit.access.router_configuration import configuration
-from pointit.runtime.router import Router
-from pointit.runtime.tcp_silence import LINGER, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import LINGER, tcp_sockets
+from pointit.runtime.zenoh.router.router import Router
 from tests.integration.access.secured import Member, make_site
 from tests.support.bench import until
 

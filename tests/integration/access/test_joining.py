@@ -14,12 +14,12 @@ import pytest_asyncio
 import zenoh
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.bus import AnyTopic
-from pointit.runtime.credentials import read_credentials, refusal
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
-from pointit.runtime.link import Link
-from pointit.runtime.router import routing
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.credentials import read_credentials, refusal
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import (
     ButtonEvent,
     Done,

@@ -6,8 +6,8 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, Health
 from pointit.schemas.topics import BUTTON, HEALTH, SERVICE_ALIVE
 from tests.integration.access.secured import link_of, make_site, routed

@@ -9,7 +9,7 @@ from pathlib import Path
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service import Launch, run_service
+from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import ImuSample, SetMounting
 from pointit.schemas.topics import IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw

@@ -10,8 +10,8 @@ import sys
 from collections.abc import AsyncGenerator
 from typing import Any, ClassVar
 
-from pointit.runtime.config import Config
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.config.config import Config
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Deployment, ExpectedService, PointingRay, UserProfile
 from pointit.schemas.topics import DEPLOYMENT, IMU, PROFILE, RAY
 from pointit.services.pointing.service import Pointing

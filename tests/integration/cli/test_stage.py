@@ -11,19 +11,19 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.execution import _Run
-from pointit.cli.launches import Choices
-from pointit.cli.page import page_of
-from pointit.cli.plan import Plan
-from pointit.cli.program import Program, staged
-from pointit.cli.scenario import read_scenario
-from pointit.cli.settings import Settings
-from pointit.cli.stage import Stage
-from pointit.runtime.bus import Bus
+from pointit.cli.run.execution import _Run
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.page import page_of
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario_catalog import Program, staged
+from pointit.launch.plan.settings import Settings
+from pointit.launch.run.running_scenario import Stage
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Deployment, Environment, Health, Message, RunScenario
 from pointit.schemas.topics import (
     CONVEYOR_STATE,
@@ -271,7 +271,9 @@ async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
 
 async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit.cli.onlookers.SILENT_S", 1.2)
-    monkeypatch.setattr("pointit.runtime.service.HEALTH_PERIOD_S", 0.2)  # a late report is no silence yet
+    monkeypatch.setattr(
+        "pointit.runtime.service.service.HEALTH_PERIOD_S", 0.2
+    )  # a late report is no silence yet
     monkeypatch.setattr(StandIn, "viewers", 1)
     async with going(plan_of("scenario_2", duration_s=0.5)) as run:
         await until(run.run._is_looked_on, PATIENCE_S, "somebody")

@@ -11,13 +11,13 @@ import pytest_asyncio
 from pointit.bridges.foxglove import service as bridge
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import FAST, SERVICE
-from pointit.runtime import service
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ListenError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.process import service_command
-from pointit.runtime.service import Launch, run_service
+from pointit.runtime.service import service
+from pointit.runtime.service.process import service_command
+from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import (
     Belt,
     Cursor,

@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.processes import Processes
-from pointit.cli.scenario import read_scenario
-from pointit.runtime.link import Link
-from pointit.runtime.service import Launch
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.run.subprocesses import Processes
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import Launch
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message
 from pointit.schemas.topics import (
     INTERACTION,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.replay import replay
+from pointit.cli.run.replay import replay
 from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 

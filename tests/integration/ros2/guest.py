@@ -7,10 +7,10 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from pointit.bridges.ros2.backend import SENSOR, Backend, Qos
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.graph.backend import SENSOR, Backend, Qos
+from pointit.bridges.ros2.graph.backends import opened
+from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S

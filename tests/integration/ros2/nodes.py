@@ -18,12 +18,12 @@ from typing import Any
 
 import zenoh
 
-from pointit.bridges.ros2.backend import LATCHED, Backend, Graph, Qos, RosType
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import LATCHED, Backend, Graph, Qos, RosType
+from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
-from pointit.runtime.zenoh_plain import open_plain
-from pointit.runtime.zenoh_plain_link import PlainLink
+from pointit.runtime.foreign_zenoh.raw_session import open_plain
+from pointit.runtime.foreign_zenoh.session_config import PlainLink
 from tests.architecture.sources import ROOT
 from tests.support.bench import until
 from tests.support.buses import free_port

@@ -8,13 +8,13 @@ import pytest
 import yaml
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.map_parameters import parameters_of
-from pointit.bridges.ros2.parameters import LIST, LIST_SUFFIX
-from pointit.bridges.ros2.types import Types
-from pointit.cli.map_node import Wish, fetched
+from pointit.bridges.ros2.parameters.map_of_node import Wish, fetched
+from pointit.bridges.ros2.parameters.map_parameters import parameters_of
+from pointit.bridges.ros2.parameters.node_parameters import LIST, LIST_SUFFIX
+from pointit.bridges.ros2.types.types import Types
+from pointit.maps.file import load_map, map_path
+from pointit.runtime.config.yaml_file import parse_yaml
 from pointit.runtime.errors import ConnectError, NoAnswerError
-from pointit.runtime.yaml_file import parse_yaml
-from pointit.services.pui.map_file import load_map, map_path
 from tests.integration.ros2.nodes import DOMAIN, Graphs, graphs
 from tests.support.commands import Commands
 from tests.support.data import data_file

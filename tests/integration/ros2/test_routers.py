@@ -8,15 +8,15 @@ import time
 
 import pytest
 
-from pointit.bridges.ros2.backend import LATCHED
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import LATCHED
+from pointit.bridges.ros2.graph.backends import opened
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
-from pointit.runtime.link import LEASE_MS, Link
-from pointit.runtime.tcp_silence import tcp_sockets
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_plain import open_plain
-from pointit.runtime.zenoh_plain_link import PlainLink
+from pointit.runtime.foreign_zenoh.raw_session import open_plain
+from pointit.runtime.foreign_zenoh.session_config import PlainLink
+from pointit.runtime.host.tcp_timeouts import tcp_sockets
+from pointit.runtime.link.link import LEASE_MS, Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from tests.integration.ros2.nodes import (
     ADD,
     BOOL,

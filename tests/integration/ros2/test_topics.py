@@ -10,7 +10,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.bridges.ros2.backend import LATCHED, ROSOUT, SENSOR, Qos
+from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, Qos
 from pointit.runtime.errors import BusClosedError
 from tests.integration.ros2.nodes import BOOL, POSE, RELIABLE, Node, arrives, cdr_of, graphs, met, number_of
 from tests.support.bench import until

@@ -10,15 +10,15 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.bridges.ros2.backend import SENSOR
-from pointit.bridges.ros2.outbox import Outbox
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.scene import Scene
-from pointit.bridges.ros2.site import Site
-from pointit.bridges.ros2.types import Types
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.bridges.ros2.graph.backend import SENSOR
+from pointit.bridges.ros2.routing.outbox import Outbox
+from pointit.bridges.ros2.routing.routes import routes
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.types.types import Types
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import PointingRay
 from pointit.schemas.topics import RAY
 from tests.integration.ros2.nodes import DOMAIN, POSE, Node, arrives, cdr_of, graphs

@@ -8,8 +8,8 @@ from collections.abc import AsyncIterator
 import pytest_asyncio
 import zenoh
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 
 @pytest_asyncio.fixture

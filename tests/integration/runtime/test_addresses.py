@@ -6,8 +6,8 @@ import socket
 import pytest
 
 from pointit.runtime.errors import ConnectError, ListenError
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from tests.support.buses import free_port, router_process
 
 

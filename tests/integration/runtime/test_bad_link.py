@@ -6,8 +6,8 @@ import itertools
 import random
 from collections.abc import AsyncGenerator
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import SELECTION_EVENTS
 from tests.support.bench import START_NS, until

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import RouterProcess, free_port, router_process
@@ -140,8 +140,8 @@ async def test_a_service_ends_while_it_tries_to_reach_a_router_that_never_answer
 
 BODY = """
 import asyncio, sys
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh.session import Link
 from pointit.schemas import Done, UserProfile, ButtonEvent
 from pointit.schemas.topics import *
 
@@ -175,7 +175,7 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(end: str, code: int) 
 
 STUBBORN = """
 import asyncio, threading
-from pointit.runtime import ending
+from pointit.runtime.service.service import shutdown as ending
 ending.END_PATIENCE_S = 0.5
 
 async def work():

@@ -13,7 +13,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, encode
 from pointit.schemas.topics import IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
 from tests.support.bench import until

@@ -6,10 +6,10 @@ import time
 
 import psutil
 
-from pointit.runtime.link import Link
-from pointit.runtime.router import routing
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_readers import ZenohSubscription
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.subscribers import ZenohSubscription
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, ImuSample
 from pointit.schemas.topics import BUTTON, IMU
 from tests.support.bench import until

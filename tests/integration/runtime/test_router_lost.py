@@ -10,10 +10,10 @@ import pytest_asyncio
 
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_writers import EVENT_CACHE
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.publishers import EVENT_CACHE
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, Done, ImuSample, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
 from tests.support.bench import until

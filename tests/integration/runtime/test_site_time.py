@@ -4,11 +4,11 @@ import asyncio
 
 import pytest
 
-from pointit.runtime import process as process_module
 from pointit.runtime.clock import SimulatedClock, keep_time
-from pointit.runtime.link import Link
-from pointit.runtime.service import Launch
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.service import process as process_module
+from pointit.runtime.service.service import Launch
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Environment
 from pointit.schemas.topics import MAP
 from pointit.services.pui.config import PuiConfig

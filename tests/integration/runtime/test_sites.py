@@ -6,9 +6,9 @@ import pytest
 import pytest_asyncio
 
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.link import Link
-from pointit.runtime.router import routing
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, Done, ImuSample, KeyNameError, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
 from tests.support.bench import until

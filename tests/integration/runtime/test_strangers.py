@@ -13,11 +13,11 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime import zenoh_wire
-from pointit.runtime.names import MAX_NAMES, MAX_USERS
-from pointit.runtime.waiting_line import MAX_WAITING
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_keeping import BUSY
+from pointit.runtime.bus.bounded_queue import MAX_WAITING
+from pointit.runtime.bus.name_limiter import MAX_NAMES, MAX_USERS
+from pointit.runtime.zenoh import wire_format
+from pointit.runtime.zenoh.retained_states import BUSY
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Environment, Lamp, LampColor, SetBrightness, UserProfile, encode
 from pointit.schemas.topics import BUTTON, CURSOR, IMU, LAMP_COLOR, MAP, PROFILE, SET_BRIGHTNESS
 from tests.support.bench import until
@@ -164,13 +164,13 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
 ) -> None:
     bus, stranger = bus_and_stranger
     decoded: list[object] = []
-    inner = zenoh_wire.decoded
+    inner = wire_format.decoded
 
     def counted(*arguments: Any) -> Any:
         decoded.append(arguments)
         return inner(*arguments)
 
-    monkeypatch.setattr("pointit.runtime.zenoh_readers.decoded", counted)
+    monkeypatch.setattr("pointit.runtime.zenoh.subscribers.decoded", counted)
     sinks = [Sink() for _ in range(3)]
     subscriptions = [bus.subscribe(IMU, sink) for sink in sinks]
     key = SITE + IMU.at("anna")

@@ -12,8 +12,8 @@ from tests.support.buses import free_port
 COUNTING = """
 import asyncio
 from pathlib import Path
-from pointit.runtime.zenoh_bus import ZenohBus
-from pointit.runtime.zenoh_session import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh.session import Link
 from pointit.schemas.topics import USER_ALIVE
 
 def names():

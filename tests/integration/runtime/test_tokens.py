@@ -11,9 +11,9 @@ import pytest
 import pytest_asyncio
 import zenoh
 
-from pointit.runtime import zenoh_plain_tokens
-from pointit.runtime.zenoh_plain import PlainSession, open_plain
-from pointit.runtime.zenoh_plain_link import PlainLink
+from pointit.runtime.foreign_zenoh import liveliness
+from pointit.runtime.foreign_zenoh.raw_session import PlainSession, open_plain
+from pointit.runtime.foreign_zenoh.session_config import PlainLink
 from tests.support.bench import until
 
 NAMES = {f"@lab/{index}" for index in range(6)}
@@ -56,7 +56,7 @@ class Crowd:
 async def test_who_came_and_went_unseen_is_known_in_the_end(
     pair: tuple[PlainSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zenoh_plain_tokens, "MAX_WAITING_TOKENS", 2)
+    monkeypatch.setattr(liveliness, "MAX_WAITING_TOKENS", 2)
     ours, stranger = pair
     crowd = Crowd(ours)
     own = ours.token("@lab/own")
@@ -75,7 +75,7 @@ async def test_who_came_and_went_unseen_is_known_in_the_end(
 async def test_what_changes_while_all_are_asked_for_is_newer_than_the_answer(
     pair: tuple[PlainSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zenoh_plain_tokens, "MAX_WAITING_TOKENS", 2)
+    monkeypatch.setattr(liveliness, "MAX_WAITING_TOKENS", 2)
     ours, stranger = pair
     crowd = Crowd(ours)
     tokens = [stranger.liveliness().declare_token(name) for name in sorted(NAMES)]

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any
 from unittest import mock
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.monitor import Monitor
-from pointit.cli.scenario import Scenario, read_scenario
-from pointit.cli.score import Score
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import run_services
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import Scenario, read_scenario
+from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.score import Score
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import run_services
 from pointit.schemas import (
     NS_PER_S,
     Anchor,

@@ -14,13 +14,13 @@ from unittest import mock
 
 import pytest
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.scenario import read_scenario
 from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_services
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import (
     NS_PER_S,
     BodyMeasures,

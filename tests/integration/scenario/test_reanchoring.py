@@ -9,7 +9,7 @@ import statistics
 import numpy as np
 import pytest
 
-from pointit.cli.launches import Choices
+from pointit.launch.plan.launches import Choices
 from tests.integration.scenario.play import Outcome, play
 
 DURATION_S = 210.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointit.cli.launches import Choices
+from pointit.launch.plan.launches import Choices
 from tests.integration.scenario.play import Outcome, play
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.scenario import read_scenario
-from pointit.cli.seeds import seed_of
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.seeds import seed_of
 from tests.integration.scenario.play import USER, play
 
 

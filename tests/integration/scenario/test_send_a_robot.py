@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.cli.launches import Choices
+from pointit.launch.plan.launches import Choices
 from tests.integration.scenario.play import play
 
 

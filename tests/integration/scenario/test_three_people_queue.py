@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.runtime.bus import Bus
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_services
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,

@@ -5,12 +5,12 @@ import math
 
 import pytest
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.scenario import read_scenario
 from pointit.diagnosis.certainty import UNSURE_M, position_sigma_m
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import run_services
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import run_services
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
 from tests.integration.scenario.virtual_time import VirtualClock, run_virtually

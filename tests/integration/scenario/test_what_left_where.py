@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Cursor, Selection, SelectionEvent
-from pointit.services.conveyor_sim.intake import NoRoomError
+from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output, Record
-from pointit.services.selector.selecting import Selecting
+from pointit.services.selector.selection_engine import Selecting
 from tests.unit.conveyor_sim.rooms import FORK, S, config
 
 USER = "anna"

@@ -15,9 +15,9 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from pointit.bridges.web import service
-from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
-from pointit.runtime.service import Launch, run_service
+from pointit.bridges.web.server.bundle import Bundle
+from pointit.runtime.service.service import Launch, run_service
 from tests.support.bench import Bench, until
 from tests.support.buses import free_port
 

@@ -13,14 +13,14 @@ import pytest
 
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt
-from pointit.bridges.web.wrists import Wrists
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.scenario import read_scenario
+from pointit.bridges.web.wrists.wrist_control import Wrists
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_services
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import ButtonEvent, Cursor, Environment, Localization, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, LOCALIZATION, MAP, POSE, PROFILE, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig

@@ -21,8 +21,8 @@ from pointit.bridges.web.wire import UNPAIRED
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.service import Context
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.service import Context
 from pointit.schemas import (
     Belt,
     ButtonEvent,

@@ -8,8 +8,8 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
-from pointit.bridges.web import access, exposure
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.server import access, exposure_check
 from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, ListenError
@@ -202,11 +202,11 @@ def test_what_is_not_safe_is_refused(parameters: dict[str, str], sentence: str) 
 
 def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: pytest.MonkeyPatch) -> None:
     published = WebConfig(host="0.0.0.0", published_port=8091)  # noqa: S104 - its engine's affair
-    monkeypatch.setattr(exposure, "CONTAINER_MARKS", ())
-    monkeypatch.delenv(exposure.CONTAINER, raising=False)
+    monkeypatch.setattr(exposure_check, "CONTAINER_MARKS", ())
+    monkeypatch.delenv(exposure_check.CONTAINER, raising=False)
     with pytest.raises(ConfigError, match="published_port in a container"):
         Web.check(published)
-    monkeypatch.setenv(exposure.CONTAINER, "oci")
+    monkeypatch.setenv(exposure_check.CONTAINER, "oci")
     Web.check(published)
     with pytest.raises(ConfigError, match="lan: true"):
         Web.check(published.model_copy(update={"published_port": 0}))
@@ -216,7 +216,7 @@ async def test_a_published_page_is_opened_by_the_address_that_it_tells(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")
-    monkeypatch.setenv(exposure.CONTAINER, "oci")
+    monkeypatch.setenv(exposure_check.CONTAINER, "oci")
     everywhere = {"host": "0.0.0.0", "published_port": 4321, "operator_token": ""}  # noqa: S104 - as above
     async with memory_bench() as bench, serving(bench, **everywhere) as server, server.client() as client:
         link = link_in(caplog.text)

@@ -16,8 +16,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.typing import Origin
 
 from pointit.bridges.web import service
-from pointit.bridges.web import serving as listener
-from pointit.bridges.web.session import ASKS_BURST, MOST_MALFORMED
+from pointit.bridges.web.pages.session import ASKS_BURST, MOST_MALFORMED
+from pointit.bridges.web.server import listener
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import Cursor, StripsFrame
 from pointit.schemas.environment import StripFrame

@@ -9,8 +9,9 @@ from typing import IO, Any
 import pytest
 from mcap.reader import make_reader
 
-from pointit.bridges.web import answers, pairing
-from pointit.bridges.web.recording import Recording
+from pointit.bridges.web.model.recording import Recording
+from pointit.bridges.web.pages import request_dispatcher as answers
+from pointit.bridges.web.wrists import pairing
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     Cursor,
@@ -27,7 +28,7 @@ from pointit.schemas import (
     StripsFrame,
     TrackedObjects,
 )
-from pointit.schemas.plain import channel_name
+from pointit.schemas.catalogue.json_channel import channel_name
 from pointit.schemas.topics import (
     BUTTON,
     CURSOR,

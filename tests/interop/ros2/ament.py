@@ -5,9 +5,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.ros2.definitions import INTERFACES, STANDARD_SERVICES
-from pointit.bridges.ros2.rihs01 import BASE, NAME, SEQUENCE, Rihs01
-from pointit.bridges.ros2.types import GOLDEN, Types
+from pointit.bridges.ros2.types.definitions import INTERFACES, STANDARD_SERVICES
+from pointit.bridges.ros2.types.rihs01 import BASE, NAME, SEQUENCE, Rihs01
+from pointit.bridges.ros2.types.types import GOLDEN, Types
 
 AT_LEAST = "uint8 structure_needs_at_least_one_member"
 """What ROS 2 puts into a structure without fields; dora 1.1.0 does not know of it."""

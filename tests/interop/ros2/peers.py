@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.ros2.definitions import STANDARD_SERVICES
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.routing.routes import routes
+from pointit.bridges.ros2.types.definitions import STANDARD_SERVICES
+from pointit.bridges.ros2.types.types import Types
 from tests.interop.ros2.ament import AT_LEAST, install, shape
 from tests.support.bench import until
 from tests.support.pace import Patience

@@ -17,9 +17,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.definitions import Definitions
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.rows import Inward, Served
+from pointit.bridges.ros2.routing.route_types import Inward, Served
+from pointit.bridges.ros2.routing.routes import routes
+from pointit.bridges.ros2.types.definitions import Definitions
 from tests.interop.ros2.ament import definition
 from tests.interop.ros2.peers import EMPTY, HERE, TYPES
 from tests.support.told import Told

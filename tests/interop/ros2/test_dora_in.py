@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
-from pointit.bridges.ros2.backend import LATCHED
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import LATCHED
+from pointit.bridges.ros2.graph.backends import opened
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ConveyorState, Environment, PointingRay, StripsFrame, UserPose

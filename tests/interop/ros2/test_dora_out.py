@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import pytest
 import pytest_asyncio
 
-from pointit.bridges.ros2.backend import LATCHED, ROSOUT, SENSOR, Qos
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.rows import Inward, Outward, Served
+from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, Qos
+from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.routes import routes
 from pointit.geometry import rotation
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ConveyorState, Goal, Health, Interaction, LampColor, Message
 from pointit.schemas import topics as ours
 from pointit.schemas.topics import Topic

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
-from pointit.bridges.ros2.map_parameters import parameters_of
-from pointit.bridges.ros2.parameter_values import MESSAGE, message_of
-from pointit.bridges.ros2.parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX
-from pointit.services.pui.map_file import load_map
+from pointit.bridges.ros2.parameters.map_parameters import parameters_of
+from pointit.bridges.ros2.parameters.node_parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX
+from pointit.bridges.ros2.parameters.values import MESSAGE, message_of
+from pointit.maps.file import load_map
 from tests.integration.ros2.nodes import graphs
 from tests.interop.ros2.ament import shape
 from tests.interop.ros2.peers import DOMAIN, TYPES, Dora

@@ -10,11 +10,11 @@ import threading
 import time
 from typing import Any
 
-from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Writer
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Writer
+from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
-from pointit.cli.map_node import Wish, fetched
+from pointit.bridges.ros2.parameters.map_of_node import Wish, fetched
 
 
 class Side:

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.types.types import Types
 from tests.architecture.sources import ROOT
 from tests.support.told import Told
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.link import Link
-from pointit.runtime.zenoh_bus import ZenohBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, UserPose, WristSample
 from pointit.schemas.topics import HEALTH, POSE, USER_ALIVE, WRIST
 from tests.interop.ros2_dds.driven import DOMAIN, Driven, environment

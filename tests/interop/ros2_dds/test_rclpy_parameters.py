@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pointit.bridges.ros2.map_parameters import parameters_of, tree_of
-from pointit.services.pui.map_file import map_path
+from pointit.bridges.ros2.parameters.map_parameters import parameters_of, tree_of
+from pointit.maps.file import map_path
 from tests.interop.ros2_dds.driven import Driven
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # the first may fetch for a minute

@@ -14,7 +14,7 @@ from pointit.access.limits import (
     Connection,
     Limits,
 )
-from pointit.runtime.names import MAX_NAMES
+from pointit.runtime.bus.name_limiter import MAX_NAMES
 
 ROLES = {"lab/anna": "user", "lab/ben": "user", "lab/services": "services", "lab/operator": "operator"}
 

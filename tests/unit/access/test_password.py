@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.credentials import read_credentials
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import read_credentials
 from tests.integration.access.secured import credentials_of, make_site, now
 
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.recent import MOST_SENTENCES, RECENT_S, Recent
-from pointit.access.refused import FLOOD_HZ, KINDS, LONGEST_KEY, Refused
-from pointit.access.strangers import (
+from pointit.access.denied_operations import FLOOD_HZ, KINDS, LONGEST_KEY, Refused
+from pointit.access.recent_denials import MOST_SENTENCES, RECENT_S, Recent
+from pointit.access.rejected_connections import (
     CLAIMS,
     LONGEST_LENGTH,
     LONGEST_NAME,
@@ -262,7 +262,11 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
 
 
 @pytest.mark.parametrize(
-    "during", ["pointit.access.refused._listed", "pointit.access.strangers.Strangers.take_sentence"]
+    "during",
+    [
+        "pointit.access.denied_operations._listed",
+        "pointit.access.rejected_connections.Strangers.take_sentence",
+    ],
 )
 def test_what_is_taken_while_it_is_told_is_told_the_next_time(
     during: str, monkeypatch: pytest.MonkeyPatch

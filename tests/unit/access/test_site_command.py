@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.site import command
+from pointit.cli.site.site import command
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 

@@ -14,8 +14,8 @@ from pointit.access.files import locked
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
-from pointit.runtime.credentials import read_credentials
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import read_credentials
 from pointit.schemas import KeyNameError
 
 NOW = dt.datetime(2030, 1, 1, tzinfo=dt.UTC)

@@ -5,7 +5,7 @@ from typing import Literal
 
 import pytest
 
-from pointit.cli.anchoring import Anchoring
+from pointit.cli.people.anchoring import Anchoring
 from pointit.schemas import CancelLocalization, Done, Localization, PointAnchor
 from pointit.schemas.topics import CANCEL_LOCALIZATION, LOCALIZATION, POINT_ANCHOR
 from tests.support.bench import memory_bench, until

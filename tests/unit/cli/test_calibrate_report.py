@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from pointit.cli import pose_text
-from pointit.cli.anchor import sentence
-from pointit.cli.calibrate_mounting import account
-from pointit.cli.offset_report import assess, describe, doubt, in_one_pose, shown_row, table_row
+from pointit.cli.people import pose_text
+from pointit.cli.people.anchor import sentence
+from pointit.cli.people.calibrate_mounting import account
+from pointit.cli.people.offset_report import assess, describe, doubt, in_one_pose, shown_row, table_row
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Anchor, PointingOffset, UserPose

@@ -5,8 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from pointit.cli.call import build, requests
-from pointit.cli.output import print_table
+from pointit.cli.common.output import print_table
+from pointit.cli.inspect.call import build, requests
 from pointit.schemas import SetFeeding, SetPose, SetSpeed
 from pointit.schemas.topics import SET_FEEDING, SET_POSE, SET_SPEED
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.evaluate_selection import METHODS, selection
-from pointit.evaluation import selection_condition, selection_method
+from pointit.cli.evaluate.selection import METHODS, selection
+from pointit.evaluation.selection import condition as selection_condition
+from pointit.evaluation.selection import method as selection_method
 from pointit.runtime.errors import ConfigError
 
 

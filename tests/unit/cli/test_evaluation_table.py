@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from pointit.cli.evaluation_progress import LINE_EVERY_S, Lines, progress
-from pointit.cli.evaluation_table import PIPE_WIDTH, evaluation_console, print_rows
-from pointit.evaluation.row import ALL, Row, Spread
+from pointit.cli.evaluate.progress import LINE_EVERY_S, Lines, progress
+from pointit.cli.evaluate.table import PIPE_WIDTH, evaluation_console, print_rows
+from pointit.evaluation.recordings.row import ALL, Row, Spread
 
 ERROR = Spread(median=0.254, p90=0.512, rms=0.333)
 TIME = Spread(median=12.25, p90=20.5, rms=15.0)

@@ -4,7 +4,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.lazy import LazyGroup
+from pointit.cli.common.lazy import LazyGroup
 from pointit.cli.main import front
 
 

@@ -10,9 +10,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.extras import load
-from pointit.cli.lazy import Entry, LazyGroup
+from pointit.cli.common.lazy import Entry, LazyGroup
 from pointit.cli.main import COMMANDS, EXAMPLES, command
+from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.services.registry import process
 
@@ -89,7 +89,7 @@ def test_tables_load_neither_network_nor_numerics(line: str) -> None:
 
 
 def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
-    loads = "from pointit.cli import run; from pointit.services.registry import PROCESSES; import sys"
+    loads = "from pointit.cli.run.run import run; from pointit.services.registry import PROCESSES; import sys"
     rows = "[row.load() for row in PROCESSES if row.room == 'services' or row.name == 'web']"
     done = subprocess.run(
         [sys.executable, "-c", f"{loads}; {rows}; print(*sys.modules)"],

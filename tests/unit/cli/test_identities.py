@@ -8,9 +8,9 @@ import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
-from pointit.cli.identities import ending, rows_of, section, seen_from
-from pointit.runtime.credentials import read_credentials
+from pointit.cli.common.identities_table import ending, rows_of, section, seen_from
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import read_credentials
 
 NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 LATER = NOW + dt.timedelta(days=345)

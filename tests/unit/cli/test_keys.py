@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.keys import Wanted, resolve, resolve_all
-from pointit.cli.lazy import Mistake
+from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.topic_names import Wanted, resolve, resolve_all
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, MAP, OBJECTS, SELECTION, SELECTION_EVENTS, TOPICS
 
 

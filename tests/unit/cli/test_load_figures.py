@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.load_figures import Measured, Search, Usage, quantile_ms
-from pointit.cli.load_layout import Load, groups
-from pointit.cli.load_worker import taken
+from pointit.cli.loadtest.figures import Measured, Search, Usage, quantile_ms
+from pointit.cli.loadtest.layout import Load, groups
+from pointit.cli.loadtest.worker import taken
 
 
 def measured(**fields: Any) -> Measured:

@@ -3,7 +3,7 @@
 import asyncio
 import time
 
-from pointit.cli.load_wrist import Wrist, beat
+from pointit.cli.loadtest.wrist import Wrist, beat
 from pointit.schemas import ImuSample
 
 

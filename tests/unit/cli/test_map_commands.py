@@ -14,12 +14,12 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from pointit.cli.main import command
-from pointit.cli.map_belts_picture import beside
-from pointit.cli.map_picture import map_figure
 from pointit.geometry.polyline import Polyline
+from pointit.maps.file import load_map_and_clouds, shipped_maps
+from pointit.maps.picture.belts import beside
+from pointit.maps.picture.picture import map_figure
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
-from pointit.services.pui.map_file import load_map_and_clouds, shipped_maps
 
 ROOM = """\
 # A room with everything.

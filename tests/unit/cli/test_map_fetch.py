@@ -11,12 +11,13 @@ import yaml
 from click.testing import CliRunner, Result
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.map_parameters import parameters_of
-from pointit.bridges.ros2.types import Types
-from pointit.cli import map_fetch, map_node
+from pointit.bridges.ros2.parameters import map_of_node
+from pointit.bridges.ros2.parameters.map_parameters import parameters_of
+from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
+from pointit.cli.maps import fetch as map_fetch
+from pointit.maps.file import load_map, map_path
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError, PointItError
-from pointit.services.pui.map_file import load_map, map_path
 from tests.support.parameter_server import OneNode, ParameterServer
 
 TYPES = Types("jazzy")
@@ -54,7 +55,7 @@ class Graph:
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     made = Graph()
-    monkeypatch.setattr(map_node, "opened", made.opened)
+    monkeypatch.setattr(map_of_node, "opened", made.opened)
     monkeypatch.setattr(map_fetch, "quiet", lambda: None)
     return made
 

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from pointit.cli.output import ROOMY_WIDTH, Section, print_table
+from pointit.cli.common.output import ROOMY_WIDTH, Section, print_table
 
 SECTION = Section(
     name="things", about="of a test", rows=({"name": "a", "detail": "b"},), roomy=frozenset({"detail"})

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Text
 
-from pointit.cli.echo import format_message
-from pointit.cli.output import Section, cell, print_table, to_json, to_line
+from pointit.cli.common.output import Section, cell, print_table, to_json, to_line
+from pointit.cli.inspect.echo import format_message
 from pointit.schemas import Message, StripFrame, StripsFrame
 from pointit.schemas.topics import STRIPS_FRAME, TOPICS
 
@@ -90,7 +90,7 @@ def test_cells_take_text_as_it_is() -> None:
 
 def test_a_reader_that_leaves_is_no_error() -> None:
     script = (
-        "from pointit.cli.output import write_line\n"
+        "from pointit.cli.common.output import write_line\n"
         "import sys\n"
         "sys.stdin.readline()\n"
         "print(write_line('x'), file=sys.stderr)"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.cli.press import press
+from pointit.cli.people.press import press
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import ButtonEvent, Feedback, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, POSE, SERVICE_ALIVE

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.hz import RateMeter
+from pointit.cli.inspect.hz import RateMeter
 
 
 def test_a_regular_stream() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from pointit.cli import router
+from pointit.cli.site import router
 
 PATIENCE_S = 5.0
 
@@ -16,7 +16,7 @@ STARTS_WITH_FEW_FILES = """
 import resource
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (256, hard))
-from pointit.cli import router
+from pointit.cli.site.site import router
 
 def run_async(work):
     work.close()

@@ -7,7 +7,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.link import telling, untold_address
+from pointit.cli.common.site_link import telling, untold_address
 from pointit.cli.main import command, folded
 from pointit.runtime.errors import NoAnswerError
 
@@ -93,7 +93,7 @@ async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
     with telling("waiting for the map …"):
         await asyncio.sleep(0)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr("pointit.cli.link.SILENT_S", 0.01)
+    monkeypatch.setattr("pointit.cli.common.site_link.SILENT_S", 0.01)
     with telling("waiting for the map …"):
         await asyncio.sleep(0.1)
     assert capsys.readouterr().err == "waiting for the map …\n"

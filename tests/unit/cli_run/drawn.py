@@ -5,9 +5,9 @@ from typing import Any
 
 from rich.console import Console
 
-from pointit.cli.monitor import Monitor
-from pointit.cli.score import Score
-from pointit.cli.view import draw
+from pointit.cli.display.view import draw
+from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Cursor, Environment, Strip, StripFrame, StripsFrame
 

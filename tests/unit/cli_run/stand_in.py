@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from pointit.bridges.web.config import WebConfig
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 
 
 class StandIn(Service[WebConfig]):

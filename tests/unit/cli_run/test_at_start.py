@@ -4,15 +4,15 @@ import time
 
 import pytest
 
-from pointit.cli.at_start import assumed_places, kept_mountings, kept_offsets
-from pointit.cli.launches import Choices, user_launches
-from pointit.cli.person import Pose
-from pointit.cli.scenario import read_scenario
-from pointit.runtime.state import StateFile
+from pointit.launch.plan.launches import Choices, user_launches
+from pointit.launch.plan.person import Pose
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.startup_notices import assumed_places, kept_mountings, kept_offsets
+from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMounting, KeptMountings
-from pointit.services.supervisor.offset_words import OFFSET_PURPOSE
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMounting, KeptMountings
+from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
 
 SERIAL = "serial:/dev/ttyUSB7"
 FITTED_NS = 1_795_172_700_000_000_000

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.bridges.web.link_file import keep_link
-from pointit.cli import browser
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.bridges.web.server.link_file import keep_link
+from pointit.cli.run import browser
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 

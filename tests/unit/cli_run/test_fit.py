@@ -3,8 +3,8 @@
 import pytest
 from rich.segment import Segment
 
-from pointit.cli.monitor import Monitor
-from pointit.cli.view import Block, Worth, fitted
+from pointit.cli.display.view import Block, Worth, fitted
+from pointit.launch.run.monitor import Monitor
 from pointit.schemas import Interaction, UserPose
 from tests.unit.cli_run.drawn import cursor, monitor_of, shown, strip
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.monitor import Monitor
-from pointit.cli.summary import summary_lines, true_yaw_deg
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.cli.display.summary import summary_lines, true_yaw_deg
+from pointit.launch.run.monitor import Monitor
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Localization, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE
 from pointit.services.user_sim.config import UserSimConfig

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.launches import Choices
-from pointit.cli.program import Program, staged
-from pointit.cli.scenario import read_scenario, scenario_names
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.launch.plan.scenario_catalog import Program, staged
+from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.pui.map_file import load_map
 
 ROOM = """
 leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}

@@ -2,10 +2,10 @@
 
 import pytest
 
-from pointit.cli.launches import CURSOR_COLORS
-from pointit.cli.surroundings import USUAL, free_place, surroundings
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.launch.plan.launches import CURSOR_COLORS
+from pointit.launch.run.surroundings import USUAL, free_place, surroundings
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Deployment, UserProfile
 from pointit.schemas.topics import DEPLOYMENT, PROFILE
 

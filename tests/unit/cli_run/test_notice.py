@@ -2,12 +2,12 @@
 
 import time
 
-from pointit.cli.notice import Notice
-from pointit.cli.plan import Plan
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.link import Link
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch
+from pointit.launch.plan.plan import Plan
+from pointit.launch.run.deployment_publisher import Notice
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import Launch
 from pointit.schemas import Deployment, ExpectedService
 from pointit.schemas.topics import DEPLOYMENT
 from pointit.services.pointing.service import Pointing

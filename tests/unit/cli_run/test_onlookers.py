@@ -1,7 +1,7 @@
 """How long somebody looks on."""
 
-from pointit.cli.page import Onlookers
 from pointit.diagnosis.observation import SILENT_S
+from pointit.launch.plan.page import Onlookers
 from pointit.schemas import Figure, Health
 
 

@@ -16,22 +16,23 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.link_file import keep_link
-from pointit.cli import browser, dashboard, page
-from pointit.cli.cast import shown
-from pointit.cli.launches import Choices
+from pointit.bridges.web.server.link_file import keep_link
+from pointit.cli.display.summary import sum_up
 from pointit.cli.main import command
-from pointit.cli.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
-from pointit.cli.person import Pose
-from pointit.cli.plan import Plan
-from pointit.cli.program import PLACES, places
-from pointit.cli.scenario import read_scenario
-from pointit.cli.settings import Settings
-from pointit.cli.summary import sum_up
+from pointit.cli.run import browser, dashboard
+from pointit.launch.plan import page
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
+from pointit.launch.plan.person import Pose
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario_catalog import PLACES, places
+from pointit.launch.plan.settings import Settings
+from pointit.launch.run.service_group import shown
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.link import Link
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.link.link import Link
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
@@ -168,7 +169,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(importlib.metadata, "version", without)
     assert not page.can_be()
-    script = "import sys, pointit.cli.run, pointit.cli.page as p; p.can_be(); print(*sys.modules)"
+    script = "import sys, pointit.cli.run.run, pointit.launch.plan.page as p; p.can_be(); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
     )
@@ -197,7 +198,7 @@ def test_other_machines_too(name: str) -> None:
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
-    for module in ("pointit.cli.run", "pointit.cli.dashboard"):
+    for module in ("pointit.cli.run.run", "pointit.cli.run.dashboard"):
         monkeypatch.setattr(f"{module}.can_be", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception
@@ -244,7 +245,7 @@ def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(monkeypatch
         plans.append(plan)
         return 0
 
-    monkeypatch.setattr("pointit.cli.run.execute", execute)
+    monkeypatch.setattr("pointit.cli.run.run.execute", execute)
     remedy = "the page needs `scripts/setup web` in the folder of PointIt"
     for arguments in ((), ("--no-web",)):
         assert invoke(monkeypatch, "run", *arguments, has_extra=False) is None
@@ -271,7 +272,7 @@ def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
         plans.append(plan)
         return 0
 
-    monkeypatch.setattr("pointit.cli.run.execute", execute)
+    monkeypatch.setattr("pointit.cli.run.run.execute", execute)
     mine = ("--set", "web.operator_token=a-token-of-mine")
     for arguments in ((), (), mine, ("--new-link",), ("--site", "other"), (), ("--new-link", *mine)):
         assert invoke(monkeypatch, "run", "--web-port", "0", *arguments) is None
@@ -289,7 +290,7 @@ def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest
     def look_round(*_: object) -> None:
         raise AssertionError("looked for the site")
 
-    monkeypatch.setattr("pointit.cli.user.look_round", look_round)
+    monkeypatch.setattr("pointit.cli.run.user.look_round", look_round)
     error = invoke(monkeypatch, "user", "anna/x", "--connect", "tcp/127.0.0.1:1")
     assert isinstance(error, KeyNameError)
     assert str(error).startswith("user 'anna/x'")

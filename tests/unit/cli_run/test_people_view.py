@@ -7,11 +7,11 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.monitor import Monitor
-from pointit.cli.view import draw
+from pointit.cli.display.view import draw
 from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.launch.run.monitor import Monitor
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import (
     NS_PER_S,
     Anchor,

@@ -6,12 +6,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.launches import Choices, user_launches
-from pointit.cli.person import Pose
-from pointit.cli.person_options import PERSON_OPTIONS, pose
-from pointit.cli.scenario import read_scenario
+from pointit.cli.run.person_options import PERSON_OPTIONS, pose
+from pointit.launch.plan.launches import Choices, user_launches
+from pointit.launch.plan.person import Pose
+from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import Launch
+from pointit.runtime.service.service import Launch
 
 
 def person(choices: Choices, index: int = 0, scenario: str = "scenario_2") -> dict[str, dict[str, Any]]:

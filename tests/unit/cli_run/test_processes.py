@@ -14,10 +14,10 @@ import psutil
 import pytest
 import yaml
 
-from pointit.cli.processes import Processes, last_words
-from pointit.cli.summary import check_writable
+from pointit.cli.display.summary import check_writable
+from pointit.launch.run.subprocesses import Processes, last_words
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import Launch
+from pointit.runtime.service.service import Launch
 from pointit.services.pointing.service import Pointing
 from pointit.services.selector.service import Selector
 from tests.support.bench import until

@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.launches import Choices
-from pointit.cli.person import Pose
-from pointit.cli.plan import Plan
-from pointit.cli.program import Program, staged
-from pointit.cli.scenario import read_scenario, scenario_names
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.person import Pose
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.launch.plan.scenario_catalog import Program, staged
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link import Link
+from pointit.runtime.link.link import Link
 from pointit.schemas import RunScenario
 
 

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli import run as run_command
-from pointit.cli import run_options
-from pointit.cli.plan import Plan
+from pointit.cli.run import run as run_command
+from pointit.cli.run import run_options
+from pointit.launch.plan.plan import Plan
 
 SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
 

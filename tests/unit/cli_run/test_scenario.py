@@ -9,17 +9,17 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.launches import Choices, site_launches, user_launches
-from pointit.cli.run import run
-from pointit.cli.scenario import Scenario, read_scenario, scenario_names
-from pointit.cli.settings import check_settings
-from pointit.cli.user import command as user
+from pointit.cli.run.run import run
+from pointit.cli.run.user import command as user
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
+from pointit.launch.plan.settings import check_settings
+from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import Launch, check_launches
+from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import check_name
-from pointit.services.pui.map_file import load_map
 from pointit.services.registry import PROCESSES
 
 

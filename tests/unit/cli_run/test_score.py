@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.latency import RECENT, Latency
-from pointit.cli.score import MAX_OBJECTS, MAX_TRACKERS, Score
-from pointit.cli.summary import summary_lines
+from pointit.cli.display.summary import summary_lines
+from pointit.launch.run.latency import RECENT, Latency
+from pointit.launch.run.score import MAX_OBJECTS, MAX_TRACKERS, Score
 from pointit.schemas import (
     Cursor,
     SelectedObject,

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.monitor import LINES, Monitor
-from pointit.cli.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
+from pointit.cli.display.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
 from pointit.diagnosis.observation import SILENT_S
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.launch.run.monitor import LINES, Monitor
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import (
     Cursor,
     Environment,

@@ -7,8 +7,8 @@ import pytest
 
 from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.service import Context
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.service import Context
 from pointit.schemas import (
     AddPackage,
     Belt,

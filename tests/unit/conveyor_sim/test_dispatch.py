@@ -4,10 +4,10 @@ from collections import Counter
 
 import pytest
 
+from pointit.maps.file import load_map
 from pointit.schemas import SelectionEvent
 from pointit.services.conveyor_sim.from_map import UnusableMapError
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.pui.map_file import load_map
 from tests.unit.conveyor_sim.rooms import FORK, S, plant
 
 SHIPPED = load_map("conveyor", 0)

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
+from pointit.services.conveyor_sim.feeding.schedule import check_schedule, read_schedule
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.schedule import check_schedule, read_schedule
-from pointit.services.pui.map_file import load_map
 from tests.support.data import data_file
 from tests.unit.conveyor_sim.rooms import S, config, lanes, plant
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime.state import site_folder
+from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.keeping import FILE, Keeping, NotKeptError, erase, fingerprint
+from pointit.services.conveyor_sim.store.snapshot_store import FILE, Keeping, NotKeptError, erase, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
 EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")

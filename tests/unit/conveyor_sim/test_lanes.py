@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, Belt, TrackedObject
-from pointit.services.conveyor_sim.intake import NoRoomError, UnknownLaneError
+from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLaneError
 from pointit.services.conveyor_sim.plant import Plant
 from tests.unit.conveyor_sim.rooms import S, lanes, plant, room
 

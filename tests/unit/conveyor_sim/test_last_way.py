@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pointit.maps.file import load_map
 from pointit.schemas import BeltLink, Environment, SelectionEvent, TrackedObject
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.pui.map_file import load_map
 from tests.unit.conveyor_sim.rooms import CROSS, FORK, RING, S, belt, plant, room
 
 SHIPPED = load_map("conveyor", 0)

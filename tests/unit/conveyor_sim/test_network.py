@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pointit.maps.file import load_map
 from pointit.schemas import BeltLink, TrackedObject
-from pointit.services.conveyor_sim.intake import NoRoomError
+from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.pui.map_file import load_map
 from tests.unit.conveyor_sim.rooms import (
     CHAIN,
     CROSS,

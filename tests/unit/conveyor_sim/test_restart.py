@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.state import site_folder
+from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed, TrackedObjects
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.keeping import Keeping
 from pointit.services.conveyor_sim.service import ConveyorSim
+from pointit.services.conveyor_sim.store.snapshot_store import Keeping
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, config
 

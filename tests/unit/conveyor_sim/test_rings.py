@@ -8,9 +8,9 @@ from scipy.sparse.csgraph import connected_components
 
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import BeltLink
-from pointit.services.conveyor_sim.network import Network
-from pointit.services.conveyor_sim.rings import NO_RING, Rings
-from pointit.services.conveyor_sim.zones import Zones
+from pointit.services.conveyor_sim.network.network import Network
+from pointit.services.conveyor_sim.network.rings import NO_RING, Rings
+from pointit.services.conveyor_sim.network.zones import Zones
 from tests.unit.conveyor_sim.rooms import RING
 
 BELTS = 6

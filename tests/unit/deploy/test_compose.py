@@ -10,11 +10,11 @@ from typing import Any
 import click
 import pytest
 
-from pointit.bridges.web.exposure import CONTAINER
+from pointit.bridges.web.server.exposure_check import CONTAINER
 from pointit.cli.main import front
-from pointit.cli.scenario import read_scenario
-from pointit.runtime.process import load_config
-from pointit.runtime.yaml_file import read_yaml
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.service.process import load_config
 from pointit.services.registry import PROCESSES, process
 from tests.unit.deploy.stack import DEPLOY, VARIABLE, compose
 from tests.unit.deploy.test_locks import LOCKS

@@ -1,7 +1,7 @@
 """What is said of one service or person only."""
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.narrowed import is_about, narrowed
+from pointit.diagnosis.finding_filter import is_about, narrowed
 from pointit.diagnosis.observation import Finding, Observation
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.evaluation.baselines import Guess, mean_angle, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.datasets import read_trials
-from pointit.evaluation.trial import Trial
-from pointit.services.localizer.estimator import Pointings
+from pointit.evaluation.localization.baselines import Guess, mean_angle, mean_angle_4dof, mean_angle_z0
+from pointit.evaluation.localization.trial import Trial
+from pointit.services.localizer.estimation.estimator import Pointings
 from tests.unit.evaluation.recorded import Stand, write_motion
 
 

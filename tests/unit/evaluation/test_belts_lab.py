@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.evaluation.datasets.belts_lab import FILE, NAME, read_runs
-from pointit.evaluation.selection_human import humans, lab_figures
+from pointit.evaluation.selection.human import humans, lab_figures
 from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.evaluation.datasets.belts_vr import FILE, NAME, read_passages
-from pointit.evaluation.selection_human import humans, vr_figures
+from pointit.evaluation.selection.human import humans, vr_figures
 from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pointit.evaluation.bound import independent, median_bounds_m, median_distance
-from pointit.evaluation.trial import Array, Trial
-from pointit.services.localizer.estimator import Pointings
+from pointit.evaluation.localization.cramer_rao import independent, median_bounds_m, median_distance
+from pointit.evaluation.localization.trial import Array, Trial
+from pointit.services.localizer.estimation.estimator import Pointings
 from tests.unit.evaluation.recorded import Stand, unit
 
 TARGETS = np.array([[1.7, -2.6, 0.3], [0.8, 1.6, 0.1], [-2.2, 0.4, 0.9], [1.0, 0.2, 0.0]])

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from pointit.evaluation.data_folder import read_index, recordings_folder
 from pointit.evaluation.datasets import read_trials
+from pointit.evaluation.recordings.data_folder import read_index, recordings_folder
 from pointit.runtime.errors import ConfigError
 from tests.unit.evaluation.recorded import Stand, write_motion, write_track
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.evaluation.baselines import mean_angle
-from pointit.evaluation.data_folder import recordings_folder
 from pointit.evaluation.datasets import SETS, read_trials
-from pointit.evaluation.trial import Trial
+from pointit.evaluation.localization.baselines import mean_angle
+from pointit.evaluation.localization.trial import Trial
+from pointit.evaluation.recordings.data_folder import recordings_folder
 from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 from tests.unit.evaluation.recorded import (

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.datasets.proximity_feedback import PHASES, read_floor_trials
-from pointit.evaluation.drift import drift_rows, recorded_rows
-from pointit.evaluation.drift_courses import chained, courses, hold_sigma_rad
-from pointit.evaluation.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
-from pointit.evaluation.drifting_person import Ways
-from pointit.evaluation.row import ALL, Row
+from pointit.evaluation.pointing.drift import drift_rows, recorded_rows
+from pointit.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
+from pointit.evaluation.pointing.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
+from pointit.evaluation.pointing.drifting_person import Ways
+from pointit.evaluation.recordings.row import ALL, Row
 from pointit.geometry import vector
 from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file

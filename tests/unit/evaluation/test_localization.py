@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.output import to_json
+from pointit.cli.common.output import to_json
 from pointit.evaluation.datasets import read_trials
-from pointit.evaluation.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
-from pointit.evaluation.row import Row, arranged, document
-from pointit.evaluation.scoring import Key, Outcome, rows_of
+from pointit.evaluation.localization.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
+from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit.evaluation.recordings.row import Row, arranged, document
 from tests.support.data import data_file
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
 
@@ -194,7 +194,7 @@ def test_the_document_is_json_with_the_agreed_keys(rows: list[Row]) -> None:
 def test_baselines_solve_some_of_many_trials_and_ours_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pointit.evaluation.localization.BASELINE_TRIALS", 5)
+    monkeypatch.setattr("pointit.evaluation.localization.localization.BASELINE_TRIALS", 5)
     assert BASELINE_TRIALS >= 100
     write_simulated(tmp_path, [Stand(x=0.1 * i) for i in range(22)])
     trials = read_trials(tmp_path).trials

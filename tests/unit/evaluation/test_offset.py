@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.datasets.vr_eyefinger import read_wall_trials
-from pointit.evaluation.offset import offset_rows
-from pointit.evaluation.row import ALL, Row
+from pointit.evaluation.pointing.offset import offset_rows
+from pointit.evaluation.recordings.row import ALL, Row
 from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from pointit.evaluation.parallel import spread
+from pointit.evaluation.recordings.parallel import spread
 from pointit.runtime.errors import PointItError
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pointit.evaluation.selection_condition import CONVEYOR, Condition, conditions
-from pointit.evaluation.selection_difference import FEWEST, Difference, differences_of
-from pointit.evaluation.selection_score import Score
+from pointit.evaluation.selection.condition import CONVEYOR, Condition, conditions
+from pointit.evaluation.selection.difference import FEWEST, Difference, differences_of
+from pointit.evaluation.selection.score import Score
 
 FIRST, SECOND = conditions([CONVEYOR])[:2]
 

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.evaluation.carousel import Carousel
-from pointit.evaluation.selection import document
-from pointit.evaluation.selection_condition import BENCHES, LAB, conditions
-from pointit.evaluation.selection_method import METHODS, selector_config
-from pointit.evaluation.selection_plot import check_plot, plot
-from pointit.evaluation.selection_row import Figures, SelectionRow, TimeSpread
-from pointit.evaluation.selection_score import Score, figures_of
+from pointit.evaluation.selection.carousel import Carousel
+from pointit.evaluation.selection.condition import BENCHES, LAB, conditions
+from pointit.evaluation.selection.method import METHODS, selector_config
+from pointit.evaluation.selection.plot import check_plot, plot
+from pointit.evaluation.selection.row import Figures, SelectionRow, TimeSpread
+from pointit.evaluation.selection.score import Score, figures_of
+from pointit.evaluation.selection.selection import document
+from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
-from pointit.services.pui.map_file import load_map
 
 
 def test_a_method_has_the_time_that_its_name_says() -> None:

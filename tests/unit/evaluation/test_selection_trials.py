@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from pointit.evaluation.selection import selection_rows
-from pointit.evaluation.selection_condition import CONVEYOR, LAB, VR, Condition, conditions
-from pointit.evaluation.selection_score import Score
-from pointit.evaluation.selection_stage import stage_of
-from pointit.evaluation.selection_trial import Trial, Watch, run
-from pointit.evaluation.selection_world import START_NS, USUAL
+from pointit.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition, conditions
+from pointit.evaluation.selection.score import Score
+from pointit.evaluation.selection.selection import selection_rows
+from pointit.evaluation.selection.stage import stage_of
+from pointit.evaluation.selection.trial import Trial, Watch, run
+from pointit.evaluation.selection.world import START_NS, USUAL
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, PointingRay, SelectionEvent
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.user_sim.eyes import Eyes, SeenCursor, Span
-from pointit.services.user_sim.pixels import Kind
+from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
+from pointit.services.user_sim.sight.pixels import Kind
 
 
 def condition(bench: str, name: str) -> Condition:

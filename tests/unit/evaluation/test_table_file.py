@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.evaluation.table_file import read_table
+from pointit.evaluation.recordings.table_file import read_table
 from pointit.runtime.errors import ConfigError
 
 

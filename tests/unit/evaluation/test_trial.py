@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.evaluation.trial import SLACK_S, STRIDE_S, WINDOWS_S, Following, Reading
-from pointit.services.localizer.estimator import Pointings
+from pointit.evaluation.localization.trial import SLACK_S, STRIDE_S, WINDOWS_S, Following, Reading
+from pointit.services.localizer.estimation.estimator import Pointings
 
 
 def following(stamps_s: list[float]) -> Following:

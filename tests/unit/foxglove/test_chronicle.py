@@ -2,7 +2,7 @@
 
 from foxglove.messages import LogLevel
 
-from pointit.bridges.foxglove.chronicle import HISTORY, Chronicle, Line
+from pointit.bridges.foxglove.event_log import HISTORY, Chronicle, Line
 from pointit.schemas import Feedback, Health, Interaction, Localization, SelectionEvent
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read

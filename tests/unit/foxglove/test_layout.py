@@ -9,7 +9,7 @@ from pointit.bridges.foxglove.server import LOG, picture_topic
 from pointit.bridges.foxglove.service import LAYOUT
 from pointit.bridges.foxglove.shapes import WORLD
 from pointit.schemas import Health
-from pointit.schemas.plain import Plain, channel_name
+from pointit.schemas.catalogue.json_channel import Plain, channel_name
 from pointit.schemas.topics import TOPICS
 from pointit.services.registry import PROCESSES
 

@@ -17,7 +17,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.two_steps import Output, TwoSteps
+from pointit.services.goal.goal_confirmation import Output, TwoSteps
 
 START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (0.0, 0.0, 1.64)

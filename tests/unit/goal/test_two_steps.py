@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Feedback, Goal, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.judging import Judging
+from pointit.services.goal.goal_checks import Judging
 from tests.unit.goal.floor import POINTING, START_NS, Anna, cursor
 
 THERE: Vec3 = (2.0, 1.0, 0.0)

@@ -11,12 +11,12 @@ import pytest
 import serial
 
 from pointit.geometry import rotation, vector
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import SimulatedClock, WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Context
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.service import Context
 from pointit.schemas import Health, ImuSample, SetYawOrigin
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import (

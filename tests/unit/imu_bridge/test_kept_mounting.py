@@ -8,14 +8,14 @@ import pytest
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config import Layers
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Health, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import HEALTH, IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SimulatedConfig
-from pointit.services.imu_bridge.kept_mounting import KeptMountings, Wearing
 from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.stored_mounting import KeptMountings, Wearing
 from tests.support.bench import Bench, memory_bench, until
 
 ANNA = "anna"

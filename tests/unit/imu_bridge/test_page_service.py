@@ -13,7 +13,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.state import StateFile
+from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import (
     NS_PER_S,
     WRIST_PATIENCE_S,
@@ -35,8 +35,8 @@ from pointit.schemas.topics import (
 )
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig, SimulatedConfig
-from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings
 from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.pty_device import pty_device
 

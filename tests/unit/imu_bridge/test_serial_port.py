@@ -12,7 +12,7 @@ import pytest
 import serial
 from serial.tools import list_ports
 
-from pointit.runtime.serial_port import PortSettings, SerialThread, open_port, sentence
+from pointit.runtime.host.serial_port import PortSettings, SerialThread, open_port, sentence
 from tests.support.bench import until
 from tests.support.pty_device import pty_device
 

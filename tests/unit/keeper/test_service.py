@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_service
-from pointit.runtime.skew import SkewWatch
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.health.clock_skew import SkewWatch
+from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE
 from pointit.services.keeper.config import FileConfig, KeeperConfig

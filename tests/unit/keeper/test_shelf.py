@@ -35,7 +35,7 @@ from pointit.schemas.topics import (
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import KEPT
 from pointit.services.keeper.record import KeptState, Record
-from pointit.services.keeper.shelf import Shelf
+from pointit.services.keeper.retained_states import Shelf
 
 NOW_NS = 1_000 * NS_PER_S
 

@@ -16,7 +16,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig, StyleConfig
-from pointit.services.led_driver.lights import Lights
+from pointit.services.led_driver.light_state import Lights
 
 Color = tuple[int, int, int]
 

@@ -13,13 +13,13 @@ from typing import Any, cast
 import pytest
 
 from pointit.diagnosis.certainty import FRAME_RATE
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.serial_port import PortSettings
-from pointit.runtime.service import Context
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.host.serial_port import PortSettings
+from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import (
     CURSOR,
@@ -27,9 +27,9 @@ from pointit.schemas.topics import (
     MAP,
 )
 from pointit.services.led_driver.config import LedDriverConfig, OutputConfig
-from pointit.services.led_driver.expander import KEEP_ALIVE_S, ExpanderOutput, Picture
+from pointit.services.led_driver.output.expander import KEEP_ALIVE_S, ExpanderOutput, Picture
+from pointit.services.led_driver.output.wiring import wire_time_s
 from pointit.services.led_driver.service import LedDriver
-from pointit.services.led_driver.wiring import wire_time_s
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.support.pty_device import Listener, PtyDevice, pty_device
 from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
@@ -215,7 +215,7 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
         now_s += time_s
 
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
-    monkeypatch.setattr("pointit.services.led_driver.expander.time", clock)
+    monkeypatch.setattr("pointit.services.led_driver.output.expander.time", clock)
     figures = Figures()
     output = ExpanderOutput(OutputConfig(kind="expander", port="leds", baud=baud), figures)
 
@@ -236,7 +236,7 @@ async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
 ) -> None:
     # the reader is a thread of a machine that may be busy
     patient = functools.partial(PortSettings, write_timeout_s=20.0)
-    monkeypatch.setattr("pointit.services.led_driver.expander.PortSettings", patient)
+    monkeypatch.setattr("pointit.services.led_driver.output.expander.PortSettings", patient)
     clock = ManualClock()
     output = OutputConfig(kind="expander", port=str(tmp_path / "led"), baud=4_000_000)
     with pty_device(tmp_path / "led") as device, SlowReader(device, 2048, 0.01):  # half of what is expected

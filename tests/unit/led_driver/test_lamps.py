@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampMiss, Localization
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
-from pointit.services.led_driver.flash_guard import FlashGuard
-from pointit.services.led_driver.lights import Lights
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.picture.flash_guard import FlashGuard
 from tests.unit.led_driver.stage import NOW_NS, Color
 
 VIRIDIS = colormap("viridis")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Belt, Strip
 from pointit.schemas.environment import BESIDE_BELT_M
-from pointit.services.led_driver.layout import Layout
+from pointit.services.led_driver.picture.layout import Layout
 from tests.unit.led_driver.stage import BLACK, RED, WHITE, Stage, item
 
 WIDTH_M = 0.5

@@ -33,9 +33,9 @@ from pointit.schemas.topics import (
     SET_BRIGHTNESS,
     STRIPS_FRAME,
 )
-from pointit.services.led_driver.layout import Layout
-from pointit.services.led_driver.render import Renderer
-from pointit.services.led_driver.scene import Scene
+from pointit.services.led_driver.picture.layout import Layout
+from pointit.services.led_driver.picture.render import Renderer
+from pointit.services.led_driver.picture.scene import Scene
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started

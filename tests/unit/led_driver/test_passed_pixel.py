@@ -6,8 +6,8 @@ import pytest
 
 from pointit.schemas import NS_PER_S, Cursor, Passed, UserProfile
 from pointit.schemas.topics import CURSOR, OBJECTS
-from pointit.services.led_driver.lights import Lights
-from pointit.services.led_driver.pacing import Pacer
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.output.pacing import Pacer
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
 

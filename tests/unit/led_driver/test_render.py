@@ -11,8 +11,8 @@ from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
 from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig
-from pointit.services.led_driver.layout import Layout
-from pointit.services.led_driver.lights import Lights
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.picture.layout import Layout
 from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
 
 
@@ -280,7 +280,7 @@ def test_brightness_is_worked_out_when_it_is_set_and_not_in_every_frame(
     stage = Stage().point("anna", 0.5)
     stage.lights.set_brightness(0.5)
     stage.lights.set_brightness(0.2, ["back"])
-    monkeypatch.delattr("pointit.services.led_driver.lights.np")
+    monkeypatch.delattr("pointit.services.led_driver.light_state.np")
     assert (127, 127, 127) in stage.shown() or (128, 128, 128) in stage.shown()
 
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.schemas import Strip
-from pointit.services.led_driver import upxl
 from pointit.services.led_driver.config import ChannelConfig, OutputConfig
-from pointit.services.led_driver.expander import Picture
-from pointit.services.led_driver.wiring import wire
+from pointit.services.led_driver.output import upxl_protocol
+from pointit.services.led_driver.output.expander import Picture
+from pointit.services.led_driver.output.wiring import wire
 
 
 def strip(name: str, pixels: int) -> Strip:
@@ -20,26 +20,26 @@ def strip(name: str, pixels: int) -> Strip:
 
 def test_golden_channel_frame() -> None:
     golden = bytes.fromhex("55 50 58 4c 00 01 03 21 02 00 11 22 33 aa bb cc fb 69 48 ce")
-    assert upxl.set_channel(0, "GRB", bytes.fromhex("112233aabbcc")) == golden
+    assert upxl_protocol.set_channel(0, "GRB", bytes.fromhex("112233aabbcc")) == golden
 
 
 def test_golden_draw_frame() -> None:
-    assert upxl.draw_all() == bytes.fromhex("55 50 58 4c ff 02 9b 38 81 df")
+    assert upxl_protocol.draw_all() == bytes.fromhex("55 50 58 4c ff 02 9b 38 81 df")
 
 
 @pytest.mark.parametrize(("order", "byte"), [("GRB", 0x21), ("RGB", 0x24), ("GRBW", 0xE1)])
 def test_order_bytes(order: str, byte: int) -> None:
-    assert upxl.set_channel(5, order, bytes(3))[7] == byte
+    assert upxl_protocol.set_channel(5, order, bytes(3))[7] == byte
 
 
 def test_white_leds_get_a_dark_fourth_byte() -> None:
-    frame = upxl.set_channel(9, "GRBW", bytes((1, 2, 3, 4, 5, 6)))
+    frame = upxl_protocol.set_channel(9, "GRBW", bytes((1, 2, 3, 4, 5, 6)))
     assert frame[4:18] == bytes((9, 1, 4, 0xE1, 2, 0, 1, 2, 3, 0, 4, 5, 6, 0))
 
 
 @given(st.integers(0, 63), st.binary(max_size=4800).map(lambda data: data[: len(data) // 3 * 3]))
 def test_every_frame_says_its_size_and_ends_with_its_crc(channel: int, rgb: bytes) -> None:
-    frame = upxl.set_channel(channel, "GRB", rgb)
+    frame = upxl_protocol.set_channel(channel, "GRB", rgb)
     assert int.from_bytes(frame[8:10], "little") == len(rgb) // 3
     assert frame[10:-4] == rgb
     assert int.from_bytes(frame[-4:], "little") == zlib.crc32(frame[:-4])

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.maps.file import load_map_and_clouds
 from pointit.schemas import Strip
 from pointit.services.led_driver.config import ChannelConfig, OutputConfig
-from pointit.services.led_driver.expander import Picture
-from pointit.services.led_driver.wiring import frame_bytes, too_slow, wire, wire_time_s
-from pointit.services.pui.map_file import load_map_and_clouds
+from pointit.services.led_driver.output.expander import Picture
+from pointit.services.led_driver.output.wiring import frame_bytes, too_slow, wire, wire_time_s
 
 
 def strips(counts: Sequence[int]) -> tuple[Strip, ...]:

@@ -19,8 +19,8 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.locating import Answer, Locating
 from pointit.services.localizer.outputs import Output as LocalizerOutput
+from pointit.services.localizer.pose_manager import Answer, Locating
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.outputs import Cancel, Start
 from pointit.services.supervisor.outputs import Output as SupervisorOutput

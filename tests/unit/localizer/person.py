@@ -9,7 +9,7 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import PointingRay
-from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import Pointings
 
 EYES_M = 1.64
 

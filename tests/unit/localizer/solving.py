@@ -6,7 +6,7 @@ import math
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
-from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
 from tests.unit.localizer.person import Person
 
 CORNERS: tuple[Vec3, ...] = ((3.0, 2.0, 0.1), (-3.0, 2.5, 0.9), (-2.5, -3.0, 2.0), (3.0, -2.0, 0.1))

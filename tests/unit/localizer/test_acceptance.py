@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
 from tests.unit.localizer.person import EYES_M, Person, pointings

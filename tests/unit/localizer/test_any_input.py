@@ -15,11 +15,11 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimator import Trust
-from pointit.services.localizer.hold import Timing
-from pointit.services.localizer.locating import Locating
-from pointit.services.localizer.moving_target import Following, MovingTarget
-from pointit.services.localizer.static_targets import StaticTargets
+from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.pose_manager import Locating
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.static_targets import StaticTargets
 from tests.unit.localizer.solving import LOOSE
 
 S = 1_000_000_000

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pointit.services.localizer.blocks import BLOCK_S, MAX_BLOCKS, Pointings, blocks
+from pointit.services.localizer.estimation.sample_blocks import BLOCK_S, MAX_BLOCKS, Pointings, blocks
 
 
 def gathered(stamps_s: list[float], azimuths_rad: list[float], targets_x: list[float]) -> Pointings:

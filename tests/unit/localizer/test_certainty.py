@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pointit.services.localizer.estimator import Solution, Trust, solve
-from pointit.services.localizer.sphere import Rays
+from pointit.services.localizer.estimation.angular_residuals import Rays
+from pointit.services.localizer.estimation.estimator import Solution, Trust, solve
 from tests.unit.localizer.person import Person, pointings, yaw_difference
 from tests.unit.localizer.solving import (
     CORNERS,

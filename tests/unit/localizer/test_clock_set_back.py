@@ -9,17 +9,17 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Anchor, Localization, UserPose
 from pointit.schemas.environment import TrackedObject, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.drift import DriftFilter
-from pointit.services.localizer.estimator import Refusal
-from pointit.services.localizer.hold import Timing
-from pointit.services.localizer.locating import Answer, Locating
-from pointit.services.localizer.moving_target import Following, MovingTarget
+from pointit.services.localizer.drift.filter import DriftFilter
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.estimation.rays import mean
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.outside import OutsidePose
-from pointit.services.localizer.rays import mean
-from pointit.services.localizer.set_back import SetBack
-from pointit.services.localizer.static_targets import StaticTargets
-from pointit.services.localizer.tracking import Tracking
+from pointit.services.localizer.pose_manager import Answer, Locating
+from pointit.services.localizer.procedures.clock_step import SetBack
+from pointit.services.localizer.procedures.external_pose import OutsidePose
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.static_targets import StaticTargets
+from pointit.services.localizer.tracking.pose_tracking import Tracking
 from tests.unit.localizer.lab import LAMPS, ROOM
 from tests.unit.localizer.person import Person, yaw_difference
 from tests.unit.localizer.test_drift import LAMPS as PLACES

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift import AnchorResult, DriftFilter, DriftSettings, Fix
+from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftSettings, Fix
 from tests.unit.localizer.person import EYES_M, Person, yaw_difference
 
 MINUTE_NS = 60 * NS_PER_S

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from pointit.schemas import NS_PER_S, UserPose
-from pointit.services.localizer.drift import DriftFilter
-from pointit.services.localizer.tracking import Tracking
+from pointit.services.localizer.drift.filter import DriftFilter
+from pointit.services.localizer.tracking.pose_tracking import Tracking
 from tests.unit.localizer.person import Person, yaw_difference
 from tests.unit.localizer.test_drift import (
     LAMPS,

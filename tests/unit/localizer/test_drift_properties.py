@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift import DriftFilter, DriftPose, Fix
+from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, Fix
 from tests.unit.localizer.person import EYES_M, yaw_difference
 
 EYES = (0.0, 0.0, EYES_M)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.services.localizer.estimator import Pointings, Solution, Trust, solve
-from pointit.services.localizer.sphere import PARAMETERS, Rays, residuals
+from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Rays, residuals
+from pointit.services.localizer.estimation.estimator import Pointings, Solution, Trust, solve
 from tests.support.data import data_file
 from tests.unit.localizer.person import Person, pointings, yaw_difference
 from tests.unit.localizer.solving import (

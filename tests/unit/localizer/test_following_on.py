@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from pointit.schemas import NS_PER_S, Localization, UserPose
-from pointit.services.localizer.moving_target import (
+from pointit.services.localizer.outputs import Output
+from pointit.services.localizer.procedures.moving_target import (
     CONTRADICTED,
     LEAST_LATENCY_SIGMA_S,
     Following,
     MovingTarget,
 )
-from pointit.services.localizer.outputs import Output
 from tests.unit.localizer.person import Person
 from tests.unit.localizer.test_moving_target import PERSON, START_NS, error_m, place, poses, robots, told
 

@@ -8,9 +8,9 @@ import pytest
 from pointit.schemas import NS_PER_S, SetPose, TrackedObject, TrackedObjects, UserPose
 from pointit.schemas.base import Vec3
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.locating import Answer, Locating
-from pointit.services.localizer.moving_target import MAX_TRACKS, Following, MovingTarget
-from pointit.services.localizer.tracking import Tracking
+from pointit.services.localizer.pose_manager import Answer, Locating
+from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, Following, MovingTarget
+from pointit.services.localizer.tracking.pose_tracking import Tracking
 from tests.unit.localizer.lab import ROOM
 
 S = NS_PER_S

@@ -6,10 +6,10 @@ import pytest
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, PointingRay
-from pointit.services.localizer.estimator import Trust
-from pointit.services.localizer.facing import Facing
-from pointit.services.localizer.hold import Hold, Timing
-from pointit.services.localizer.rays import Mean, believed, mean, unfiltered
+from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation.rays import Mean, believed, mean, unfiltered
+from pointit.services.localizer.procedures.facing import Facing
+from pointit.services.localizer.procedures.hold import Hold, Timing
 
 START_NS = 1_700_000_000 * NS_PER_S
 STEADY = Timing(reaction_s=1.0, hold_s=2.0, patience_s=3.0, steady_radps=math.radians(8.0))

@@ -8,11 +8,11 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.choice import Choice
-from pointit.services.localizer.estimator import Trust
-from pointit.services.localizer.hold import Timing
+from pointit.services.localizer.estimation.estimator import Trust
 from pointit.services.localizer.outputs import Floor, LampSwitch, Output
-from pointit.services.localizer.static_targets import StaticTargets
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.static_targets import StaticTargets
+from pointit.services.localizer.procedures.target_plan import Choice
 from tests.unit.localizer.person import Person, yaw_difference
 
 GOOD = (

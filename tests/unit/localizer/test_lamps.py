@@ -5,12 +5,12 @@ from typing import Literal
 import pytest
 
 from pointit.schemas import NS_PER_S, Environment, Lamp, Localization
-from pointit.services.localizer.choice import Choice
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimator import Refusal
-from pointit.services.localizer.lamps import change, for_a_pose
-from pointit.services.localizer.locating import Answer, Locating
+from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import LampSwitch
+from pointit.services.localizer.pose_manager import Answer, Locating
+from pointit.services.localizer.procedures.lamps import change, for_a_pose
+from pointit.services.localizer.procedures.target_plan import Choice
 
 START_NS = 1_700_000_000 * NS_PER_S
 A, B, C = (

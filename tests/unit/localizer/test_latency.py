@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pointit.evaluation.datasets import read_trials
 from pointit.schemas import NS_PER_S, TrackedObjects
-from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
-from pointit.services.localizer.moving_target import MovingTarget
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.procedures.moving_target import MovingTarget
 from tests.support.data import data_file
 from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
 from tests.unit.localizer.solving import CORNERS, position_error_m, solved

@@ -6,11 +6,11 @@ import pytest
 from pydantic import ValidationError
 
 from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
-from pointit.services.localizer.choice import Choice
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.config_of_belief import DriftConfig, TrustConfig
-from pointit.services.localizer.drift import DriftSettings
-from pointit.services.localizer.estimator import Trust
+from pointit.services.localizer.drift.filter import DriftSettings
+from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation_config import DriftConfig, TrustConfig
+from pointit.services.localizer.procedures.target_plan import Choice
 
 
 def test_the_defaults_stand_once() -> None:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import pytest
 
 from pointit.geometry import rotation, vector
-from pointit.runtime.bus import Publisher
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import SimulatedClock, sleep
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (

@@ -9,7 +9,7 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import Clock, SimulatedClock, sleep
-from pointit.runtime.config import Layers
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import (
     CancelLocalization,

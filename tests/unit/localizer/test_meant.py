@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.datasets import motion_relloc
-from pointit.evaluation.trial import Following, Reading
-from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
-from pointit.services.localizer.meant import Meant, probable
-from pointit.services.localizer.sphere import Array
+from pointit.evaluation.localization.trial import Following, Reading
+from pointit.services.localizer.estimation.angular_residuals import Array
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.procedures.target_disambiguation import Meant, probable
 from tests.support.data import data_file
 
 TRUST = Trust()

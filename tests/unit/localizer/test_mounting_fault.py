@@ -6,16 +6,16 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from pointit.evaluation.arm_rays import eye_finger_rays, eye_height_m
-from pointit.evaluation.data_folder import file_of, read_index
 from pointit.evaluation.datasets import motion_relloc, read_trials
+from pointit.evaluation.localization.arm_rays import eye_finger_rays, eye_height_m
+from pointit.evaluation.recordings.data_folder import file_of, read_index
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, BodyMeasures, PointingRay
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
-from pointit.services.localizer.estimator import Pointings, Refusal, Solution, Trust, solve
-from pointit.services.localizer.mounting import mounting_fault, mounting_slope
-from pointit.services.localizer.moving_target import Following, MovingTarget
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.mounting import mounting_fault, mounting_slope
+from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from tests.support.data import data_file
 from tests.unit.localizer.test_moving_target import START_NS, poses, robots, told

@@ -4,9 +4,9 @@ import dataclasses
 
 import pytest
 
-from pointit.services.localizer import mounting
-from pointit.services.localizer.estimator import Refusal, Trust
-from pointit.services.localizer.mounting import Slope, mounting_fault
+from pointit.services.localizer.estimation import mounting
+from pointit.services.localizer.estimation.estimator import Refusal, Trust
+from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
 from tests.unit.localizer.solving import solved
 from tests.unit.localizer.test_mounting_fault import TURNS, following
 

@@ -8,9 +8,9 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, PointingRay, TrackedObject, TrackedObjects, UserPose
-from pointit.services.localizer.moving_target import Following, MovingTarget
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.pairing import RayWindow, Track
+from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.time_sync import RayWindow, Track
 from tests.unit.localizer.person import Person, yaw_difference
 
 START_NS = 1_700_000_000 * NS_PER_S

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
-from pointit.services.localizer.next_target import (
+from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays, residuals
+from pointit.services.localizer.procedures.next_target import (
     Acuity,
     best_for_yaw,
     information,
@@ -18,7 +19,6 @@ from pointit.services.localizer.next_target import (
     next_target,
     prior,
 )
-from pointit.services.localizer.sphere import PARAMETERS, Array, Rays, residuals
 from tests.unit.localizer.person import EYES_M, Person
 
 LAB: tuple[Vec3, ...] = (

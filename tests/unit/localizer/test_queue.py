@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Environment, Lamp, Localization, PointingRay, SetPose
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimator import Refusal
-from pointit.services.localizer.locating import Locating
+from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import LampSwitch, Output
-from pointit.services.localizer.turns import FRESH_S
+from pointit.services.localizer.pose_manager import Locating
+from pointit.services.localizer.procedures.lamp_queue import FRESH_S
 
 S = 1_000_000_000
 STEP_NS = S // 20

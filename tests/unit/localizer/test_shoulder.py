@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import rotation
 from pointit.schemas import BodyMeasures
-from pointit.services.localizer.estimator import Pointings, Solution, solve
+from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
 from pointit.services.pointing.arm_ray import ArmRay, RayModel
 from tests.unit.localizer.person import EYES_M
 from tests.unit.localizer.solving import CORNERS

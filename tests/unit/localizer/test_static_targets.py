@@ -5,9 +5,9 @@ import math
 import pytest
 
 from pointit.schemas import NS_PER_S, Lamp, Localization, UserPose
-from pointit.services.localizer.hold import Timing
 from pointit.services.localizer.outputs import LampSwitch, Output
-from pointit.services.localizer.static_targets import StaticTargets
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.static_targets import StaticTargets
 from tests.unit.localizer.person import Person, yaw_difference
 
 LAMPS = (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.stillness import Stillness, StillRate
+from pointit.services.localizer.drift.rest_detection import Stillness, StillRate
 
 HANGING, LEVEL = -1.45, -0.3
 DRIFT_RADPS = math.radians(0.4)

@@ -7,11 +7,11 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
-from pointit.services.localizer.anchoring import Anchoring
-from pointit.services.localizer.drift import DriftSettings
+from pointit.services.localizer.drift.filter import DriftSettings
+from pointit.services.localizer.estimation.rays import Mean, mean
 from pointit.services.localizer.outputs import LampSwitch, Output
-from pointit.services.localizer.rays import Mean, mean
-from pointit.services.localizer.tracking import MEASURED, Tracking
+from pointit.services.localizer.procedures.anchoring import Anchoring
+from pointit.services.localizer.tracking.pose_tracking import MEASURED, Tracking
 from tests.unit.localizer.person import Person, yaw_difference
 
 S = NS_PER_S

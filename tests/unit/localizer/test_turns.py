@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.schemas import Localization
-from pointit.services.localizer.turns import MAX_HEARD, Turns
+from pointit.services.localizer.procedures.lamp_queue import MAX_HEARD, Turns
 
 LAMPS = ("led_0", "led_1")
 S = 1_000_000_000

@@ -7,7 +7,7 @@ import pytest
 from pointit.geometry import rotation
 from pointit.schemas import NS_PER_S, ImuSample, PointAnchor, SetPose
 from pointit.schemas.topics import HEALTH, IMU, LOCALIZATION, POINT_ANCHOR, POSE, SET_POSE
-from pointit.services.localizer.yaw_origin import YawOrigin
+from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.localizer.test_localizer_drift import FIXED, LAMPS_FIRST, USER, Wearer, ready
 

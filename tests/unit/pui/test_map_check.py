@@ -6,11 +6,11 @@ import pytest
 import yaml
 
 from pointit.geometry.polyline import Array, Polyline
-from pointit.runtime.complaint import field_names
-from pointit.services.pui.finding import Finding
-from pointit.services.pui.map_check import check_map, contents
-from pointit.services.pui.map_file import map_path, read_clouds, read_map_file, shipped_maps
-from pointit.services.pui.map_model import ENTRIES, MapFile
+from pointit.maps.checks.check import check_map, contents
+from pointit.maps.checks.finding import Finding
+from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps
+from pointit.maps.model import ENTRIES, MapFile
+from pointit.runtime.config.validation_message import field_names
 from tests.support.data import data_file
 
 LAMPS = "leds: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}\n"

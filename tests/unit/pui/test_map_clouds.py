@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pointit.maps import cloud_file
+from pointit.maps.cloud_file import read_cloud
+from pointit.maps.file import load_map_and_clouds
 from pointit.runtime.errors import ConfigError
-from pointit.services.pui import cloud_file
-from pointit.services.pui.cloud_file import read_cloud
-from pointit.services.pui.map_file import load_map_and_clouds
 
 POINTS = np.array([[0.5, -1.25, 2.0], [3.0, 4.5, -0.125], [100.0, 0.0, 1.75]])
 

@@ -9,10 +9,10 @@ import yaml
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map, shipped_maps
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import decode, encode
 from pointit.schemas.environment import Environment
-from pointit.services.pui.map_file import load_map, shipped_maps
 from tests.support.data import data_file
 
 WHOLE = """

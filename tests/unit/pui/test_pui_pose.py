@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
 from pointit.schemas import PointingRay, UserPose
 from pointit.schemas.topics import CURSOR, POSE, RAY
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.map_file import load_map
 from pointit.services.pui.service import Pui
 from pointit.services.pui.surfaces import Surfaces
 from tests.support.bench import ManualClock, memory_bench, until

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_service
+from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Cursor, Interaction, PointingRay, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, INTERACTION, MAP, POSE, RAY, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.map_file import load_map
 from pointit.services.pui.service import Pui
 from pointit.services.pui.surfaces import Surfaces
 from tests.support.bench import Bench, ManualClock, memory_bench, until

@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
+from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import PointingRay, SetWorkspace, TrackedObject, TrackedObjects
 from pointit.schemas.topics import OBJECTS, RAY, SET_WORKSPACE
 from pointit.services.pui.config import PuiConfig
-from pointit.services.pui.map_file import load_map
 from pointit.services.pui.service import Pui
 from tests.unit.pui.room import EYES, Room, room
 

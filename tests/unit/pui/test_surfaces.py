@@ -24,7 +24,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.lamp_fan import LampFan
+from pointit.services.pui.nearby_lamps import LampFan
 from pointit.services.pui.shapes import ALL_KINDS
 from pointit.services.pui.surfaces import OPAQUE, Surfaces
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
 from pointit.schemas import (
     Cursor,
     Interaction,
@@ -18,7 +19,6 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.map_file import load_map
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceKind

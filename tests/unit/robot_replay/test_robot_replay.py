@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_service
+from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import FARTHEST
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.ros2.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields
+from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields
 
 FOLDER = Path(__file__).parent / "golden"
 

@@ -5,16 +5,16 @@ from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph, Qos, RosType, Server
-from pointit.bridges.ros2.inbox import Inbox
-from pointit.bridges.ros2.outbox import Outbox
-from pointit.bridges.ros2.routes import Routes, routes
-from pointit.bridges.ros2.scene import Scene
-from pointit.bridges.ros2.site import Site
-from pointit.bridges.ros2.types import Types
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.routing.inbox import Inbox
+from pointit.bridges.ros2.routing.outbox import Outbox
+from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.types.types import Types
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.health.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 
 

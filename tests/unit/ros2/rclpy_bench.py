@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.backend import Graph, Qos, RosType
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Graph, Qos, RosType
+from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
 from pointit.bridges.ros2.over_rclpy.backend import RclpyBackend
 from tests.unit.ros2 import fake_rclpy

@@ -4,10 +4,10 @@ import functools
 import math
 from typing import Any
 
-from pointit.bridges.ros2.routes import Routes, routes
-from pointit.bridges.ros2.rows import Inward, Outward, Served
-from pointit.bridges.ros2.scene import Scene
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import (
     NS_PER_S,
     Belt,

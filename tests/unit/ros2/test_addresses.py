@@ -3,11 +3,11 @@
 import pytest
 from pydantic import ValidationError
 
-from pointit.bridges.ros2.addresses import check_apart, place_of
 from pointit.bridges.ros2.config import BackendConfig, Ros2Config
+from pointit.bridges.ros2.graph.addresses import check_apart, place_of
 from pointit.bridges.ros2.service import Ros2
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import Launch, check_launches
+from pointit.runtime.service.service import Launch, check_launches
 
 ROS = "tcp/127.0.0.1:7447"
 

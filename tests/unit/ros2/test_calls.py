@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.calls import Calls
+from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.errors import BusClosedError
 from tests.support.bench import until
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pointit.bridges.ros2.routes import routes
+from pointit.bridges.ros2.routing.routes import routes
 
 TEXT = (Path(__file__).parents[3] / "docs/ros2.md").read_text(encoding="utf-8")
 

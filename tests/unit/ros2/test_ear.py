@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.inward.person import people_in
-from pointit.bridges.ros2.scene import Scene
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.inbound.person import people_in
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.types.types import Types
 from pointit.schemas.topics import POSE, WRIST
 from tests.support.bench import until
 from tests.unit.ros2.graph_of_one import Bench, bench

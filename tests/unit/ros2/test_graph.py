@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from pointit.bridges.ros2.backend import LATCHED, SENSOR, Endpoint, EndpointKind, Graph, Qos, RosType
-from pointit.bridges.ros2.findings import COUNTERPART, Finding, findings
+from pointit.bridges.ros2.graph.backend import LATCHED, SENSOR, Endpoint, EndpointKind, Graph, Qos, RosType
+from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, findings
 from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, Roster, Seen
 
 POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)

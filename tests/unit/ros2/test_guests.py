@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2 import guests, service
+from pointit.bridges.ros2 import service
 from pointit.bridges.ros2.config import Ros2Config
-from pointit.bridges.ros2.inward.guest import interaction
+from pointit.bridges.ros2.inbound.guest import interaction
+from pointit.bridges.ros2.routing import guests
 from pointit.bridges.ros2.service import Ros2
-from pointit.runtime.config import Config, Layers
+from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import (

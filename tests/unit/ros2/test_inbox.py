@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.inbox import MOST_ASKED
-from pointit.bridges.ros2.routes import routes
+from pointit.bridges.ros2.routing.inbox import MOST_ASKED
+from pointit.bridges.ros2.routing.routes import routes
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
 from pointit.schemas.environment import Belt

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.inward.checks import AHEAD_NS, LATE_NS
-from pointit.bridges.ros2.inward.person import HEARD_NS, MOST_TRANSFORMS, SOONEST_NS
-from pointit.bridges.ros2.rows import About, Inward, Said, Warned
-from pointit.bridges.ros2.scene import Scene
+from pointit.bridges.ros2.inbound.checks import AHEAD_NS, LATE_NS
+from pointit.bridges.ros2.inbound.person import HEARD_NS, MOST_TRANSFORMS, SOONEST_NS
+from pointit.bridges.ros2.routing.route_types import About, Inward, Said, Warned
+from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation
 from pointit.schemas import (
     NS_PER_S,

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.rows import About, Said, Warned
-from pointit.bridges.ros2.scene import Guest
+from pointit.bridges.ros2.routing.route_types import About, Said, Warned
+from pointit.bridges.ros2.routing.routes import routes
+from pointit.bridges.ros2.routing.scene import Guest
 from pointit.schemas import AddPackageReply, Message, decode, encode
 from pointit.schemas.topics import Topic
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, server

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.inward.checks import LATE_NS
-from pointit.bridges.ros2.outward.person import pointing_ray, subscription
-from pointit.bridges.ros2.rows import About, Inward, Said, Warned
-from pointit.bridges.ros2.scene import Guest, Scene
+from pointit.bridges.ros2.inbound.checks import LATE_NS
+from pointit.bridges.ros2.outbound.person import pointing_ray, subscription
+from pointit.bridges.ros2.routing.route_types import About, Inward, Said, Warned
+from pointit.bridges.ros2.routing.scene import Guest, Scene
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.rows import About, Said, Served, Warned
-from pointit.bridges.ros2.scene import Scene
-from pointit.bridges.ros2.uids import MOST
+from pointit.bridges.ros2.routing.route_types import About, Said, Served, Warned
+from pointit.bridges.ros2.routing.routes import routes
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.uids import MOST
 from pointit.schemas import (
     AddPackage,
     AddPackageReply,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.bridges.ros2.backend import RosType
+from pointit.bridges.ros2.graph.backend import RosType
 from pointit.bridges.ros2.over_zenoh.keys import data_key, dds_type, resolved
 from tests.unit.ros2.facts import golden
 

@@ -10,14 +10,21 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.map_parameters import LINES, SECTIONS, of_maps, parameters_of, prefixes, tree_of
-from pointit.bridges.ros2.parameter_values import message_of, value_of
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.parameters.map_parameters import (
+    LINES,
+    SECTIONS,
+    of_maps,
+    parameters_of,
+    prefixes,
+    tree_of,
+)
+from pointit.bridges.ros2.parameters.values import message_of, value_of
+from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.vector import Vec3
-from pointit.runtime.yaml_file import parse_yaml
-from pointit.services.pui.map_check import check_map
-from pointit.services.pui.map_file import map_path, parse_map_file, shipped_maps
-from pointit.services.pui.map_model import ENTRIES, MapFile
+from pointit.maps.checks.check import check_map
+from pointit.maps.file import map_path, parse_map_file, shipped_maps
+from pointit.maps.model import ENTRIES, MapFile
+from pointit.runtime.config.yaml_file import parse_yaml
 from tests.support.data import data_file
 
 TYPES = Types("jazzy")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pointit.bridges.ros2.backend import LATCHED, SENSOR, Graph, RosType
-from pointit.bridges.ros2.findings import Finding, Matching, findings
+from pointit.bridges.ros2.graph.backend import LATCHED, SENSOR, Graph, RosType
+from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from tests.support.bench import until
 from tests.unit.ros2 import fake_rclpy

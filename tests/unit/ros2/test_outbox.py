@@ -5,7 +5,7 @@ import dataclasses
 
 import pytest
 
-from pointit.bridges.ros2.routes import Routes, routes
+from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.schemas import ButtonEvent, ClockTick, Health, Interaction, PointingRay, Selection, UserPose
 from pointit.schemas.topics import BUTTON, CLOCK, HEALTH, INTERACTION, POSE, RAY, SELECTION
 from tests.support.bench import START_NS, until

@@ -2,12 +2,12 @@
 
 import pytest
 
-from pointit.bridges.ros2.backend import Closable, Graph
-from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.outlook import Outlook
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.bridges.ros2.graph.backend import Closable, Graph
+from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.graph_monitor import Outlook
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.health.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.backend import Qos
-from pointit.bridges.ros2.outward.drawing import DELETE_ALL
-from pointit.bridges.ros2.outward.values import LAST_S, MOST_TEXT
-from pointit.bridges.ros2.routes import Routes, routes
-from pointit.bridges.ros2.rows import Outward
-from pointit.bridges.ros2.scene import TRACKED_NS
+from pointit.bridges.ros2.graph.backend import Qos
+from pointit.bridges.ros2.outbound.drawing import DELETE_ALL
+from pointit.bridges.ros2.outbound.values import LAST_S, MOST_TEXT
+from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.scene import TRACKED_NS
 from pointit.geometry import rotation, vector
 from pointit.runtime.clock import WallClock
 from pointit.schemas import (

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pointit.bridges.ros2.outward.drawing import ADD, DELETE, DELETE_ALL
-from pointit.bridges.ros2.outward.map_markers import MOST_MARKERS, ribbon
-from pointit.bridges.ros2.outward.markers import MOST_OBJECTS, ellipse
-from pointit.bridges.ros2.routes import Routes, routes
+from pointit.bridges.ros2.outbound.drawing import ADD, DELETE, DELETE_ALL
+from pointit.bridges.ros2.outbound.map_markers import MOST_MARKERS, ribbon
+from pointit.bridges.ros2.outbound.markers import MOST_OBJECTS, ellipse
+from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import (

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.pace import Pace
+from pointit.bridges.ros2.routing.rate_limit import Pace
 
 
 def test_without_a_rate_nothing_waits() -> None:

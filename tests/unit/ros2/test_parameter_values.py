@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.parameter_values import FIELDS, MESSAGE, message_of, value_of
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.parameters.values import FIELDS, MESSAGE, message_of, value_of
+from pointit.bridges.ros2.types.types import Types
 
 TYPES = Types("jazzy")
 WHOLE = st.integers(-(2**63), 2**63 - 1)

@@ -5,10 +5,17 @@ from typing import Any, cast
 
 import pytest
 
-from pointit.bridges.ros2 import parameters
-from pointit.bridges.ros2.backend import Backend
-from pointit.bridges.ros2.parameters import GET, LIST, MAX_NAME, MAX_WAITS, PAGE, NodeParameters
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.graph.backend import Backend
+from pointit.bridges.ros2.parameters import node_parameters as parameters
+from pointit.bridges.ros2.parameters.node_parameters import (
+    GET,
+    LIST,
+    MAX_NAME,
+    MAX_WAITS,
+    PAGE,
+    NodeParameters,
+)
+from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError, NoAnswerError
 from tests.support.parameter_server import NODE, OneNode, ParameterServer
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.backend import LATCHED, ROSOUT, SENSOR, SERVICE, Qos
+from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, SERVICE, Qos
 from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
 
 

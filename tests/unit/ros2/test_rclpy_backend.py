@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.backend import LATCHED, ROSOUT, RosType
-from pointit.bridges.ros2.backends import opened
 from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, RosType
+from pointit.bridges.ros2.graph.backends import opened
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.schemas import NS_PER_S
 from tests.support.bench import until

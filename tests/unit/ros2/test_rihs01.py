@@ -4,8 +4,8 @@ from typing import Literal
 
 import pytest
 
-from pointit.bridges.ros2.definitions import Definitions
-from pointit.bridges.ros2.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields, Rihs01
+from pointit.bridges.ros2.types.definitions import Definitions
+from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields, Rihs01
 from tests.unit.ros2.facts import definitions, golden
 
 TEXT: Fields = [("data", (BASE, ("string", 0)))]

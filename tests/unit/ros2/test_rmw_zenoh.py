@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.backend import SENSOR, EndpointKind, RosType
+from pointit.bridges.ros2.graph.backend import SENSOR, EndpointKind, RosType
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, gid
 from tests.unit.ros2.facts import golden

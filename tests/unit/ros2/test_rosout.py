@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.backend import ROSOUT
-from pointit.bridges.ros2.outward import rosout
-from pointit.bridges.ros2.outward.rosout import (
+from pointit.bridges.ros2.graph.backend import ROSOUT
+from pointit.bridges.ros2.outbound import rosout
+from pointit.bridges.ros2.outbound.rosout import (
     ERROR,
     INFO,
     MOST_AT_ONCE,
@@ -18,9 +18,9 @@ from pointit.bridges.ros2.outward.rosout import (
     WARN,
     Rosout,
 )
-from pointit.bridges.ros2.outward.values import MOST_TEXT
-from pointit.bridges.ros2.routes import routes
-from pointit.bridges.ros2.rows import Outward
+from pointit.bridges.ros2.outbound.values import MOST_TEXT
+from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.routes import routes
 from pointit.schemas import NS_PER_S, Health, KeyHealth
 from pointit.schemas.topics import HEALTH
 from tests.support.bench import START_NS, until

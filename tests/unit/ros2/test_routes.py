@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.frames import Frames, RosNames
-from pointit.bridges.ros2.outward.table import CLOCK_S
-from pointit.bridges.ros2.routes import Routes, routes
-from pointit.bridges.ros2.rows import Served
-from pointit.bridges.ros2.scene import Scene
+from pointit.bridges.ros2.outbound.table import CLOCK_S
+from pointit.bridges.ros2.routing.frames import Frames, RosNames
+from pointit.bridges.ros2.routing.route_types import Served
+from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.scene import Scene
 from pointit.runtime.clock import SILENT_NS
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S

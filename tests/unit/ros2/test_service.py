@@ -5,9 +5,9 @@ from collections.abc import AsyncIterator
 import pytest
 
 from pointit.bridges.ros2 import service
-from pointit.bridges.ros2.attendance import MOST_REMEMBERED, Attendance
+from pointit.bridges.ros2.routing.presence_cache import MOST_REMEMBERED, Attendance
 from pointit.bridges.ros2.service import Ros2
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import START_NS, Bench, memory_bench, until

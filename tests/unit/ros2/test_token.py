@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.backend import EndpointKind, Qos, RosType
+from pointit.bridges.ros2.graph.backend import EndpointKind, Qos, RosType
 from pointit.bridges.ros2.over_zenoh.token import EndpointToken, NodeToken, gid, mangled, parsed, unmangled
 from tests.unit.ros2.facts import golden
 

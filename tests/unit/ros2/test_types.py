@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pointit.bridges.ros2 import types
-from pointit.bridges.ros2.definitions import INTERFACES
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.types import types
+from pointit.bridges.ros2.types.definitions import INTERFACES
+from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError
 from tests.unit.ros2.facts import golden
 from tests.unit.ros2.values import plain

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.definitions import Definitions
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.types.definitions import Definitions
+from pointit.bridges.ros2.types.types import Types
 from tests.unit.ros2.values import any_value, plain
 
 NAMES = (

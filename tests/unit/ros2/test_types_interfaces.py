@@ -7,8 +7,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from pointit.bridges.ros2 import definitions
-from pointit.bridges.ros2.definitions import INTERFACES, Definitions
+from pointit.bridges.ros2.types import definitions
+from pointit.bridges.ros2.types.definitions import INTERFACES, Definitions
 from pointit.runtime.errors import ConfigError
 
 PACKAGES = ("conveyor_msgs", "led_strip_msgs")

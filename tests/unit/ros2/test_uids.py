@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.uids import MOST, Kinds, Uids
+from pointit.bridges.ros2.routing.uids import MOST, Kinds, Uids
 
 
 def test_digits_are_kept_where_they_are_free() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.rihs01 import ARRAY, BASE, NAME, Fields
-from pointit.bridges.ros2.types import Types
+from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, Fields
+from pointit.bridges.ros2.types.types import Types
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
 

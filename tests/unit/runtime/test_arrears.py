@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 import zenoh
 
-from pointit.runtime import zenoh_arrears, zenoh_asking
-from pointit.runtime.bus import EVENT_CAPACITY
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.zenoh_arrears import MOST_WRITERS, Arrears
+from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.zenoh import event_recovery, queries
+from pointit.runtime.zenoh.event_recovery import MOST_WRITERS, Arrears
 from tests.support.bench import until
 
 
@@ -90,8 +90,8 @@ class Reader:
 
 @pytest.fixture
 async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
-    monkeypatch.setattr(zenoh_arrears, "WAITS_S", (0.0, *[0.001] * 5))
-    monkeypatch.setattr(zenoh_asking, "Callback", Called)
+    monkeypatch.setattr(event_recovery, "WAITS_S", (0.0, *[0.001] * 5))
+    monkeypatch.setattr(queries, "Callback", Called)
     bus, writer, got, lost = MemoryBus(Exchange()), Writer(), list[int](), list[int]()
 
     def hand_on(sample: Any) -> None:
@@ -151,7 +151,7 @@ async def test_who_never_answers_is_not_waited_for_for_ever(reader: Reader) -> N
 
 
 async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zenoh_arrears, "WAITS_S", (60.0,))
+    monkeypatch.setattr(event_recovery, "WAITS_S", (60.0,))
     reader.hear(1, *range(3, 3 + EVENT_CAPACITY))
     assert reader.got == [1, *range(3, 3 + EVENT_CAPACITY)]
     assert reader.lost == [1]

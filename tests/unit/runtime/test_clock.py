@@ -9,9 +9,9 @@ import pytest
 import pytest_asyncio
 
 from pointit.runtime import clock as clock_module
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import SimulatedClock, SiteClock, WallClock, keep_time, sleep, ticks
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until

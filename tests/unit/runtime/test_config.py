@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import AfterValidator, Field
 
-from pointit.runtime.config import Config, Layers
+from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.parameters import leaves
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.parameters import leaves
-from pointit.runtime.yaml_file import read_yaml
 
 
 def refuse(_value: object) -> object:

@@ -9,13 +9,13 @@ import pytest
 from rich.table import Table
 from rich.text import Text
 
-from pointit.cli.monitor import Monitor
-from pointit.cli.output import Section, print_table, say
-from pointit.cli.score import Score
-from pointit.cli.view import draw
+from pointit.cli.common.output import Section, print_table, say
+from pointit.cli.display.view import draw
+from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
-from pointit.runtime.console import PlainConsole
-from pointit.runtime.log import setup_logging
+from pointit.runtime.service.console import PlainConsole
+from pointit.runtime.service.logs import setup_logging
 from pointit.schemas import Cursor
 from pointit.schemas.text import one_line, plain
 

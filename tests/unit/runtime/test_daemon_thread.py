@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from pointit.runtime.daemon_thread import EXIT_PATIENCE_S, in_daemon_thread
+from pointit.runtime.host.threads import EXIT_PATIENCE_S, in_daemon_thread
 from tests.support.bench import until
 
 PATIENCE_S = 20.0
@@ -99,7 +99,7 @@ async def test_an_error_that_comes_with_the_cancelling_is_nobodys() -> None:
 
 LEAVING = """
 import asyncio, sys, threading
-from pointit.runtime.daemon_thread import in_daemon_thread, is_left, leave
+from pointit.runtime.host.threads import in_daemon_thread, is_left, leave
 
 async def main():
     try:
@@ -129,7 +129,7 @@ def test_a_program_leaves_at_once_what_still_runs(first: str, code: int) -> None
 
 WAITING = """
 import asyncio, time
-from pointit.runtime.daemon_thread import EXIT_PATIENCE_S, in_daemon_thread
+from pointit.runtime.host.threads import EXIT_PATIENCE_S, in_daemon_thread
 
 def work():
     time.sleep(0.3)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from pointit.runtime.environment import check_environment, environment_prefix
+from pointit.runtime.config.environment import check_environment, environment_prefix
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.process import load_config
+from pointit.runtime.service.process import load_config
 from pointit.services.registry import PROCESSES
 from pointit.services.selector.service import Selector
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.files import put
+from pointit.runtime.host.atomic_file import put
 
 
 def names(folder: Path) -> list[str]:

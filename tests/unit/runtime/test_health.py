@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import pytest
 import pytest_asyncio
 
-from pointit.runtime.bus import EVENT_CAPACITY
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.memory_bus import MemoryBus
+from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
 from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
@@ -32,8 +32,8 @@ def now_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Return the monotonic time, s, as one item to be moved by hand."""
     now = [50.0]
     frozen = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
-    monkeypatch.setattr("pointit.runtime.health.time", frozen)
-    monkeypatch.setattr("pointit.runtime.metered.time", frozen)
+    monkeypatch.setattr("pointit.runtime.health.service_bus.time", frozen)
+    monkeypatch.setattr("pointit.runtime.health.instrumented.time", frozen)
     return now
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.runtime.lateness import FORGOTTEN_S, LATE_S, STEADY_S, Lateness
+from pointit.runtime.health.timeliness import FORGOTTEN_S, LATE_S, STEADY_S, Lateness
 
 PERIOD_S = 0.02
 

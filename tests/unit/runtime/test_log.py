@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 from rich.console import Console
 
-from pointit.runtime.log import setup_logging
+from pointit.runtime.service.logs import setup_logging
 
 
 @pytest.fixture(autouse=True)

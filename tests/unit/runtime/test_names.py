@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.names import MAX_NAMES, MAX_USERS, SILENT_S, Names, Places, limit_of
+from pointit.runtime.bus.name_limiter import MAX_NAMES, MAX_USERS, SILENT_S, Names, Places, limit_of
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import TOPICS
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.runtime.lateness import SILENT_S, Order
+from pointit.runtime.health.timeliness import SILENT_S, Order
 from pointit.schemas import NS_PER_S
 
 S = NS_PER_S

@@ -15,19 +15,19 @@ import click
 import pytest
 from pydantic import Field
 
-from pointit.runtime import process
-from pointit.runtime.config import Config
-from pointit.runtime.ending import run_async
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.parameters import leaves
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError, NoAnswerError
-from pointit.runtime.parameters import leaves
-from pointit.runtime.process import (
+from pointit.runtime.service import process
+from pointit.runtime.service.process import (
     ASKED_CLOCK_PATIENCE_S,
     CLOCK_PATIENCE_S,
     load_config,
     run_command,
     service_command,
 )
-from pointit.runtime.service import Scope, Service
+from pointit.runtime.service.service import Scope, Service
+from pointit.runtime.service.shutdown import run_async
 from pointit.schemas import KeyNameError
 
 
@@ -283,7 +283,7 @@ def test_the_sites_time_is_followed_unless_wall_time_is_asked_for(
 
 LEAVING = """
 import atexit, click, sys
-from pointit.runtime.process import run_program
+from pointit.runtime.service.process import run_program
 
 @click.command()
 def command():

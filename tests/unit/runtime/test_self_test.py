@@ -9,9 +9,9 @@ from typing import Any, cast
 import pytest
 import zenoh
 
-from pointit.runtime import self_test
-from pointit.runtime.credentials import Credentials, LinkFile
-from pointit.runtime.self_test import SelfTest
+from pointit.runtime.link.credentials import Credentials, LinkFile
+from pointit.runtime.zenoh import permission_probe
+from pointit.runtime.zenoh.permission_probe import SelfTest
 from tests.support.bench import until
 
 
@@ -43,9 +43,9 @@ class Sample:
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(self_test, "SETTLE_S", 0.001)
-    monkeypatch.setattr(self_test, "WAITS_S", (0.005, 0.005))
-    monkeypatch.setattr(self_test, "RETRY_S", (0.02, 0.03))
+    monkeypatch.setattr(permission_probe, "SETTLE_S", 0.001)
+    monkeypatch.setattr(permission_probe, "WAITS_S", (0.005, 0.005))
+    monkeypatch.setattr(permission_probe, "RETRY_S", (0.02, 0.03))
 
 
 def self_test_at(router: Router) -> SelfTest:

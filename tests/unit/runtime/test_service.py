@@ -7,12 +7,20 @@ from typing import ClassVar
 import pytest
 import pytest_asyncio
 
-from pointit.runtime import service as service_module
-from pointit.runtime.config import Config
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Context, Launch, Scope, Service, check_launches, run_service, run_services
+from pointit.runtime.service import service as service_module
+from pointit.runtime.service.service import (
+    Context,
+    Launch,
+    Scope,
+    Service,
+    check_launches,
+    run_service,
+    run_services,
+)
 from pointit.schemas import Done, Health, KeyNameError, SetBrightness, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
 from tests.support.bench import ManualClock, until

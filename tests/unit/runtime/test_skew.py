@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.skew import APART_S, WINDOW_S, Skew, SkewWatch
+from pointit.runtime.health.clock_skew import APART_S, WINDOW_S, Skew, SkewWatch
 
 START_NS = 1_700_000_000 * 10**9
 

@@ -8,7 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.state import MAX_BYTES, StateFile, state_directory
+from pointit.runtime.host.state_file import MAX_BYTES, StateFile, state_directory
 from pointit.schemas import KeyNameError
 
 

@@ -8,11 +8,11 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from pointit.runtime import succession
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.succession import Succession, claim
+from pointit.runtime.service import instance_takeover
+from pointit.runtime.service.instance_takeover import Succession, claim
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import until
@@ -42,9 +42,9 @@ async def bus() -> AsyncIterator[MemoryBus]:
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(succession, "LISTEN_S", 0.01)
-    monkeypatch.setattr(succession, "SILENT_S", 20.0)
-    monkeypatch.setattr(succession, "TELL_AFTER_S", 0.05)
+    monkeypatch.setattr(instance_takeover, "LISTEN_S", 0.01)
+    monkeypatch.setattr(instance_takeover, "SILENT_S", 20.0)
+    monkeypatch.setattr(instance_takeover, "TELL_AFTER_S", 0.05)
 
 
 async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:
@@ -60,7 +60,7 @@ class TestClaim:
         began_s = asyncio.get_running_loop().time()
         await claim(bus, USER_ALIVE, {"anna"})
         await claim(bus, USER_ALIVE, ())
-        assert asyncio.get_running_loop().time() - began_s < succession.SILENT_S
+        assert asyncio.get_running_loop().time() - began_s < instance_takeover.SILENT_S
 
     async def test_who_reports_keeps_the_name(self, bus: MemoryBus) -> None:
         bus.announce(USER_ALIVE, "anna")
@@ -83,12 +83,12 @@ class TestClaim:
         claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna"}))
         await asyncio.sleep(0.05)
         token.close()
-        await asyncio.wait_for(claiming, succession.SILENT_S / 2)
+        await asyncio.wait_for(claiming, instance_takeover.SILENT_S / 2)
 
     async def test_who_is_silent_loses_it_and_the_wait_is_told(
         self, bus: MemoryBus, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(succession, "SILENT_S", 0.2)
+        monkeypatch.setattr(instance_takeover, "SILENT_S", 0.2)
         caplog.set_level("INFO")
         bus.announce(USER_ALIVE, "anna")
         bus.publisher(HEALTH, "pointing.ben").put(report(17, 5.0).model_copy(update={"user": "ben"}))
@@ -112,7 +112,7 @@ class TestSuccession:
         await until(lambda: bool(at.mind()))
         assert at.lost.is_set() is is_lost
         assert "process 17 on elsewhere" in at.mind()
-        monkeypatch.setattr(succession, "SILENT_S", 0.01)
+        monkeypatch.setattr(instance_takeover, "SILENT_S", 0.01)
         await until(lambda: not at.mind(), what="not heard any more")
         at.close()
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime import tcp_silence
-from pointit.runtime.link import LEASE_MS, Link, ports_of
-from pointit.runtime.tcp_silence import LINGER, end_lingering, end_silence, tcp_sockets
-from pointit.runtime.zenoh_session import close_session, open_session
+from pointit.runtime.host import tcp_timeouts
+from pointit.runtime.host.tcp_timeouts import LINGER, end_lingering, end_silence, tcp_sockets
+from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")
@@ -22,7 +22,7 @@ AFTER_MS = 2345
 
 LOOKS_WITHOUT_DESCRIPTORS = """
 import os, resource
-from pointit.runtime.tcp_silence import end_lingering, end_silence, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import end_lingering, end_silence, tcp_sockets
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
 taken = []
@@ -87,7 +87,7 @@ def test_nothing_is_found_where_no_descriptor_is_left() -> None:
 
 
 def test_nothing_is_found_where_there_is_no_proc(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(tcp_silence, "OPEN_FILES", tmp_path / "none")
+    monkeypatch.setattr(tcp_timeouts, "OPEN_FILES", tmp_path / "none")
     assert list(tcp_sockets()) == []
 
 

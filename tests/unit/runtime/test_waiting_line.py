@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pointit.runtime.waiting_line import MAX_WAITING, SHOWN_S, SLICE_S, TurnedAway, WaitingLine
+from pointit.runtime.bus.bounded_queue import MAX_WAITING, SHOWN_S, SLICE_S, TurnedAway, WaitingLine
 from tests.support.bench import until
 
 

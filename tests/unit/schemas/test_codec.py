@@ -35,7 +35,7 @@ from pointit.schemas import (
     decode,
     encode,
 )
-from pointit.schemas.catalogue import all_kinds
+from pointit.schemas.catalogue.catalogue import all_kinds
 from tests.unit.schemas.strategies import messages
 
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in all_kinds()]

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from pointit.schemas import Cursor, Environment, Health, Message, StripsFrame
+from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.json_channel import Plain
 from pointit.schemas.environment import StripFrame
-from pointit.schemas.example import example
-from pointit.schemas.plain import Plain
 from pointit.schemas.topics import TOPICS, Topic
 
 topics = pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])

@@ -18,7 +18,7 @@ from pointit.schemas import (
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output, Record
-from pointit.services.selector.selecting import Selecting
+from pointit.services.selector.selection_engine import Selecting
 
 START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (5.0, -3.0, 1.6)

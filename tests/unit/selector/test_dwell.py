@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.selector.dwell import Dwell, Method
+from pointit.services.selector.methods.dwell import Dwell, Method
 
 MS = 1_000_000
 STEP_NS = 100 * MS

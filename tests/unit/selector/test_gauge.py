@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.selector.gauge import Gauges
+from pointit.services.selector.methods.gauge import Gauges
 
 MS = 1_000_000
 

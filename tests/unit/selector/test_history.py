@@ -9,12 +9,12 @@ import pytest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
-from pointit.services.selector import history
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.history import History, fitting
-from pointit.services.selector.journal import Journal
-from pointit.services.selector.journal_table import recent
 from pointit.services.selector.service import Selector
+from pointit.services.selector.store import history
+from pointit.services.selector.store.history import History, fitting
+from pointit.services.selector.store.journal import Journal
+from pointit.services.selector.store.journal_table import recent
 from tests.support.bench import Bench, ManualClock, memory_bench
 from tests.unit.selector.test_journal import NOW, S, ended, keep, refused, selected
 from tests.unit.selector.test_selector_service import stay

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.journal import NS_PER_DAY, RETRY_EVERY_NS, Journal
-from pointit.services.selector.journal_table import audit
 from pointit.services.selector.outputs import Owned, Record, event_of
-from pointit.services.selector.selecting import Selecting
+from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.store.journal import NS_PER_DAY, RETRY_EVERY_NS, Journal
+from pointit.services.selector.store.journal_table import audit
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
@@ -117,7 +117,7 @@ def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
 CHILD = """
 import sys, time
 from pathlib import Path
-from pointit.services.selector.journal import Journal
+from pointit.services.selector.store.journal import Journal
 from pointit.services.selector.outputs import Record
 journal = Journal(Path(sys.argv[1]))
 journal.begin(%d)

@@ -3,8 +3,8 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.services.selector.ledger import Ledger
 from pointit.services.selector.outputs import Owned
+from pointit.services.selector.ownership.ledger import Ledger
 
 HERE = frozenset("abc")
 

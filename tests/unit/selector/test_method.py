@@ -9,7 +9,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ReservedObject, SetMethod, SetMethodReply
 from pointit.schemas.topics import HOVER, SELECTION, SELECTION_EVENTS, SET_METHOD
 from pointit.services.selector.config import Method, SelectorConfig
-from pointit.services.selector.method import changed
+from pointit.services.selector.methods.method import changed
 from pointit.services.selector.service import Selector
 from tests.support.bench import Bench, ManualClock, memory_bench
 from tests.unit.selector.room import Room, package

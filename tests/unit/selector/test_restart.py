@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.audit import command as audit_command
-from pointit.runtime.state import state_directory
+from pointit.cli.inspect.audit import command as audit_command
+from pointit.runtime.host.state_file import state_directory
 from pointit.schemas import ConveyorState, Departure
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, OBJECTS, SELECTION, SELECTION_EVENTS
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.journal import Journal
 from pointit.services.selector.outputs import TOLD_AGAIN
 from pointit.services.selector.service import Selector
+from pointit.services.selector.store.journal import Journal
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.selector.test_selector_service import objects, stay
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Cursor, Environment, TrackedObject, TrackedObjects
-from pointit.services.selector.scene import Scene
-from pointit.services.selector.view import View
+from pointit.services.selector.objects.scene import Scene
+from pointit.services.selector.objects.view import View
 from tests.unit.selector.room import EYES, MAP, at, package, packages, pointing
 
 SNAP = math.radians(1.5)

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pointit.schemas import NS_PER_S
-from pointit.services.selector.journal import Journal
 from pointit.services.selector.service import Selector
+from pointit.services.selector.store.journal import Journal
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.services.selector.steadiness import Steadiness
+from pointit.services.selector.methods.ray_speed import Steadiness
 
 S = 1_000_000_000
 

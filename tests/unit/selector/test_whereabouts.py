@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Cursor, TrackedObject, TrackedObjects
-from pointit.services.selector.whereabouts import MAX_TRACKERS, Whereabouts
+from pointit.services.selector.objects.object_positions import MAX_TRACKERS, Whereabouts
 
 S = 1_000_000_000
 

@@ -5,7 +5,7 @@ from typing import Literal
 import pytest
 
 from pointit.schemas import ButtonEvent, Localization, UserPose
-from pointit.services.supervisor import sentences
+from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
 from tests.unit.supervisor.played import S, sample, shown, told
 
@@ -34,7 +34,7 @@ def eager(*, localize: bool = False) -> LifeCycle:
 def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> None:
     cycle = eager()
     assert cycle.imu(*sample(1)) == []  # neither a place nor a complaint
-    assert shown(cycle.pose(*pose(2))).next_step == sentences.BY_ITSELF
+    assert shown(cycle.pose(*pose(2))).next_step == user_messages.BY_ITSELF
     assert cycle.imu(*sample(20, late_s=10)) == []
     assert told(cycle.imu(*sample(20))) == ["pointing", "cue started"]
     assert cycle.imu(*sample(20.02)) == []
@@ -54,7 +54,7 @@ def test_samples_that_are_back_after_a_silence_begin_again() -> None:
     cycle.imu(*sample(1))
     outputs = cycle.pass_time(4 * S)
     assert told(outputs) == ["idle", "cue stopped"]
-    assert shown(outputs).next_step == sentences.BY_ITSELF
+    assert shown(outputs).next_step == user_messages.BY_ITSELF
     assert told(cycle.imu(*sample(4.1))) == ["pointing", "cue started"]
 
 
@@ -65,7 +65,7 @@ def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) ->
     cycle.imu(*sample(1))
     outputs = cycle.button(*press(2, gesture))
     assert told(outputs) == ["idle", "cue stopped"]
-    assert shown(outputs).next_step == sentences.PRESS
+    assert shown(outputs).next_step == user_messages.PRESS
     assert cycle.imu(*sample(100)) == []
     assert told(cycle.button(*press(101))) == ["pointing", "cue started"]
     cycle.pass_time(200 * S)
@@ -86,7 +86,7 @@ def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:
     assert cycle.imu(*sample(0.5)) == []  # a place may be on its way
     assert told(cycle.imu(*sample(1.1))) == ["start", "localizing", "cue started"]
     outputs = cycle.not_started(cycle.run, "there is no map yet", 2 * S)
-    assert shown(outputs).next_step == sentences.BY_ITSELF_AT_LAMP
+    assert shown(outputs).next_step == user_messages.BY_ITSELF_AT_LAMP
     assert cycle.imu(*sample(6.9)) == []
     assert told(cycle.imu(*sample(7.1)))[:2] == ["start", "localizing"]
     cycle.localization(*news(8, "refused"))

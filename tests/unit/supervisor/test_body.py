@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.config import Layers
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
 from pointit.services.supervisor.body import DEFAULT_STATURE_M, measures

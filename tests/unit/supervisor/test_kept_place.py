@@ -5,11 +5,11 @@ from typing import Literal
 
 import pytest
 
+from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.exchange import Exchange
-from pointit.runtime.memory_bus import MemoryBus
-from pointit.runtime.service import Launch, run_service
+from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import ButtonEvent, Done, Interaction, Localization, PointingRay, SetPose, UserPose
 from pointit.schemas.topics import (
     BUTTON,
@@ -23,7 +23,7 @@ from pointit.schemas.topics import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from pointit.services.pui.service import Pui
-from pointit.services.supervisor.kept_place import KeptPlace
+from pointit.services.supervisor.pose_restore import KeptPlace
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import Bench, memory_bench, until
 

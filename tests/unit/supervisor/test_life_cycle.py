@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import ButtonEvent, ImuSample, Localization, UserPose
-from pointit.services.supervisor import sentences
+from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
 from tests.unit.supervisor.played import Gesture, Phase, S, sample, shown, told
 
@@ -35,8 +35,8 @@ def localizing(now_s: float = 10.0) -> LifeCycle:
 
 def test_with_a_known_place_the_button_starts_and_stops_pointing() -> None:
     cycle = LifeCycle()
-    assert shown(cycle.begin(0)).next_step == sentences.SET_POSE
-    assert shown(cycle.pose(*pose())).next_step == sentences.PRESS
+    assert shown(cycle.begin(0)).next_step == user_messages.SET_POSE
+    assert shown(cycle.pose(*pose())).next_step == user_messages.PRESS
     assert told(cycle.button(*press(1))) == ["pointing", "cue started"]
     assert told(cycle.button(*press(2))) == ["idle", "cue stopped"]
     assert told(cycle.button(*press(3))) == ["pointing", "cue started"]
@@ -47,16 +47,16 @@ def test_without_a_place_it_stays_idle_and_says_what_to_do() -> None:
     cycle.begin(0)
     outputs = cycle.button(*press(1))
     assert told(outputs) == ["idle", "cue refused"]
-    assert shown(outputs).reason == sentences.NO_POSE
+    assert shown(outputs).reason == user_messages.NO_POSE
     assert "set_pose" in shown(outputs).next_step
 
 
 def test_localizing_leads_through_the_targets_to_pointing() -> None:
     cycle = LifeCycle(localize=True)
-    assert shown(cycle.begin(0)).next_step == sentences.PRESS_FOR_LAMP
+    assert shown(cycle.begin(0)).next_step == user_messages.PRESS_FOR_LAMP
     outputs = cycle.button(*press(10))
     assert told(outputs) == ["start", "localizing", "cue started"]
-    assert shown(outputs).next_step == sentences.WAIT
+    assert shown(outputs).next_step == user_messages.WAIT
     cycle.answered(cycle.run)
     for index, lamp in enumerate(("led_0", "led_1")):
         sampling = {"target_id": lamp, "target_index": index, "target_count": 2}
@@ -75,7 +75,7 @@ def test_a_refusal_brings_the_localizers_reason() -> None:
     outputs = cycle.localization(*news(12, "refused", reason="the lamps are one above the other"))
     assert told(outputs) == ["idle", "cue refused"]
     assert shown(outputs).reason == "the lamps are one above the other"
-    assert shown(outputs).next_step == sentences.PRESS_FOR_LAMP
+    assert shown(outputs).next_step == user_messages.PRESS_FOR_LAMP
 
 
 def test_a_start_that_comes_to_nothing_says_why() -> None:
@@ -122,7 +122,7 @@ def test_where_a_press_confirms_only_hold_ends_pointing() -> None:
     assert told(cycle.button(*press(1))) == ["start", "localizing", "cue started"]
     assert told(cycle.button(*press(2))) == ["cancel", "idle", "cue stopped"]
     cycle.pose(*pose())
-    assert shown(cycle.button(*press(3))).next_step == sentences.POINT_AND_CONFIRM
+    assert shown(cycle.button(*press(3))).next_step == user_messages.POINT_AND_CONFIRM
     assert cycle.button(*press(4)) == []
     assert cycle.state == "pointing"
     assert told(cycle.button(*press(5, "hold"))) == ["idle", "cue stopped"]
@@ -163,7 +163,7 @@ def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     cycle.imu(*sample(69))
     outputs = cycle.pass_time(70 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
-    assert shown(outputs).reason == sentences.too_long(60.0)
+    assert shown(outputs).reason == user_messages.too_long(60.0)
 
 
 def test_forty_lamps_may_take_longer_than_one() -> None:

@@ -6,10 +6,10 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.clock import SimulatedClock
-from pointit.runtime.config import Layers
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.service import Context
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.service import Context
 from pointit.schemas import (
     ButtonEvent,
     CancelLocalization,

@@ -6,12 +6,12 @@ import itertools
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.runtime.health import ServiceBus
-from pointit.runtime.service import Context
-from pointit.runtime.state import StateFile
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.service import Context
 from pointit.schemas import ButtonEvent, Health, ImuSample, Interaction, Localization, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, INTERACTION, LOCALIZATION, POSE
-from pointit.services.supervisor import sentences
+from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
@@ -53,7 +53,7 @@ def test_a_wrist_that_is_heard_again_soon_goes_on() -> None:
     cycle = broken_off()
     outputs = cycle.imu(*sample(20))
     assert told(outputs) == ["pointing", "cue started"]
-    assert shown(outputs).reason == sentences.RESUMED
+    assert shown(outputs).reason == user_messages.RESUMED
     assert told(cycle.button(*press(21))) == ["idle", "cue stopped"]
     assert cycle.imu(*sample(22)) == []  # they have stopped themselves
 
@@ -194,7 +194,7 @@ async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_e
         running = site.start()
         await bench.settle()
         await site.samples()
-        assert site.interactions[-1].reason == sentences.RESUMED
+        assert site.interactions[-1].reason == user_messages.RESUMED
         await site.stop(running)
 
 
@@ -214,7 +214,7 @@ async def test_a_last_word_on_the_bus_counts_as_well() -> None:
         await bench.settle()
         await site.samples()
         assert site.cues[-1].cue == "started"
-        assert site.interactions[-1].reason == sentences.RESUMED
+        assert site.interactions[-1].reason == user_messages.RESUMED
         await site.stop(running)
 
 

@@ -6,10 +6,10 @@ import pytest
 
 from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
 from pointit.schemas.cues import SIGNS
-from pointit.services.supervisor import sentences
+from pointit.services.supervisor import user_messages
+from pointit.services.supervisor.interaction_publisher import Voice
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.outputs import Output
-from pointit.services.supervisor.voice import Voice
 from tests.unit.supervisor.played import S, sample, shown, told
 
 
@@ -81,7 +81,7 @@ def test_cues_say_whether_to_wait_or_to_go_on() -> None:
 
 
 def test_the_eleventh_is_told_a_number() -> None:
-    assert "you are number 11;" in sentences.queue([f"u{number}" for number in range(10)])
+    assert "you are number 11;" in user_messages.queue([f"u{number}" for number in range(10)])
 
 
 def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
@@ -152,7 +152,7 @@ def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
     assert cycle.localization(*news(10, "sampling", ahead=("anna",), since_ns=10 * S)) == []  # not yet
     outputs = cycle.localization(*news(11, "sampling", target_id="led_0", since_ns=10 * S))
     assert told(outputs) == ["localizing", "cue target"]
-    assert shown(outputs).reason == sentences.POSE_ASKED_FOR
+    assert shown(outputs).reason == user_messages.POSE_ASKED_FOR
     ends = ["pointing", "cue started"] if back == "pointing" else ["idle", "cue stopped"]
     assert told(cycle.localization(*news(13, "solved", since_ns=10 * S))) == ["cue localized", *ends]
 

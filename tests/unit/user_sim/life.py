@@ -24,7 +24,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.lights import Lights
+from pointit.services.led_driver.light_state import Lights
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.user_sim.config import AimConfig, ArmConfig, MindConfig, UserSimConfig, WristbandConfig

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.arm import Arm, fading
+from pointit.services.user_sim.body.arm import Arm, fading
+from pointit.services.user_sim.body.postural_noise import Unrest
 from pointit.services.user_sim.config import ArmConfig
-from pointit.services.user_sim.unrest import Unrest
 from pointit.sim.aim import Aim
 
 STILL = ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0)

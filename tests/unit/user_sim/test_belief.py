@@ -3,9 +3,9 @@
 import pytest
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
-from pointit.services.user_sim.belief import Belief, State
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.press import Press
+from pointit.services.user_sim.decision.belief import Belief, State
+from pointit.services.user_sim.decision.press import Press
 from tests.unit.user_sim.life import PRECISE, Cue, Life
 
 WAIT = "Wait for the target to point at; press the button to cancel."

@@ -21,10 +21,10 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.lights import Lights
-from pointit.services.user_sim.eyes import Eyes, SeenCursor, Span
-from pointit.services.user_sim.looks import Looks
-from pointit.services.user_sim.pixels import Kind
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
+from pointit.services.user_sim.sight.observed_appearance import Looks
+from pointit.services.user_sim.sight.pixels import Kind
 
 PITCH_M = 5.0 / 150
 GREEN = (0, 158, 115)

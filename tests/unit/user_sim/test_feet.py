@@ -5,7 +5,7 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.feet import Feet
+from pointit.services.user_sim.body.standing_position import Feet
 from tests.unit.user_sim.life import PRECISE, ROOM, Life
 
 PLACE: Vec3 = (2.0, 0.5, 0.1)

@@ -14,9 +14,9 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, Feedback, StripsFrame, TrackedObject, TrackedObjects, UserProfile
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.eyes import Eyes, SeenCursor, Span
 from pointit.services.user_sim.person import Person
-from pointit.services.user_sim.pixels import Kind
+from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
+from pointit.services.user_sim.sight.pixels import Kind
 from pointit.sim.aim import Stance
 
 PERIOD_NS = 20_000_000

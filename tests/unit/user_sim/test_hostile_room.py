@@ -17,7 +17,7 @@ from pointit.schemas import (
 from pointit.schemas.topics import FEEDBACK, IMU, MAP, OBJECTS, STRIPS_FRAME
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.service import UserSim
-from pointit.services.user_sim.sight import Sight
+from pointit.services.user_sim.sight.sight import Sight
 from tests.support.bench import ManualClock, memory_bench, until
 
 HUGE = FARTHEST

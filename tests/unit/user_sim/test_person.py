@@ -16,10 +16,10 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, PROFILE
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
-from pointit.services.user_sim.goal import REST, Goal, on_object
+from pointit.services.user_sim.decision.goal import REST, Goal, on_object
 from pointit.services.user_sim.person import Person
 from pointit.services.user_sim.service import UserSim
-from pointit.services.user_sim.sight import Sight
+from pointit.services.user_sim.sight.sight import Sight
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
 

@@ -19,10 +19,10 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.lights import Lights
+from pointit.services.led_driver.light_state import Lights
 from pointit.services.user_sim.config import MindConfig, UserSimConfig
-from pointit.services.user_sim.pace import Pace
-from pointit.services.user_sim.sight import SeenObject, Sight
+from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.sight.sight import SeenObject, Sight
 from tests.unit.user_sim.life import PRECISE, Life, thing
 
 GREEN, PINK = (0, 158, 115), (204, 121, 167)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pointit.services.user_sim.looks import Looks
-from pointit.services.user_sim.things import Status, Things
+from pointit.services.user_sim.sight.object_beliefs import Status, Things
+from pointit.services.user_sim.sight.observed_appearance import Looks
 
 S = 1_000_000_000
 PLAIN = Looks(marked=False, full=False, hidden=False, own=False, foreign=False)

@@ -7,8 +7,8 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.body.wristband import Wristband
 from pointit.services.user_sim.config import WristbandConfig
-from pointit.services.user_sim.wristband import Wristband
 
 IDEAL = WristbandConfig(yaw_rate_bias_sd_degps=0.0, yaw_rate_walk_sd_degps=0.0, noise_sd_deg=0.0)
 PERIOD_NS = NS_PER_S // 50

@@ -10,9 +10,9 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
-from pointit.services.user_sim.belief import Belief
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.press import Press
+from pointit.services.user_sim.decision.belief import Belief
+from pointit.services.user_sim.decision.press import Press
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing

@@ -11,18 +11,18 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.access import Access
-from pointit.bridges.web.app import application
-from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.lan import Lan
-from pointit.bridges.web.pairing import Pairing
-from pointit.bridges.web.phone import Phones
-from pointit.bridges.web.phone_line import PhoneHost
+from pointit.bridges.web.server.access import Access
+from pointit.bridges.web.server.app import application
+from pointit.bridges.web.server.bundle import Bundle
+from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
-from pointit.bridges.web.wrists import Wrists
+from pointit.bridges.web.wrists.pairing import Pairing
+from pointit.bridges.web.wrists.phone import Phones
+from pointit.bridges.web.wrists.phone_connection import PhoneHost
+from pointit.bridges.web.wrists.wrist_control import Wrists
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.state import site_folder
+from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import WristSample
 from tests.support.bench import START_NS, ManualClock
 

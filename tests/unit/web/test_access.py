@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web import access
-from pointit.bridges.web.access import GUESSES_S, MOST_ADDRESSES, MOST_GUESSES, Access, Asked
+from pointit.bridges.web.server import access
+from pointit.bridges.web.server.access import GUESSES_S, MOST_ADDRESSES, MOST_GUESSES, Access, Asked
 
 OPERATOR, VIEWER = "operator token; with = and ü", "viewer-token"
 

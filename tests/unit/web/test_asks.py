@@ -6,7 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.asks import DEEDS, OPERATORS, REQUESTS, Call, Press, Tremor, Wish, understood
+from pointit.bridges.web.pages.page_requests import (
+    DEEDS,
+    OPERATORS,
+    REQUESTS,
+    Call,
+    Press,
+    Tremor,
+    Wish,
+    understood,
+)
 from pointit.bridges.web.wire import Ask, Deed, Role
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, SetSpeed

@@ -2,9 +2,9 @@
 
 import pytest
 
-from pointit.bridges.web import belief as module
-from pointit.bridges.web.belief import Belief
-from pointit.bridges.web.hub import Hub
+from pointit.bridges.web.model import site_model as module
+from pointit.bridges.web.model.site_model import Belief
+from pointit.bridges.web.pages.latest_values import Hub
 from pointit.schemas import Environment, Lamp, LampColor, UserPose
 from pointit.schemas.topics import LAMP_COLOR, MAP, POSE
 

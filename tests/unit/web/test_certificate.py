@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtensionOID
 
-from pointit.bridges.web.certificate import LEFT, VALID, Certificate, obtain
+from pointit.bridges.web.server.certificate import LEFT, VALID, Certificate, obtain
 from pointit.runtime.errors import ConfigError
 
 NOW = dt.datetime(2030, 1, 1, tzinfo=dt.UTC)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from pointit.bridges.web.cues import STEPS, Cues
+from pointit.bridges.web.wrists.phone_cues import STEPS, Cues
 from pointit.schemas import Candidate, Feedback, Interaction, Localization
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from pointit.bridges.web.ghosts import (
+from pointit.bridges.web.model.stale_keys import (
     MISSED_S,
     SILENT_S,
     WITH_WRITER,

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.hub import HISTORY, MOST_GONE, Hub
+from pointit.bridges.web.pages.latest_values import HISTORY, MOST_GONE, Hub
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS, STRIPS_FRAME

@@ -1,6 +1,6 @@
 """How old is what pages show."""
 
-from pointit.bridges.web.lag import LATENCIES_S, Latencies
+from pointit.bridges.web.pages.lag import LATENCIES_S, Latencies
 
 
 def test_the_quantile_is_one_of_the_values_and_forgets() -> None:

@@ -12,10 +12,10 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.lan import Lan, choose_address
-from pointit.bridges.web.serving import url
+from pointit.bridges.web.server.lan import Lan, choose_address
+from pointit.bridges.web.server.listener import url
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.state import site_folder
+from pointit.runtime.host.state_file import site_folder
 
 
 async def _word(_request: Request) -> PlainTextResponse:

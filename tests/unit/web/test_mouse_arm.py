@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.mouse_arm import FASTEST_RADPS, MouseArm
+from pointit.bridges.web.wrists.mouse_arm import FASTEST_RADPS, MouseArm
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3

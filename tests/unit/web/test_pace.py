@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.pace import Bucket
+from pointit.bridges.web.pages.rate_limit import Bucket
 
 
 def test_a_bucket_lets_a_burst_pass_and_then_its_rate() -> None:

@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 
-from pointit.bridges.web.pairing import UNUSED_S, Pairing, offer
+from pointit.bridges.web.wrists.pairing import UNUSED_S, Pairing, offer
 
 
 def test_a_token_makes_a_phone_one_persons() -> None:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import msgpack
 import pytest
 
-from pointit.bridges.web.hub import HISTORY, Hub
-from pointit.bridges.web.past import AHEAD_NS, BACK_NS, Past
+from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
+from pointit.bridges.web.pages.latest_values import HISTORY, Hub
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.health import ServiceBus
+from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import Feedback, ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import FEEDBACK, READ_HISTORY, SELECTION_EVENTS
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench
@@ -111,7 +111,7 @@ async def test_events_of_a_run_whose_simulated_time_was_ahead_are_left_out() -> 
 async def test_without_an_answer_all_stays_as_it_is_and_one_line_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    caplog.set_level(logging.DEBUG, "pointit.bridges.web.past")
+    caplog.set_level(logging.DEBUG, "pointit.bridges.web.model.history")
     async with memory_bench() as bench:
         looker = Looker(bench)
         looker.hears(event(1, START_NS))

@@ -12,9 +12,9 @@ import pytest_asyncio
 import websockets
 from websockets.asyncio.client import ClientConnection
 
-from pointit.bridges.web import phone_line
 from pointit.bridges.web.wire import OWN_FAULT
-from pointit.bridges.web.wrists import STILL_S
+from pointit.bridges.web.wrists import phone_connection
+from pointit.bridges.web.wrists.wrist_control import STILL_S
 from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
@@ -325,7 +325,7 @@ async def test_yesterdays_chimes_are_not_told(
 ) -> None:
     await posted(phone)
     bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text="late"))
-    monkeypatch.setattr(phone_line, "FRESH_S", -1.0)
+    monkeypatch.setattr(phone_connection, "FRESH_S", -1.0)
     assert await posted(phone, TURN) == []
     monkeypatch.undo()
     assert await posted(phone, TURN) == []

@@ -8,7 +8,7 @@ from typing import Any
 from mcap.reader import make_reader
 
 from pointit.bridges.foxglove.service import LAYOUT
-from pointit.bridges.web.recording import LastMinute, file_name
+from pointit.bridges.web.model.recording import LastMinute, file_name
 from pointit.schemas import (
     NS_PER_S,
     Cursor,

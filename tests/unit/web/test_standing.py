@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pointit.bridges.web.config import Place
-from pointit.bridges.web.standing import Standing, middle, places, stand_in
+from pointit.bridges.web.model.assumed_pose import Standing, middle, places, stand_in
 from pointit.schemas import Belt, Environment, Lamp, Localization, Plane, UserPose
 
 

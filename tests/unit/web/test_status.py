@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.bridges.web.status import GRACE_S, KEPT_S, LEFT_S, Sight
+from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, Sight
 from pointit.bridges.web.wire import PersonLine, Status
 from pointit.diagnosis.observation import SILENT_S
 from pointit.schemas import Deployment, Health, KeyHealth

@@ -7,7 +7,7 @@ import pytest
 
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, Turn
-from pointit.bridges.web.wrists import Wrists
+from pointit.bridges.web.wrists.wrist_control import Wrists
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Belt, Environment, Localization, UserPose, UserProfile, WristSample
 from pointit.services.pointing.arm_ray import ArmRay

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS
 

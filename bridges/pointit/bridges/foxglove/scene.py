@@ -12,7 +12,7 @@ from foxglove.messages import (
     SceneUpdate,
 )
 
-from pointit.bridges.foxglove import people, shapes, signs
+from pointit.bridges.foxglove import indicators, people, shapes
 from pointit.bridges.foxglove.objects import Claims, Looks
 from pointit.bridges.foxglove.people import Person
 from pointit.bridges.foxglove.pixels import Pixels
@@ -137,9 +137,9 @@ class Scene:
         if part == "room":
             return room(self._map, self._lines, now_ns)
         if part == "lamps":
-            return signs.lamps(self._map.lamps, self._colors, now_ns)
+            return indicators.lamps(self._map.lamps, self._colors, now_ns)
         if part == "bays":
-            return signs.bays(self._map, self._lines, self._conveyor, now_ns)
+            return indicators.bays(self._map, self._lines, self._conveyor, now_ns)
         if part == "people":
             return [
                 each

@@ -12,10 +12,10 @@ import foxglove
 from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChannel, SceneUpdateChannel
 from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
 
-from pointit.bridges.foxglove.chronicle import Line
+from pointit.bridges.foxglove.event_log import Line
 from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.runtime.errors import ListenError
-from pointit.schemas.plain import Schema
+from pointit.schemas.catalogue.json_channel import Schema
 
 BACKLOG = 256
 """Messages that wait for a slow viewer, the oldest give way: a second's worth, and more than all channels

@@ -12,15 +12,15 @@ from typing import Any, ClassVar
 
 from foxglove import Channel
 
-from pointit.bridges.foxglove.chronicle import Chronicle, Line
 from pointit.bridges.foxglove.config import FoxgloveConfig
+from pointit.bridges.foxglove.event_log import Chronicle, Line
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
-from pointit.runtime.address import own_address
-from pointit.runtime.bus import Subscription
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.bus.contract import Subscription
+from pointit.runtime.link.addresses import own_address
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
-from pointit.schemas.plain import Plain, channel_name
+from pointit.schemas.catalogue.json_channel import Plain, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
 from pointit.services.registry import SHOWN
 

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from pointit.bridges.ros2.backend import Distro
-from pointit.runtime.config import Config
+from pointit.bridges.ros2.graph.backend import Distro
+from pointit.runtime.config.config import Config
 from pointit.schemas.topics import check_name
 
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")

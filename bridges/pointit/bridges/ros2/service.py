@@ -7,20 +7,20 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
-from pointit.bridges.ros2.addresses import check_apart
-from pointit.bridges.ros2.attendance import Attendance
-from pointit.bridges.ros2.backend import Backend, Graph
-from pointit.bridges.ros2.backends import check_endpoint, opened
 from pointit.bridges.ros2.config import Ros2Config
-from pointit.bridges.ros2.guests import Guests
-from pointit.bridges.ros2.inbox import Inbox
-from pointit.bridges.ros2.outbox import Outbox
-from pointit.bridges.ros2.routes import Routes, routes
-from pointit.bridges.ros2.rows import Inward, Outward, Served
-from pointit.bridges.ros2.scene import HEARD, Scene
-from pointit.bridges.ros2.site import Site
-from pointit.bridges.ros2.types import Types
-from pointit.runtime.service import Context, Scope, Service
+from pointit.bridges.ros2.graph.addresses import check_apart
+from pointit.bridges.ros2.graph.backend import Backend, Graph
+from pointit.bridges.ros2.graph.backends import check_endpoint, opened
+from pointit.bridges.ros2.routing.guests import Guests
+from pointit.bridges.ros2.routing.inbox import Inbox
+from pointit.bridges.ros2.routing.outbox import Outbox
+from pointit.bridges.ros2.routing.presence_cache import Attendance
+from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.scene import HEARD, Scene
+from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.types.types import Types
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Message
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, Topic
 

@@ -10,32 +10,32 @@ from typing import Any, ClassVar
 
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web import exposure
-from pointit.bridges.web.access import Access, new_token
-from pointit.bridges.web.answers import Answers
-from pointit.bridges.web.app import application
-from pointit.bridges.web.belief import Belief
-from pointit.bridges.web.bundle import Bundle
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.download import Downloads
-from pointit.bridges.web.hub import MOST_KEYS
-from pointit.bridges.web.lan import Lan
-from pointit.bridges.web.link_file import keep_link
-from pointit.bridges.web.pages import Pages
-from pointit.bridges.web.pairing import Pairing
-from pointit.bridges.web.past import Past
-from pointit.bridges.web.people import People
-from pointit.bridges.web.phone import Phones
-from pointit.bridges.web.phone_line import PhoneHost
-from pointit.bridges.web.serving import Listener, bind, url
-from pointit.bridges.web.session import Session
-from pointit.bridges.web.slow_link import SlowLink
+from pointit.bridges.web.model.history import Past
+from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.site_model import Belief
+from pointit.bridges.web.pages.latest_values import MOST_KEYS
+from pointit.bridges.web.pages.open_pages import Pages
+from pointit.bridges.web.pages.request_dispatcher import Answers
+from pointit.bridges.web.pages.session import Session
+from pointit.bridges.web.pages.slow_link import SlowLink
+from pointit.bridges.web.server import exposure_check
+from pointit.bridges.web.server.access import Access, new_token
+from pointit.bridges.web.server.app import application
+from pointit.bridges.web.server.bundle import Bundle
+from pointit.bridges.web.server.download import Downloads
+from pointit.bridges.web.server.lan import Lan
+from pointit.bridges.web.server.link_file import keep_link
+from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
-from pointit.bridges.web.wrist_motion import WristMotion
-from pointit.bridges.web.wrists import Wrists
+from pointit.bridges.web.wrists.pairing import Pairing
+from pointit.bridges.web.wrists.phone import Phones
+from pointit.bridges.web.wrists.phone_connection import PhoneHost
+from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_motion import WristMotion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     Deployment,
     Environment,
@@ -70,14 +70,14 @@ class Web(Service[WebConfig]):
     @classmethod
     def check(cls, config: WebConfig) -> None:
         """Refuse what would let anybody in, see `exposure`."""
-        exposure.check(config)
+        exposure_check.check(config)
 
     def __init__(self, config: WebConfig, context: Context) -> None:
         super().__init__(config, context)
         self._loop = asyncio.get_running_loop()
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
-        doors.know_hosts([exposure.address(config, config.port)[0]])
+        doors.know_hosts([exposure_check.address(config, config.port)[0]])
         self._belief = Belief(self.NAME, config.record_s, self._now_s())
         self._past = Past(self.bus, self.clock, self._belief.hub)
         self._downloads = Downloads(self._belief.last_minute, self.bus.site, self.clock)
@@ -136,7 +136,7 @@ class Web(Service[WebConfig]):
         """Serve until cancelled, then close every connection."""
         try:
             await self._listener.start()
-            where = url("http", *exposure.address(self.config, self._listener.port))
+            where = url("http", *exposure_check.address(self.config, self._listener.port))
             log.info("the page is at %s/", where)
             if not self.config.operator_token:
                 self._keep_link(f"{where}/?token={self._token}")

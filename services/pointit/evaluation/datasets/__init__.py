@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.evaluation.datasets import motion_relloc, proximity_waypoints, synth_two_led, vr_arm_pointing
-from pointit.evaluation.trial import Reading
+from pointit.evaluation.localization.trial import Reading
 from pointit.runtime.errors import ConfigError
 
 SETS: dict[str, Callable[[Path, Reading], None]] = {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from pointit.evaluation.table_file import MOST_CHARACTERS, check_file, shown
+from pointit.evaluation.recordings.table_file import MOST_CHARACTERS, check_file, shown
 from pointit.runtime.errors import ConfigError
 
 Kind = Literal["number", "text"]

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.evaluation.json_lines import Line, check_samples, read_lines
-from pointit.evaluation.table_file import check_text
+from pointit.evaluation.recordings.json_lines import Line, check_samples, read_lines
+from pointit.evaluation.recordings.table_file import check_text
 from pointit.runtime.errors import ConfigError
 
 NAME = "belts_lab"

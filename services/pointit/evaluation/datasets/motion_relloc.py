@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pointit.evaluation.arm_rays import eye_finger_rays, eye_height_m
-from pointit.evaluation.data_folder import file_of, read_index, text_of, yaw_of
 from pointit.evaluation.datasets.plausible import check_reach, check_times
-from pointit.evaluation.trial import Following, Reading
+from pointit.evaluation.localization.arm_rays import eye_finger_rays, eye_height_m
+from pointit.evaluation.localization.trial import Following, Reading
+from pointit.evaluation.recordings.data_folder import file_of, read_index, text_of, yaw_of
 from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
-from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import Pointings
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 
 NAME = "motion_relloc"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
-from pointit.evaluation.table_file import Table, check_text, read_table, shown
+from pointit.evaluation.recordings.table_file import Table, check_text, read_table, shown
 from pointit.runtime.errors import ConfigError
 
 Array = NDArray[np.float64]

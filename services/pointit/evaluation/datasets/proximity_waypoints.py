@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pointit.evaluation.data_folder import (
+from pointit.evaluation.datasets.plausible import check_floor, check_reach, check_times
+from pointit.evaluation.localization.trial import Following, Reading
+from pointit.evaluation.recordings.data_folder import (
     EYE_HEIGHTS_M,
     Entry,
     eye_height_of,
@@ -13,11 +15,9 @@ from pointit.evaluation.data_folder import (
     text_of,
     yaw_of,
 )
-from pointit.evaluation.datasets.plausible import check_floor, check_reach, check_times
-from pointit.evaluation.table_file import read_table
-from pointit.evaluation.trial import Following, Reading
+from pointit.evaluation.recordings.table_file import read_table
 from pointit.runtime.errors import ConfigError
-from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import Pointings
 
 NAME = "proximity_waypoints"
 PREFIX = "track_"

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.evaluation.data_folder import EYE_HEIGHTS_M, MOST_YAW_DEG
 from pointit.evaluation.datasets.array_file import Kind, read_arrays
 from pointit.evaluation.datasets.plausible import check_reach, check_times
-from pointit.evaluation.table_file import FARTHEST, check_text, is_file
-from pointit.evaluation.trial import Array, Reading, Trial
+from pointit.evaluation.localization.trial import Array, Reading, Trial
+from pointit.evaluation.recordings.data_folder import EYE_HEIGHTS_M, MOST_YAW_DEG
+from pointit.evaluation.recordings.table_file import FARTHEST, check_text, is_file
 from pointit.runtime.errors import ConfigError
-from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import Pointings
 
 NAME = "synth_two_led"
 FILE = "trials.npz"

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pointit.evaluation.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
 from pointit.evaluation.datasets.plausible import check_reach
-from pointit.evaluation.table_file import Table, is_file, read_table
-from pointit.evaluation.trial import Array, Reading, Trial
+from pointit.evaluation.localization.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
+from pointit.evaluation.localization.trial import Array, Reading, Trial
+from pointit.evaluation.recordings.table_file import Table, is_file, read_table
 from pointit.runtime.errors import ConfigError
-from pointit.services.localizer.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import Pointings
 
 NAME = "vr_arm_pointing"
 FILE = "endpoints.csv"

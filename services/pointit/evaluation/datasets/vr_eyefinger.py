@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.evaluation.datasets.plausible import check_reach
-from pointit.evaluation.table_file import Table, read_table, shown
+from pointit.evaluation.recordings.table_file import Table, read_table, shown
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 
 
 def _text(value: object) -> object:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, BayCount, Departure, SelectionEvent
-from pointit.services.conveyor_sim.last_way import LastWay
-from pointit.services.conveyor_sim.package import Package
-from pointit.services.conveyor_sim.routes import Routes
+from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.traffic.last_way import LastWay
+from pointit.services.conveyor_sim.traffic.package import Package
 
 DEPARTURES = 50
 """Departures that are kept for readers that were away; more packages are hardly selected at a time."""

@@ -3,7 +3,7 @@
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Environment
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.network import Network
+from pointit.services.conveyor_sim.network.network import Network
 
 
 class UnusableMapError(Exception):

@@ -7,13 +7,13 @@ from pointit.schemas import NS_PER_S, ConveyorState, Departure, Environment, Sel
 from pointit.schemas.environment import BeltSpeed
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.dispatch import Dispatch
-from pointit.services.conveyor_sim.feeders import Feeders
+from pointit.services.conveyor_sim.feeding.feeders import Feeders
+from pointit.services.conveyor_sim.feeding.infeed import Intake
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
-from pointit.services.conveyor_sim.intake import Intake
-from pointit.services.conveyor_sim.package import Package
-from pointit.services.conveyor_sim.routes import Routes
-from pointit.services.conveyor_sim.sight import tracked_objects
-from pointit.services.conveyor_sim.traffic import Traffic
+from pointit.services.conveyor_sim.ground_truth import tracked_objects
+from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.traffic.package import Package
+from pointit.services.conveyor_sim.traffic.traffic import Traffic
 
 SHORTEST_S = 1e-3
 """A feeder that found no room looks again after this at the earliest."""

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.service import Context, Scope, Service
-from pointit.runtime.state import site_folder
+from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
     AddPackage,
@@ -31,12 +31,12 @@ from pointit.schemas.topics import (
     SET_SPEED,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLaneError
+from pointit.services.conveyor_sim.feeding.schedule import check_schedule
 from pointit.services.conveyor_sim.from_map import UnusableMapError
-from pointit.services.conveyor_sim.intake import NoRoomError, UnknownLaneError
-from pointit.services.conveyor_sim.keeping import erase, fingerprint
-from pointit.services.conveyor_sim.memory import Memory
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.schedule import check_schedule
+from pointit.services.conveyor_sim.store.persistence import Memory
+from pointit.services.conveyor_sim.store.snapshot_store import erase, fingerprint
 from pointit.services.conveyor_sim.tracking import Tracker
 
 TRACKER = "conveyor"

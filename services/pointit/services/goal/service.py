@@ -4,11 +4,11 @@ import asyncio
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.two_steps import Output, TwoSteps
+from pointit.services.goal.goal_confirmation import Output, TwoSteps
 
 LONGEST_WAIT_S = 5.0
 """Then the clock is looked at again, which may have been set."""

@@ -6,7 +6,7 @@ from typing import Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 
 Order = Literal["wxyz", "xyzw"]

@@ -7,8 +7,8 @@ import time
 import serial
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.health import Warnings
-from pointit.runtime.serial_port import PortSettings, SerialThread
+from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.host.serial_port import PortSettings, SerialThread
 from pointit.services.imu_bridge.config import SerialConfig
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected
 from pointit.services.imu_bridge.text_line import ButtonLine, LineError, LineParser, LineSplitter

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.service import Context, Scope, Service
-from pointit.runtime.state import StateFile
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     WRIST_PATIENCE_S,
     ButtonEvent,
@@ -23,13 +23,13 @@ from pointit.schemas import (
 from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.kept_mounting import PURPOSE, KeptMountings, Wearing
-from pointit.services.imu_bridge.page_account import CALLED, figures, warnings
+from pointit.services.imu_bridge.page_health import CALLED, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
 from pointit.services.imu_bridge.simulated import SimulatedSource
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings, Wearing
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 from pointit.sim.recordings import read_imu_csv
 

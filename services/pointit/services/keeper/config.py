@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 
 
 class FileConfig(Config):

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.files import put
+from pointit.runtime.host.atomic_file import put
 from pointit.schemas import DecodeError, Part, decode, encode
 from pointit.schemas.base import Many, Ns
 

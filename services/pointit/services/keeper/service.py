@@ -7,18 +7,18 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.runtime.bus import AnyTopic
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.clock import WallClock, sleep
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import Context, Scope, Service
-from pointit.runtime.skew import REMEDY, SkewWatch
-from pointit.runtime.state import site_folder
+from pointit.runtime.health.clock_skew import REMEDY, SkewWatch
+from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import KEPT
 from pointit.services.keeper.record import FILE, read, write
-from pointit.services.keeper.shelf import Shelf
+from pointit.services.keeper.retained_states import Shelf
 
 SETTLE_S = 0.5
 """So long after it began it knows who is present and what living writers say, and answers; of the wall."""

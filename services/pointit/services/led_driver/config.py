@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from pointit.geometry.colormap import colormap
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
 

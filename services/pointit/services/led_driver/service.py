@@ -5,9 +5,9 @@ from collections import Counter
 from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
-from pointit.runtime.bus import Publisher
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -38,10 +38,10 @@ from pointit.schemas.topics import (
     STRIPS_FRAME,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.expander import ExpanderOutput
-from pointit.services.led_driver.lamps import DARK
-from pointit.services.led_driver.lights import Lights
-from pointit.services.led_driver.pacing import Pacer
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.output.expander import ExpanderOutput
+from pointit.services.led_driver.output.pacing import Pacer
+from pointit.services.led_driver.picture.lamps import DARK
 
 LAMP_PERIOD_S = 1 / 20
 """Lamps change no faster."""

@@ -5,16 +5,16 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
-from pointit.services.localizer.anchoring import Steadiness
-from pointit.services.localizer.choice import Choice
-from pointit.services.localizer.config_of_belief import DriftConfig, EnoughConfig, TrustConfig
-from pointit.services.localizer.estimator import Trust
-from pointit.services.localizer.hold import Timing
-from pointit.services.localizer.moving_target import Following
+from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation_config import DriftConfig, EnoughConfig, TrustConfig
 from pointit.services.localizer.outputs import Floor
+from pointit.services.localizer.procedures.anchoring import Steadiness
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.moving_target import Following
+from pointit.services.localizer.procedures.target_plan import Choice
 
 
 def _enough_lamps(count: int) -> int:

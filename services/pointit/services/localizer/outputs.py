@@ -6,10 +6,10 @@ from typing import Literal
 import numpy as np
 
 from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
-from pointit.services.localizer.drift import AnchorResult, DriftPose
-from pointit.services.localizer.estimator import Solution
-from pointit.services.localizer.rays import Mean
-from pointit.services.localizer.sphere import Array
+from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
+from pointit.services.localizer.estimation.angular_residuals import Array
+from pointit.services.localizer.estimation.estimator import Solution
+from pointit.services.localizer.estimation.rays import Mean
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import ClassVar
 
-from pointit.runtime.bus import Publisher
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
     Anchor,
@@ -46,9 +46,9 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimator import Refusal
-from pointit.services.localizer.locating import Answer, Locating
+from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import LampSwitch, Output, StandBack
+from pointit.services.localizer.pose_manager import Answer, Locating
 
 STEP_HZ = 20.0
 """How often a procedure is stepped while it runs."""

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from pointit.geometry.one_euro import OneEuro
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 
 MIN_CUTOFF_HZ = {"normal": 0.7, "steady": 0.3}
 """Of the two settings of the filter; pointing.md §2."""

@@ -3,7 +3,7 @@
 import logging
 from typing import ClassVar
 
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, ImuSample, UserPose, UserProfile
 from pointit.schemas.topics import IMU, POSE, PROFILE, RAY
 from pointit.services.pointing.config import PointingConfig

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.services.pui.shapes import Kind, SolidKind
 from pointit.services.pui.surfaces import OPAQUE
 

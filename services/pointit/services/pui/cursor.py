@@ -9,7 +9,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Feedback, Interaction, PointingRay, SetWorkspace, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.pointing import Solid, SurfaceKind
-from pointit.services.pui.lamp_fan import LampFan
+from pointit.services.pui.nearby_lamps import LampFan
 from pointit.services.pui.passing import Passing
 from pointit.services.pui.shapes import PLACES
 from pointit.services.pui.surfaces import Surfaces

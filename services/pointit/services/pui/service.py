@@ -3,9 +3,10 @@
 import math
 from typing import ClassVar
 
-from pointit.runtime.bus import Publisher
+from pointit.maps.file import load_map_and_clouds
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     Cursor,
     Done,
@@ -32,8 +33,7 @@ from pointit.schemas.topics import (
 )
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.lamp_fan import LampFan
-from pointit.services.pui.map_file import load_map_and_clouds
+from pointit.services.pui.nearby_lamps import LampFan
 from pointit.services.pui.shapes import ranked
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 
 
 class GaugeConfig(Config):

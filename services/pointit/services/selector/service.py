@@ -4,11 +4,11 @@ import logging
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pointit.runtime.bus import Publisher
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.service import Context, Scope, Service
-from pointit.runtime.state import site_folder
+from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,
@@ -44,11 +44,11 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.history import History
-from pointit.services.selector.journal import Journal, Kept
-from pointit.services.selector.method import changed
+from pointit.services.selector.methods.method import changed
 from pointit.services.selector.outputs import Output, event_of
-from pointit.services.selector.selecting import Selecting
+from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.store.history import History
+from pointit.services.selector.store.journal import Journal, Kept
 
 log = logging.getLogger(__name__)
 

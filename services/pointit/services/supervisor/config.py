@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Rgb
 from pointit.services.supervisor.body import DEFAULT_STATURE_M, measures

@@ -21,12 +21,12 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Interaction, Localization, UserPose
 from pointit.schemas.cues import Cue
-from pointit.services.supervisor import sentences
+from pointit.services.supervisor import user_messages
+from pointit.services.supervisor.interaction_publisher import State
+from pointit.services.supervisor.interaction_state import Stage
+from pointit.services.supervisor.localization_attempt import Search
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 from pointit.services.supervisor.readiness import Readiness, TakingUp
-from pointit.services.supervisor.search import Search
-from pointit.services.supervisor.stage import Stage
-from pointit.services.supervisor.voice import State
 
 SETTLE_NS = NS_PER_S
 """After the begin, how long the person's place may take to come before they are localized unasked."""
@@ -118,12 +118,12 @@ class LifeCycle:
             if gesture == "press" and not self._press_ends:
                 return []
             self._readiness.gesture(ends=True)
-            return self._stage.rest(now_ns, "stopped", sentences.STOPPED)
+            return self._stage.rest(now_ns, "stopped", user_messages.STOPPED)
         self._readiness.gesture(ends=False)
         if gesture == "hold" and self._localizes:
             return self._localize(now_ns)
         if self._stage.pose_ns is None and not self._localizes:
-            return self._stage.rest(now_ns, "refused", sentences.NO_POSE)
+            return self._stage.rest(now_ns, "refused", user_messages.NO_POSE)
         return self._start(now_ns)
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
@@ -137,7 +137,7 @@ class LifeCycle:
         is_timely = abs(now_ns - sample.stamp_ns) <= self._silence_s * NS_PER_S
         if not is_timely or not (resumes or begins):
             return []
-        return self._stage.point(now_ns, sentences.RESUMED) if resumes else self._start(now_ns)
+        return self._stage.point(now_ns, user_messages.RESUMED) if resumes else self._start(now_ns)
 
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Take the person's place."""
@@ -161,7 +161,7 @@ class LifeCycle:
                 cue: Cue = "stopped" if end == "cancelled" else "refused"
                 return self._over(news, self._fail(search, now_ns, cue, search.why(end, news.reason)))
             case "restarted":
-                self._stage.seek_again(search, sentences.AGAIN)
+                self._stage.seek_again(search, user_messages.AGAIN)
                 return [Start(search.run), *self._stage.show(now_ns)]
 
     def answered(self, run: int) -> list[Output]:
@@ -195,10 +195,10 @@ class LifeCycle:
             if self._stage.state == "pointing" or (search is not None and search.otherwise == "pointing"):
                 self._readiness.break_off(now_ns)
             cue: Cue = "stopped" if search is None else "refused"
-            return [*cancel, *self._stage.rest(now_ns, cue, sentences.silent(self._silence_s))]
+            return [*cancel, *self._stage.rest(now_ns, cue, user_messages.silent(self._silence_s))]
         if search is None:
             return []
-        return [*cancel, *self._fail(search, now_ns, "refused", sentences.too_long(self._timeout_s))]
+        return [*cancel, *self._fail(search, now_ns, "refused", user_messages.too_long(self._timeout_s))]
 
     @property
     def _is_place_known(self) -> bool:
@@ -214,18 +214,18 @@ class LifeCycle:
     def _start(self, now_ns: int) -> list[Output]:
         if self._localizes and not self._is_place_known:
             return self._localize(now_ns)
-        return self._stage.point(now_ns, sentences.PLACE_KNOWN)
+        return self._stage.point(now_ns, user_messages.PLACE_KNOWN)
 
     def _localize(self, now_ns: int) -> list[Output]:
         stage = self._stage
-        search = stage.seek("pose", sentences.ASKED, now_ns, then="pointing", otherwise="idle")
+        search = stage.seek("pose", user_messages.ASKED, now_ns, then="pointing", otherwise="idle")
         return [Start(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
 
     def _ask_anchor(self, now_ns: int) -> list[Output]:
         stage = self._stage
         if stage.pose_ns is None:
-            return stage.rest(now_ns, "refused", sentences.NO_POSE_TO_ANCHOR)
-        search = stage.seek("anchor", sentences.ANCHOR_ASKED, now_ns)
+            return stage.rest(now_ns, "refused", user_messages.NO_POSE_TO_ANCHOR)
+        search = stage.seek("anchor", user_messages.ANCHOR_ASKED, now_ns)
         return [StartAnchor(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
 
     def _join(self, news: Localization, now_ns: int) -> list[Output]:
@@ -238,7 +238,7 @@ class LifeCycle:
         since_ns = min(news.stamp_ns, now_ns)
         if before == "localizing":  # it is theirs
             search = stage.seek(
-                "pose", sentences.RESUMED, now_ns, since_ns=since_ns, then="pointing", otherwise="idle"
+                "pose", user_messages.RESUMED, now_ns, since_ns=since_ns, then="pointing", otherwise="idle"
             )
             search.is_answered = True
             return self._aim(search, news, now_ns)
@@ -247,7 +247,7 @@ class LifeCycle:
         if not is_new or not news.target_id:
             return []
         is_anchor = news.purpose == "anchor"
-        reason = sentences.ANCHOR_ASKED_FOR if is_anchor else sentences.POSE_ASKED_FOR
+        reason = user_messages.ANCHOR_ASKED_FOR if is_anchor else user_messages.POSE_ASKED_FOR
         search = stage.seek(news.purpose, reason, now_ns, since_ns=since_ns, is_joined=True)
         return self._aim(search, news, now_ns)
 
@@ -261,7 +261,7 @@ class LifeCycle:
 
     def _found(self, search: Search, now_ns: int) -> list[Output]:
         stage = self._stage
-        reason = sentences.ANCHORED if search.purpose == "anchor" else sentences.LOCALIZED
+        reason = user_messages.ANCHORED if search.purpose == "anchor" else user_messages.LOCALIZED
         cue = stage.cue(now_ns, "localized", reason)
         if search.then == "pointing":
             return [cue, *stage.point(now_ns, reason, was_heard=search.otherwise == "pointing")]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
-from pointit.runtime.service import Context, Scope, Service
-from pointit.runtime.state import StateFile
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,
@@ -42,10 +42,10 @@ from pointit.schemas.topics import (
     START_LOCALIZATION,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
-from pointit.services.supervisor.kept_place import KeptPlace
 from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.offset_words import OFFSET_PURPOSE, absurd, offset_in_use
+from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, absurd, offset_in_use
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
+from pointit.services.supervisor.pose_restore import KeptPlace
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pointit.runtime.config import Config
+from pointit.runtime.config.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
 

@@ -8,18 +8,18 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
-from pointit.services.user_sim.arm import Arm
-from pointit.services.user_sim.behaviour import asked_goal, wish_of
+from pointit.services.user_sim.body.aim_error import OpenLoopError
+from pointit.services.user_sim.body.arm import Arm
+from pointit.services.user_sim.body.standing_position import Feet
+from pointit.services.user_sim.body.wristband import Wristband
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.correction import Correction
-from pointit.services.user_sim.error import OpenLoopError
-from pointit.services.user_sim.feet import Feet
-from pointit.services.user_sim.goal import REST, Goal
-from pointit.services.user_sim.mind import Mind
-from pointit.services.user_sim.pace import Pace
-from pointit.services.user_sim.press import Press
-from pointit.services.user_sim.sight import Sight
-from pointit.services.user_sim.wristband import Wristband
+from pointit.services.user_sim.decision.behaviour import asked_goal, wish_of
+from pointit.services.user_sim.decision.correction import Correction
+from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.goal import REST, Goal
+from pointit.services.user_sim.decision.perception import Mind
+from pointit.services.user_sim.decision.press import Press
+from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Aim, Stance
 
 RATE_STEP_NS = 10_000_000

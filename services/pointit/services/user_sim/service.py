@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pointit.runtime.clock import ticks
-from pointit.runtime.service import Context, Scope, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample
 from pointit.schemas.topics import (
     BUTTON,

@@ -12,18 +12,18 @@ import os
 import threading
 from collections.abc import Callable
 
-from pointit.bridges.ros2.backend import Closable, Graph, Qos, RosType, Server, Writer
-from pointit.bridges.ros2.calls import Calls
-from pointit.bridges.ros2.complaints import Complaints
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.outlook import Outlook
+from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
+from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.graph_monitor import Outlook
 from pointit.bridges.ros2.over_rclpy.graph import GraphReader
 from pointit.bridges.ros2.over_rclpy.join import Joined, join
 from pointit.bridges.ros2.over_rclpy.seat import Absent, DdsSeat
 from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsDesk
 from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
-from pointit.runtime.daemon_thread import in_daemon_thread
-from pointit.runtime.health import Warnings
+from pointit.bridges.ros2.routing.calls import Calls
+from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.host.threads import in_daemon_thread
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ async def opened_rclpy(config: BackendConfig, warnings: Warnings) -> "RclpyBacke
 
 
 class RclpyBackend:
-    """Our node; see `pointit.bridges.ros2.backend.Backend` for the contract."""
+    """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract."""
 
     def __init__(self, joined: Joined, config: BackendConfig, warnings: Warnings) -> None:
         """Begin to spin; must be called in the loop. `joined` belongs to this backend, which leaves."""

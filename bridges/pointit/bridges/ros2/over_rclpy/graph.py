@@ -3,7 +3,7 @@
 import collections
 from collections.abc import Sequence
 
-from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph, RosType
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, RosType
 from pointit.bridges.ros2.over_rclpy.api import EndInfo, NamesAndTypes, Node
 from pointit.bridges.ros2.over_rclpy.library import Rclpy
 

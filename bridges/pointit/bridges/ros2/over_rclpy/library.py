@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.bridges.ros2.backend import Qos
+from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.over_rclpy.api import Executor, Node, Profile, RosContext
 from pointit.runtime.errors import ConfigError
 

@@ -5,15 +5,15 @@ import collections
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-from pointit.bridges.ros2.backend import Closable, RosType
-from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.definitions import INTERFACES
+from pointit.bridges.ros2.graph.backend import Closable, RosType
+from pointit.bridges.ros2.graph.backend_warnings import Complaints
 from pointit.bridges.ros2.over_rclpy.api import EndInfo, Node
-from pointit.bridges.ros2.over_rclpy.echoes import Echoes
 from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
 from pointit.bridges.ros2.over_rclpy.library import Rclpy, class_of
+from pointit.bridges.ros2.over_rclpy.loopback_filter import Echoes
+from pointit.bridges.ros2.types.definitions import INTERFACES
+from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError
-from pointit.runtime.mailbox import Dispatcher
 
 End = TypeVar("End")
 

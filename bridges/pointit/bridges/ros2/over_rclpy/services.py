@@ -6,7 +6,7 @@ import logging
 import threading
 from typing import Any
 
-from pointit.bridges.ros2.backend import Server, check_cdr
+from pointit.bridges.ros2.graph.backend import Server, check_cdr
 from pointit.bridges.ros2.over_rclpy.api import Reply, ServiceClass
 from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
 from pointit.runtime.errors import RefusedError

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from pointit.bridges.ros2.backend import Qos, check_cdr
+from pointit.bridges.ros2.graph.backend import Qos, check_cdr
 from pointit.bridges.ros2.over_rclpy.api import MessageInfo
 from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
 from pointit.runtime.errors import BusClosedError

@@ -3,18 +3,18 @@
 import asyncio
 from collections.abc import Callable
 
-from pointit.bridges.ros2.backend import Closable, EndpointKind, Graph, Qos, RosType, Server
-from pointit.bridges.ros2.calls import Calls
-from pointit.bridges.ros2.complaints import Complaints
-from pointit.bridges.ros2.outlook import Outlook
+from pointit.bridges.ros2.graph.backend import Closable, EndpointKind, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.graph_monitor import Outlook
+from pointit.bridges.ros2.over_zenoh.endpoint_context import Seat
 from pointit.bridges.ros2.over_zenoh.graph import Roster
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.seat import Seat
 from pointit.bridges.ros2.over_zenoh.services import ServiceClient, ServiceDesk
 from pointit.bridges.ros2.over_zenoh.topics import TopicReader, TopicWriter
+from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.errors import BusClosedError
-from pointit.runtime.health import Warnings
-from pointit.runtime.zenoh_plain import PlainSession
+from pointit.runtime.foreign_zenoh.raw_session import PlainSession
+from pointit.runtime.health.service_bus import Warnings
 
 UNSEEN_S = 1.0
 """How often it is looked with whom we exchange messages; who has no token is reported the second time."""
@@ -23,7 +23,7 @@ SETTLE_S = 0.05
 
 
 class ZenohBackend:
-    """Our node; see `pointit.bridges.ros2.backend.Backend` for the contract."""
+    """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract."""
 
     def __init__(
         self,

@@ -4,7 +4,7 @@ import collections
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
-from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Graph
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph
 
 MAX_TOKENS = 20_000
 """Of others that are kept; further ones are only counted."""

@@ -2,7 +2,7 @@
 
 import re
 
-from pointit.bridges.ros2.backend import RosType
+from pointit.bridges.ros2.graph.backend import RosType
 
 PRESENCE = "@ros2_lv"
 """First chunk of the tokens of nodes and their endpoints."""

@@ -3,7 +3,7 @@
 `<reliability>:<durability>:<history>,<depth>:<deadline s>,<ns>:<lifespan s>,<ns>:<liveliness>,<lease s>,<ns>`
 """
 
-from pointit.bridges.ros2.backend import Qos
+from pointit.bridges.ros2.graph.backend import Qos
 
 DEFAULT_DEPTH = 42
 """Of rmw_zenoh, not of ROS, whose nodes say 10 or 1."""

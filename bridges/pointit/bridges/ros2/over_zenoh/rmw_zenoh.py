@@ -2,12 +2,12 @@
 
 import itertools
 
-from pointit.bridges.ros2.backend import Endpoint, EndpointKind, Qos, RosType
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Qos, RosType
+from pointit.bridges.ros2.message_format import shown
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.graph import Seen
 from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN, data_key, resolved
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
-from pointit.bridges.ros2.wording import shown
 
 OLD_FIELDS = (b"source_gid", b"sequence_number")
 """Names that attachments had before Humble 0.1.2 and Jazzy 0.2.4."""

@@ -7,11 +7,11 @@ from collections.abc import Coroutine
 from dataclasses import replace
 from typing import Any
 
-from pointit.bridges.ros2.backend import SERVICE, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.backend import SERVICE, RosType, Server, check_cdr
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment
-from pointit.bridges.ros2.over_zenoh.seat import Seat, Sender
+from pointit.bridges.ros2.over_zenoh.endpoint_context import Seat, Sender
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.zenoh_plain_requests import Answer, Ask
+from pointit.runtime.foreign_zenoh.queries import Answer, Ask
 
 log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import xxhash
 
-from pointit.bridges.ros2.backend import EndpointKind, Qos, RosType
+from pointit.bridges.ros2.graph.backend import EndpointKind, Qos, RosType
 from pointit.bridges.ros2.over_zenoh.keys import PRESENCE, dds_type, resolved
 from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import xxhash
 
-from pointit.bridges.ros2.backend import Qos, RosType, check_cdr
-from pointit.bridges.ros2.over_zenoh.seat import Seat, Sender
-from pointit.runtime.zenoh_plain_ends import Packet, PlainReader, PlainTraffic
+from pointit.bridges.ros2.graph.backend import Qos, RosType, check_cdr
+from pointit.bridges.ros2.over_zenoh.endpoint_context import Seat, Sender
+from pointit.runtime.foreign_zenoh.pubsub import Packet, PlainReader, PlainTraffic
 
 LEAST_CAPACITY = 64
 """Messages that wait for the loop at least, however few a topic's QoS keeps."""

@@ -1,0 +1,1 @@
+"""Joining a ROS graph and watching it."""

@@ -1,0 +1,126 @@
+"""Joining the ROS graph, by whichever way the others speak."""
+
+import asyncio
+import functools
+import logging
+import time
+from collections.abc import Callable
+from typing import Literal
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Backend
+from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
+from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.foreign_zenoh.raw_session import open_plain
+from pointit.runtime.foreign_zenoh.session_config import PlainLink
+from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.link.link import ENDPOINT, MAX_PORT
+
+log = logging.getLogger(__name__)
+
+REMEDY = "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
+
+NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
+"""What other nodes need to be seen."""
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+ANSWER_S = 1.0
+"""Within which a router on this machine accepts a connection."""
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Make sure that `endpoint` may be where ROS's router is.
+
+    Raises:
+        ConfigError: it is no address; names the parameter.
+    """
+    found = ENDPOINT.fullmatch(endpoint)
+    if found is None or int(found["port"] or 0) > MAX_PORT:
+        raise ConfigError(
+            f"backend.endpoint: {endpoint!r} is no address; write one like tcp/127.0.0.1:7447, where ROS's "
+            "router is"
+        )
+
+
+async def opened(
+    config: BackendConfig,
+    warnings: Warnings,
+    *,
+    now_ns: Callable[[], int] = time.time_ns,
+    patience_s: float | None = None,
+    is_bridge: bool = False,
+) -> Backend:
+    """Return our node in the ROS graph; may be cancelled at any time.
+
+    Args:
+        config: where, as whom, to whom.
+        warnings: where is shown what will not work between us and them, and what to do.
+        now_ns: what the time is, for what is sent.
+        patience_s: how long a client looks for its router; for ever (said once) when it is none.
+        is_bridge: be known as one of PointIt by the others of PointIt, which do not listen to it; only
+            `rmw_zenoh` has a place for that.
+
+    Raises:
+        ConfigError: the endpoint is no address; or for `dds`, rclpy is not there.
+        ListenError: the router's address is taken.
+        ConnectError: nobody answered the client within `patience_s`.
+    """
+    if config.kind == "dds":
+        return await opened_rclpy(config, warnings)
+    mode = config.mode
+    if mode == "auto":
+        mode = await _mode_at(config.endpoint)
+        if mode == "router":
+            log.info("no ROS router answers at %s: this is it now, start no other", config.endpoint)
+    waiting = Complaints(warnings)
+    try:
+        session = await open_plain(
+            PlainLink(endpoint=config.endpoint, mode=mode, remedy=REMEDY),
+            patience_s=patience_s,
+            on_wait=functools.partial(waiting.hold, "router"),
+        )
+    finally:
+        waiting.close()
+    try:
+        dialect = RmwZenoh(
+            session=session.zid,
+            node=config.node,
+            domain=config.domain_id,
+            enclave=BRIDGE if is_bridge else ENCLAVE,
+        )
+        backend = ZenohBackend(
+            session,
+            dialect,
+            warnings,
+            node=config.node,
+            domain=config.domain_id,
+            distro=config.distro,
+            now_ns=now_ns,
+            max_bytes=config.max_message_bytes,
+            needs=NEEDS,
+        )
+    except ValueError as error:
+        await session.close()
+        raise ConfigError(f"node: {error}") from error
+    except BaseException:
+        await session.close()
+        raise
+    return backend
+
+
+async def _mode_at(endpoint: str) -> Literal["peer", "router"]:
+    """Return how to join at `endpoint` when it is left to us; who answers there is taken for the router."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    if host.strip("[]") not in LOOPBACK or not port.isdigit():
+        return "peer"
+    try:
+        async with asyncio.timeout(ANSWER_S):
+            _, writer = await asyncio.open_connection(host.strip("[]"), int(port))
+    except (OSError, TimeoutError):
+        return "router"
+    writer.close()
+    return "peer"

@@ -1,0 +1,265 @@
+"""What in the ROS graph will not work, in sentences that name who, what and what to do about it."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qos
+from pointit.bridges.ros2.message_format import listed, nodes, short, short_hash
+from pointit.bridges.ros2.types.types import NO_HASH
+
+COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
+    "publisher": "subscriber",
+    "subscriber": "publisher",
+    "server": "client",
+    "client": "server",
+}
+
+
+Matching = Literal["definition", "type"]
+"""What two ends must have in common for messages to go from one to the other, besides the topic's name: the
+type and its definition, or the type's name only."""
+
+End = tuple[str, EndpointKind]
+"""By name and kind: going through everybody else for each of ours would hold up the loop."""
+Counterparts = Mapping[Endpoint, Sequence[Endpoint]]
+"""Of ours: what others of our domain have at the other end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Something that will not work, or that a person may wonder about."""
+
+    about: str
+    """The same for the same trouble, however the sentence changes: `type of /user1/button`."""
+    sentence: str
+    is_note: bool = False
+    """Nothing is wrong: it only explains why nothing happens."""
+
+
+def findings(
+    graph: Graph, *, domain: int, distro: str, needs: str = "", matching: Matching = "definition"
+) -> tuple[Finding, ...]:
+    """Return what in `graph` will not work between us and the others, each with the remedy.
+
+    Args:
+        graph: with our own endpoints in it.
+        domain: ours.
+        distro: the ROS distribution that we are set to.
+        needs: what other nodes need to be seen, for people.
+        matching: what two ends must have in common for messages to go from one to the other.
+    """
+    ours = sorted((each for each in graph.endpoints if each.is_ours), key=_order)
+    others = [each for each in graph.endpoints if not each.is_ours and each.domain == domain]
+    elsewhere = [
+        each
+        for each in graph.endpoints
+        if not each.is_ours and not each.is_bridge and each.domain != domain  # a PointIt belongs elsewhere
+    ]
+    found = [*_bridges(others, domain), *_generations(others, distro)]
+    wanted = {_wanted(mine) for mine in ours}
+    offered: dict[End, list[Endpoint]] = defaultdict(list)
+    for each in others:
+        if _end(each) in wanted:
+            offered[_end(each)].append(each)
+    counterparts = {mine: sorted(offered.get(_wanted(mine), ()), key=_order) for mine in ours}
+    for mine, theirs in counterparts.items():
+        found += _types(mine, theirs, matching)
+        found += _qualities(mine, [each for each in theirs if _meets(mine, each, matching)])
+    found += _domains(counterparts, elsewhere, domain, is_lonely=not others)
+    where = f"in domain {domain}{needs and f': {needs}'}"
+    found += _unseen(graph)
+    if others:
+        found += _lonely(counterparts, matching, graph)
+    elif not graph.unseen:
+        found += [_nobody(where)]
+    return tuple({each.about: each for each in reversed(found)}.values())[::-1]
+
+
+def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
+    """Return that another PointIt is among `others`."""
+    names = sorted({short(each.node) for each in others if each.is_bridge})
+    if not names:
+        return []
+    return [
+        Finding(
+            about="bridge",
+            sentence=f"another PointIt bridge is node {listed(names)} in this domain ({domain}): we do not "
+            "listen to it, but ROS nodes take the people and objects of both for the same; give one of the "
+            "two another backend.domain_id and backend.node",
+        )
+    ]
+
+
+def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
+    """Return that some speak for a distribution whose type hashes are not ours."""
+    is_humble = distro == "humble"
+    other = [each for each in others if each.type.hash and (each.type.hash == NO_HASH) != is_humble]
+    if not other:
+        return []
+    if is_humble:
+        sentence = (
+            f"ROS {nodes(other, 'is', 'are')} not of Humble, whose messages and those of later "
+            "distributions never reach each other; set distro to theirs (jazzy, kilted, …)"
+        )
+    else:
+        sentence = (
+            f"ROS {nodes(other, 'is', 'are')} of Humble, whose messages have no type hash and never reach "
+            f"those of {distro}; set distro to humble, or let them run {distro}"
+        )
+    return [Finding(about="distro", sentence=sentence)]
+
+
+def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
+    """Return that others use another definition, or another type, under a name of ours."""
+    found: list[Finding] = []
+    strangers = [each for each in counterparts if each.type.name != mine.type.name]
+    if strangers:
+        found.append(
+            Finding(
+                about=f"type of {mine.name}",
+                sentence=f"ROS {nodes(strangers, 'uses', 'use')} {mine.name} as "
+                f"{short(strangers[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one of "
+                "the two",
+            )
+        )
+    rebuilt = [
+        each
+        for each in counterparts
+        if each.type.name == mine.type.name
+        and not _is_same(mine, each)
+        and NO_HASH not in (each.type.hash, mine.type.hash)
+    ]
+    if rebuilt:
+        package = mine.type.name.partition("/")[0]
+        what = "nothing arrives" if matching == "definition" else "what arrives is dropped or misread"
+        found.append(
+            Finding(
+                about=f"definition of {mine.name}",
+                sentence=f"ROS {nodes(rebuilt, 'uses', 'use')} a different definition of {mine.type.name}: "
+                f"on {mine.name} expected {short_hash(mine.type.hash)}, saw "
+                f"{short_hash(rebuilt[0].type.hash)}, and {what}; rebuild {package} there from PointIt's "
+                "folder interfaces, or from a distribution whose definition is the same",
+            )
+        )
+    return found
+
+
+def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
+    """Return that some would not match us under the rules of DDS, though they may here."""
+    for why, clashes in (
+        ("wants it reliable from who sends it best effort", _is_too_lossy),
+        ("wants what was sent before (transient local) from who keeps nothing (volatile)", _is_too_forgetful),
+    ):
+        clashing: list[Endpoint] = []
+        for other in counterparts:
+            writer, reader = (mine, other) if mine.kind == "publisher" else (other, mine)
+            if writer.qos and reader.qos and mine.kind in ("publisher", "subscriber"):
+                clashing += [other] if clashes(writer.qos, reader.qos) else []
+        if clashing:
+            side = "the subscriber, which is ours," if mine.kind == "subscriber" else "the subscriber"
+            return [
+                Finding(
+                    about=f"QoS of {mine.name}",
+                    sentence=f"QoS of ROS {nodes(clashing)} on {mine.name} does not match ours: {side} "
+                    f"{why}; by the rules of DDS nothing would arrive, change one of the two",
+                )
+            ]
+    return []
+
+
+def _is_too_lossy(writer: Qos, reader: Qos) -> bool:
+    return reader.reliable and not writer.reliable
+
+
+def _is_too_forgetful(writer: Qos, reader: Qos) -> bool:
+    return reader.latched and not writer.latched
+
+
+def _domains(
+    counterparts: Counterparts, elsewhere: Iterable[Endpoint], domain: int, *, is_lonely: bool
+) -> list[Finding]:
+    """Return that what we look for is in another domain."""
+    found = list(elsewhere)
+    if not is_lonely:  # another robot's domain is nothing to speak of, unless it has what we look for
+        missing = {_wanted(mine) for mine, theirs in counterparts.items() if not theirs}
+        found = [each for each in found if _end(each) in missing]
+    if not found:
+        return []
+    theirs = sorted({each.domain for each in found})
+    return [
+        Finding(
+            about="domain",
+            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {listed(map(str, theirs))}, we are in "
+            f"{domain}: nothing arrives; set domain_id to {theirs[0]}, or start them with "
+            f"ROS_DOMAIN_ID={domain}",
+        )
+    ]
+
+
+def _unseen(graph: Graph) -> list[Finding]:
+    """Return that messages are exchanged with nodes that no token names."""
+    exchanged = [
+        f"{listed(names)} {'is' if len(names) == 1 else 'are'} {what} by"
+        for kind, what in (("subscriber", "read"), ("publisher", "written"))
+        if (names := sorted(name for end, name in graph.unseen if end == kind))
+    ]
+    if not exchanged:
+        return []
+    return [
+        Finding(
+            about="unseen",
+            sentence=f"{' and '.join(exchanged)} a node that the ROS graph does not show, as one that was "
+            "started before the router: messages pass, but nobody sees that node; start it again",
+        )
+    ]
+
+
+def _nobody(where: str) -> Finding:
+    return Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}")
+
+
+def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
+    """Return that nobody is there for some of our topics."""
+    found: list[Finding] = []
+    kinds: tuple[tuple[EndpointKind, str], ...] = (
+        ("publisher", "subscribes to"),
+        ("subscriber", "publishes"),
+    )
+    for kind, what in kinds:
+        names = [
+            mine.name
+            for mine, theirs in counterparts.items()
+            if mine.kind == kind
+            and (COUNTERPART[kind], mine.name) not in graph.unseen
+            and not any(_meets(mine, each, matching) for each in theirs)
+        ]
+        if names:
+            sentence = f"nobody in ROS {what} {listed(dict.fromkeys(names))}"
+            found.append(Finding(about=f"nobody {what}", is_note=True, sentence=sentence))
+    return found
+
+
+def _end(endpoint: Endpoint) -> End:
+    return endpoint.name, endpoint.kind
+
+
+def _wanted(mine: Endpoint) -> End:
+    """Return what is at the other end."""
+    return mine.name, COUNTERPART[mine.kind]
+
+
+def _meets(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
+    """Return whether messages go from one to the other."""
+    return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
+
+
+def _is_same(mine: Endpoint, other: Endpoint) -> bool:
+    """Return whether both have the same definition, as far as is told."""
+    hashes = {mine.type.hash, other.type.hash} - {""}
+    return mine.type.name == other.type.name and len(hashes) <= 1
+
+
+def _order(endpoint: Endpoint) -> tuple[str, str, str]:
+    return (endpoint.name, endpoint.kind, endpoint.node)

@@ -1,0 +1,72 @@
+"""What a foreign value must be before it is believed: each check returns what it found, or why not."""
+
+import math
+from typing import Any
+
+from pointit.bridges.ros2.routing.route_types import About
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+from pointit.schemas import FARTHEST, NS_PER_S
+from pointit.schemas.base import UNIT_TOLERANCE
+
+AHEAD_NS = NS_PER_S
+"""Stamps further in the future are of another clock."""
+LATE_NS = 10 * NS_PER_S
+"""Stamps further in the past likewise."""
+
+STEEPEST_RAD = math.radians(70.0)
+"""An x axis that is steeper tells no heading."""
+
+MOST_NAME = 60
+"""Characters of a foreign name in a sentence."""
+
+
+def quaternion(value: Any, what: str) -> Quaternion | str:
+    """Return a geometry_msgs/Quaternion with norm 1, or why it is none."""
+    q = (float(value.x), float(value.y), float(value.z), float(value.w))
+    norm = math.hypot(*q)
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:  # false for NaN as well
+        return f"{what} is no rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
+    return rotation.normalized(q)
+
+
+def place(value: Any, what: str) -> Vec3 | str:
+    """Return a geometry_msgs/Point or Vector3 in metres, or why it is none."""
+    x, y, z = float(value.x), float(value.y), float(value.z)
+    if not all(abs(each) <= FARTHEST for each in (x, y, z)):
+        return f"{what} is no place: ({x:g}, {y:g}, {z:g}) m; send metres"
+    return (x, y, z)
+
+
+def heading(turned: Quaternion, what: str) -> float | str:
+    """Return the azimuth of the x axis, rad, or why there is none."""
+    ahead = rotation.rotate(turned, (1.0, 0.0, 0.0))
+    elevation = vector.elevation(ahead)
+    if abs(elevation) > STEEPEST_RAD:
+        return (
+            f"{what} has no heading: its x axis points {math.degrees(elevation):.0f}° up; send the frame at "
+            "the person's feet, x forward, z up"
+        )
+    return vector.azimuth(ahead)
+
+
+def stamp(value: Any, about: About, what: str) -> tuple[int, str]:
+    """Return the time of capture, Unix ns, and what is wrong with the stamp, if anything: then it is now."""
+    stamp_ns = int(value.sec) * NS_PER_S + int(value.nanosec)
+    if stamp_ns == 0:
+        return about.stamp_ns, ""
+    apart_ns = stamp_ns - about.stamp_ns
+    if -LATE_NS <= apart_ns <= AHEAD_NS:
+        return max(stamp_ns, 0), ""
+    side = "ahead of" if apart_ns > 0 else "behind"
+    return about.stamp_ns, (
+        f"{what} is stamped {abs(apart_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
+        "arrival: synchronize the clocks, or let both follow /clock"
+    )
+
+
+def named(name: str) -> str:
+    """Return a foreign name as a sentence can show it."""
+    shown = repr(name)
+    return shown if len(shown) <= MOST_NAME else f"{shown[: MOST_NAME - 3]}..."

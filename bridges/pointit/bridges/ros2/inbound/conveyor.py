@@ -1,0 +1,179 @@
+"""The conveyor and the lights, as the ROS toolkit's nodes command them."""
+
+import math
+from typing import Any
+
+from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.routing.route_types import About, Said, Taken, Warned
+from pointit.bridges.ros2.routing.scene import lane_of
+from pointit.bridges.ros2.routing.uids import MOST
+from pointit.schemas import (
+    AddPackage,
+    AddPackageReply,
+    Reply,
+    ResetConveyor,
+    SetBrightness,
+    SetFeeding,
+    SetSpeed,
+    SetYawOrigin,
+)
+from pointit.schemas.topics import (
+    ADD_PACKAGE,
+    RESET_CONVEYOR,
+    SET_BRIGHTNESS,
+    SET_FEEDING,
+    SET_SPEED,
+    SET_YAW_ORIGIN,
+)
+
+ALL = "*"
+"""Stands for every belt in a command."""
+MOST_BELTS = 256
+"""In one command."""
+FASTEST_MPS = 5.0
+"""As `SetSpeed` has it."""
+AT_START = 1e-3
+"""A share of a belt's length that is its beginning."""
+EVERY_STRIP = 0xFF
+"""Mask of LED channels."""
+
+
+def belt_command(value: Any, about: About) -> Taken:
+    """Take a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
+    names, speeds = list(value.name), [float(each) for each in value.velocity]
+    if not names or len(names) != len(speeds) or len(names) > MOST_BELTS:
+        return (
+            Warned(
+                f"/belt_cmd has {len(names)} names and {len(speeds)} velocities: send one velocity for each, "
+                f"at most {MOST_BELTS}"
+            ),
+        )
+    taken: list[Said | Warned] = []
+    belts: dict[float, list[str]] = {}
+    for name, speed_mps in zip(names, speeds, strict=True):
+        lane = None if name == ALL else lane_of(name, about.scene.lanes)
+        if trouble := _too_fast("/belt_cmd", speed_mps):
+            taken.append(Warned(trouble))
+        elif name == ALL:
+            taken.append(_at_speed(speed_mps))
+        elif lane is None:
+            there_are = ", ".join(about.scene.lanes[:20]) or "none"
+            taken.append(Warned(f"/belt_cmd: there is no belt {checks.named(name)}; there are {there_are}"))
+        else:
+            belts.setdefault(speed_mps, []).append(lane)
+    taken += [_at_speed(speed_mps, tuple(lanes)) for speed_mps, lanes in belts.items()]
+    return tuple(taken)
+
+
+def feed(value: Any, _about: About) -> Taken:
+    """Take a std_msgs/Bool: the feeders give packages, or rest."""
+    return (Said(SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
+
+
+def add_package(value: Any, about: About) -> Taken:
+    """Take a std_msgs/UInt8: put an object of that kind on the first lane."""
+    kind = about.scene.kinds.kind(int(value.data))
+    if kind is None:
+        return (Warned(_no_kind("/add_package", int(value.data), about)),)
+    return (Said(ADD_PACKAGE, "", AddPackage(kind=kind)),)
+
+
+class AddPack:
+    """The service `add_pack`: the caller chooses the number of what is added."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Any] = {}
+        """Requests that our conveyor was asked for and has not answered, by the number they want."""
+
+    def asks(self, request: Any, about: About) -> Said | Warned:
+        """Take a request."""
+        uid, belt, position = int(request.uid), int(request.belt), float(request.position)
+        scene = about.scene
+        taken = {scene.uids.number(item.id) for item in scene.tracked()}
+        kind, lanes = scene.kinds.kind(int(request.kind)), scene.lanes
+        if kind is None:
+            return Warned(_no_kind("add_pack", int(request.kind), about))
+        if belt >= len(lanes):
+            return Warned(f"add_pack: there is no belt {belt}: there are {len(lanes)}, counted from 0")
+        is_at_start = abs(position) <= AT_START
+        if not (is_at_start or 0.0 <= position <= 1.0):
+            return Warned(f"add_pack: position {position:g} was asked for: send 0 (start) to 1 (end)")
+        if uid > MOST or uid in self._open or uid in taken:
+            return Warned(f"add_pack: uid {uid} is taken or beyond {MOST}: ask for another")
+        self._open[uid] = request
+        scene.uids.expect(uid)
+        return Said(
+            ADD_PACKAGE,
+            "",
+            AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position),
+        )
+
+    def answers(self, request: Any, reply: Reply | None, about: About) -> Any:
+        """Return the response; what was added has the caller's number from now on."""
+        uids, uid = about.scene.uids, int(request.uid)
+        if self._open.get(uid) is request:
+            del self._open[uid]
+            uids.settle(uid)
+            if isinstance(reply, AddPackageReply):
+                uids.bind(uid, reply.object_id)
+        is_added = isinstance(reply, AddPackageReply)
+        return about.scene.types.make("conveyor_msgs/srv/AddPack_Response", result=is_added)
+
+
+def set_belt_speed(request: Any, _about: About) -> Said | Warned:
+    """Take a request to `set_belt_speed`: a speed for every belt."""
+    speed_mps = float(request.speed)
+    trouble = _too_fast("set_belt_speed", speed_mps)
+    return Warned(trouble) if trouble else _at_speed(speed_mps)
+
+
+def reset(_request: Any, _about: About) -> Said | Warned:
+    """Take a request to empty the conveyor."""
+    return Said(RESET_CONVEYOR, "", ResetConveyor())
+
+
+def set_brightness(request: Any, about: About) -> Said | Warned:
+    """Take a request to dim all strips, or those whose channels (`id` in `/led_strips`) are in the mask."""
+    brightness, mask = float(request.brightness), int(request.channel_index_mask)
+    if not math.isfinite(brightness):
+        return Warned(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
+    strips: tuple[str, ...] = ()
+    if mask != EVERY_STRIP:
+        room = about.scene.room
+        channels = {strip.id: about.scene.channels.number(strip.id) for strip in room.strips} if room else {}
+        strips = tuple(name for name, number in channels.items() if mask >> number & 1)
+        if not strips:
+            there_are = ", ".join(f"{number} {name}" for name, number in channels.items()) or "none"
+            return Warned(
+                f"set_brightness: channel_index_mask {mask} means no strip: there are {there_are}; "
+                f"{EVERY_STRIP} means all"
+            )
+    return Said(SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips))
+
+
+def set_yaw_origin(_request: Any, about: About) -> Said | Warned:
+    """Take a request to let the arm point along x of {H} as it is held now."""
+    return Said(SET_YAW_ORIGIN, about.name, SetYawOrigin())
+
+
+def empty(kind: str) -> Any:
+    """Return a converter of our reply to the response type `kind`, which has no fields."""
+
+    def answers(_request: Any, _reply: Reply | None, about: About) -> Any:
+        return about.scene.types.make(kind)
+
+    return answers
+
+
+def _at_speed(speed_mps: float, belts: tuple[str, ...] = ()) -> Said:
+    return Said(SET_SPEED, "", SetSpeed(speed_mps=speed_mps, belts=belts))
+
+
+def _too_fast(who: str, speed_mps: float) -> str:
+    if abs(speed_mps) <= FASTEST_MPS:
+        return ""
+    return f"{who}: a speed of {speed_mps:g} m/s was asked for: send one within ±{FASTEST_MPS:g} m/s"
+
+
+def _no_kind(who: str, number: int, about: About) -> str:
+    return f"{who}: kind {number} means nothing here: there are {about.scene.kinds}"

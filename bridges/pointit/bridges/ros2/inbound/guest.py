@@ -1,0 +1,143 @@
+"""What ROS says of a guest, a person whose nodes are all ROS's: their ray, and that they want a cursor.
+
+A ray (geometry_msgs/PoseStamped) begins at the eyes and goes along x of the pose, in the person's frame {H}.
+A subscription (conveyor_msgs/PUISubscription) says who wants a cursor, and how it is to look.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.routing.route_types import About, Said, Taken, Warned
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.geometry import rotation, vector
+from pointit.schemas import Interaction, PointingRay, UserProfile
+from pointit.schemas.base import Rgb
+from pointit.schemas.topics import INTERACTION, PROFILE, RAY
+
+AHEAD = (1.0, 0.0, 0.0)
+
+WIDEST_M = 1.0
+"""Of a cursor, as `UserProfile` has it."""
+MOST_COLORMAP = 32
+"""Characters of its name, as `UserProfile` has it."""
+
+
+class _Look(NamedTuple):
+    color: Rgb
+    colormap: str
+    width_m: float
+
+
+class Rays:
+    """Guests' rays."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+
+    def __call__(self, value: Any, about: About) -> Taken:
+        """Take a geometry_msgs/PoseStamped; the first ones only tell that the person is here.
+
+        A ray that comes before it is known whether they want a cursor would give them one.
+        """
+        guest = about.scene.guests.get(about.name)
+        if guest is None:
+            return ()
+        what = f"the ray of {about.name}"
+        frame = value.header.frame_id
+        if frame not in ("", about.frame):
+            return (Warned(f"{what} is in the frame {checks.named(frame)}: send it in {about.frame!r}"),)
+        origin_m = checks.place(value.pose.position, what)
+        if isinstance(origin_m, str):
+            return (Warned(origin_m),)
+        turned = checks.quaternion(value.pose.orientation, what)
+        if isinstance(turned, str):
+            return (Warned(turned),)
+        guest.is_heard = True
+        if not guest.is_here:
+            return ()
+        stamp_ns, trouble = checks.stamp(value.header.stamp, about, what)
+        count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
+        way = vector.normalized(rotation.rotate(turned, AHEAD))
+        ray = PointingRay(stamp_ns=stamp_ns, seq=count, origin_m=origin_m, direction=way)
+        said = Said(RAY, about.name, ray)
+        return (said, Warned(trouble)) if trouble else (said,)
+
+
+class Subscriptions:
+    """Guests' wishes to have a cursor, or none any more."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+        self._looks: dict[str, _Look] = {}
+
+    def __call__(self, value: Any, about: About) -> Taken:
+        """Take a conveyor_msgs/PUISubscription; what is only repeated is not said again."""
+        scene, name = about.scene, value.user_name
+        user = next((each for each in scene.guests if scene.names.of(each) == name), None)
+        if user is None:
+            is_ours = any(scene.names.of(each) == name for each in scene.people)
+            return () if is_ours or not value.subscribe else (_stranger(name),)
+        guest = scene.guests[user]
+        was, guest.is_subscribed = guest.is_subscribed, bool(value.subscribe)
+        if not guest.is_subscribed:
+            why = "they want no cursor any more"
+            return (interaction(scene, user, about.stamp_ns, why),) if was else ()
+        guest.is_heard = True
+        look = _look(value, user)
+        taken: list[Said | Warned] = []
+        if isinstance(look, str):
+            taken.append(Warned(look))
+        elif not was or look != self._looks.get(user):
+            self._looks[user] = look
+            taken.append(self._profile(user, look, about))
+        if not was:
+            taken.append(interaction(scene, user, about.stamp_ns, "they want a cursor"))
+        return tuple(taken)
+
+    def _profile(self, user: str, look: _Look, about: About) -> Said:
+        count = self._counts[user] = self._counts.get(user, 0) + 1
+        profile = UserProfile(
+            stamp_ns=about.stamp_ns,
+            seq=count,
+            cursor_color=look.color,
+            cursor_colormap=look.colormap,
+            cursor_width_m=look.width_m,
+        )
+        return Said(PROFILE, user, profile)
+
+
+def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> Said:
+    """Return where the guest `user` is in the interaction, as far as they have said."""
+    guest = scene.guests[user]
+    guest.steps += 1
+    state = Interaction(
+        stamp_ns=stamp_ns,
+        seq=guest.steps,
+        state="pointing" if guest.is_subscribed else "idle",
+        reason=f"in ROS: {reason}",
+    )
+    return Said(INTERACTION, user, state)
+
+
+def _stranger(name: str) -> Warned:
+    return Warned(
+        f"{checks.named(name)} wants a cursor, but is nobody here: name who has ROS nodes only in the "
+        "bridge's parameter `people`"
+    )
+
+
+def _look(value: Any, user: str) -> _Look | str:
+    """Return how the cursor is wanted, or what is wrong with that."""
+    channels = [float(each) for each in (value.pointer_color.r, value.pointer_color.g, value.pointer_color.b)]
+    width_m, colormap = float(value.pointer_size), value.pointer_cmap
+    if not all(map(math.isfinite, channels)):
+        return f"the cursor's colour of {user} is none: send r, g and b from 0 to 1; it stays as it was"
+    if not 0.0 < width_m <= WIDEST_M:
+        return (
+            f"the cursor of {user} is to be {width_m:g} m wide: send up to {WIDEST_M:g}; it stays as it was"
+        )
+    if len(colormap) > MOST_COLORMAP:
+        return f"there is no colormap {checks.named(colormap)} for the cursor of {user}; it stays as it was"
+    red, green, blue = (round(255.0 * min(max(each, 0.0), 1.0)) for each in channels)
+    return _Look((red, green, blue), colormap, width_m)

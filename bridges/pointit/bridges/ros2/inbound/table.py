@@ -1,0 +1,210 @@
+"""What is taken from ROS, and the services that are served in it."""
+
+from pointit.bridges.ros2.graph.backend import SENSOR, SERVICE, Qos
+from pointit.bridges.ros2.inbound import conveyor
+from pointit.bridges.ros2.inbound.guest import Rays, Subscriptions
+from pointit.bridges.ros2.inbound.person import Button, Poses, Wrist, people_in
+from pointit.bridges.ros2.inbound.time import Time
+from pointit.bridges.ros2.routing.frames import PERSON
+from pointit.bridges.ros2.routing.route_types import Inward, Served
+from pointit.schemas import topics
+
+_STREAM = Qos(depth=10)
+_MANY = Qos(depth=100)
+_TF_BYTES = 64 * 1024
+"""Some 600 transforms; to read that many takes the loop 6 ms."""
+_TF_BYTES_HZ = 1e6
+"""A tenth of the loop's time; ten people at 100 Hz are a sixth of that."""
+
+
+def inward() -> tuple[Inward, ...]:
+    """Return the routes, with converters that have seen nothing yet."""
+    wrist, poses, button = Wrist(), Poses(), Button()
+    return (
+        Inward(
+            name="imu_in",
+            ros="/{user}/imu_in",
+            type="sensor_msgs/msg/Imu",
+            into=(topics.WRIST,),
+            by=wrist.imu,
+            qos=SENSOR,
+            rate_hz=200.0,
+            about="how a person's arm is turned: the arm's frame, x to the finger, in theirs",
+        ),
+        Inward(
+            name="mocap_pose",
+            ros="/{user}/mocap_pose",
+            type="geometry_msgs/msg/PoseStamped",
+            into=(topics.POSE,),
+            by=poses.mocap,
+            qos=SENSOR,
+            rate_hz=30.0,
+            about="where a person stands: their frame in the world",
+        ),
+        Inward(
+            name="tf_in",
+            ros="/tf",
+            type="tf2_msgs/msg/TFMessage",
+            into=(topics.POSE,),
+            by=poses.tf,
+            qos=_MANY,
+            max_bytes=_TF_BYTES,
+            bytes_hz=_TF_BYTES_HZ,
+            people=people_in,
+            about="the same from who publishes the person's frame, straight in the world's",
+        ),
+        Inward(
+            name="tf_static_in",
+            ros="/tf_static",
+            type="tf2_msgs/msg/TFMessage",
+            into=(topics.SET_POSE, topics.POSE),
+            by=poses.tf_static,
+            meets=poses.meet,
+            qos=Qos(depth=100, latched=True),
+            max_bytes=_TF_BYTES,
+            about="where a person stands, told once",
+        ),
+        Inward(
+            name="clock_in",
+            ros="/clock",
+            type="rosgraph_msgs/msg/Clock",
+            into=(topics.CLOCK,),
+            by=Time(),
+            qos=Qos(depth=1, reliable=False),
+            enabled=False,
+            about="a simulator's time for the whole site; off, as it moves everything",
+        ),
+        Inward(
+            name="rotation_in",
+            ros="/{user}/metawear_ros/rotation",
+            type="geometry_msgs/msg/QuaternionStamped",
+            into=(topics.WRIST,),
+            by=wrist.rotation,
+            qos=SENSOR,
+            rate_hz=200.0,
+            about="as imu_in, from the ROS toolkit's driver",
+        ),
+        Inward(
+            name="button_in",
+            ros="/{user}/metawear_ros/button",
+            type="std_msgs/msg/Bool",
+            into=(topics.BUTTON,),
+            by=button,
+            forgets=button.forget,
+            qos=_STREAM,
+            about="a person's button: pressed when it becomes true",
+        ),
+        Inward(
+            name="pointing_ray_in",
+            ros="/{user}/pointing_ray",
+            type="geometry_msgs/msg/PoseStamped",
+            into=(topics.RAY,),
+            by=Rays(),
+            qos=SENSOR,
+            rate_hz=200.0,
+            frame=PERSON,
+            of_guests=True,
+            about="the ray of who has ROS nodes only: from the eyes along x",
+        ),
+        Inward(
+            name="subscription_in",
+            ros="/PUI_subscription",
+            type="conveyor_msgs/msg/PUISubscription",
+            into=(topics.INTERACTION, topics.PROFILE),
+            by=Subscriptions(),
+            qos=_STREAM,
+            of_guests=True,
+            about="who of them wants a cursor, and of what colour",
+        ),
+        Inward(
+            name="belt_cmd",
+            ros="/belt_cmd",
+            type="conveyor_msgs/msg/BeltCommand",
+            into=(topics.SET_SPEED,),
+            by=conveyor.belt_command,
+            qos=_STREAM,
+            about='speeds of belts, "*": of all',
+        ),
+        Inward(
+            name="feed",
+            ros="/feed",
+            type="std_msgs/msg/Bool",
+            into=(topics.SET_FEEDING,),
+            by=conveyor.feed,
+            qos=_STREAM,
+            rate_hz=10.0,
+            about="whether the feeders give packages; belts run on",
+        ),
+        Inward(
+            name="add_package",
+            ros="/add_package",
+            type="std_msgs/msg/UInt8",
+            into=(topics.ADD_PACKAGE,),
+            by=conveyor.add_package,
+            qos=_STREAM,
+            about="put an object of that kind on the first belt",
+        ),
+    )
+
+
+def served() -> tuple[Served, ...]:
+    """Return the services, with converters that have seen nothing yet."""
+    add_pack = conveyor.AddPack()
+    return (
+        Served(
+            name="add_pack",
+            ros="/add_pack",
+            type="conveyor_msgs/srv/AddPack",
+            request=topics.ADD_PACKAGE,
+            asks=add_pack.asks,
+            answers=add_pack.answers,
+            qos=SERVICE,
+            yields=True,
+            has_result=True,
+            about="put an object on a belt, under a number of the caller's",
+        ),
+        Served(
+            name="set_belt_speed",
+            ros="/set_belt_speed",
+            type="conveyor_msgs/srv/SetBeltSpeed",
+            request=topics.SET_SPEED,
+            asks=conveyor.set_belt_speed,
+            answers=conveyor.empty("conveyor_msgs/srv/SetBeltSpeed_Response"),
+            qos=SERVICE,
+            yields=True,
+            about="speed of all belts",
+        ),
+        Served(
+            name="reset_pack_sim",
+            ros="/reset_pack_sim",
+            type="std_srvs/srv/Empty",
+            request=topics.RESET_CONVEYOR,
+            asks=conveyor.reset,
+            answers=conveyor.empty("std_srvs/srv/Empty_Response"),
+            qos=SERVICE,
+            yields=True,
+            about="empty the conveyor",
+        ),
+        Served(
+            name="set_yaw_origin",
+            ros="/{user}/metawear_ros/set_yaw_origin",
+            type="std_srvs/srv/Empty",
+            request=topics.SET_YAW_ORIGIN,
+            asks=conveyor.set_yaw_origin,
+            answers=conveyor.empty("std_srvs/srv/Empty_Response"),
+            qos=SERVICE,
+            yields=True,
+            about="the arm points ahead now",
+        ),
+        Served(
+            name="set_brightness",
+            ros="/set_brightness",
+            type="led_strip_msgs/srv/SetBrightness",
+            request=topics.SET_BRIGHTNESS,
+            asks=conveyor.set_brightness,
+            answers=conveyor.empty("led_strip_msgs/srv/SetBrightness_Response"),
+            qos=SERVICE,
+            yields=True,
+            about="dim all strips, or those of some channels",
+        ),
+    )

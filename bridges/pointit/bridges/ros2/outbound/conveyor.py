@@ -1,0 +1,102 @@
+"""What moves, what is selected, who points at what, in the ROS toolkit's own messages."""
+
+from typing import Any
+
+import numpy as np
+
+from pointit.bridges.ros2.outbound import values
+from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.scene import Scene, lane_name
+from pointit.schemas import ConveyorState, Message, Selection, TrackedObject
+from pointit.schemas.pointing import SurfaceKind
+
+MOST_PACKAGES = 2000
+"""In one list, as many as one of our messages has room for."""
+
+_NONE = np.empty(0, dtype=np.uint32)
+
+
+def packages(_message: Message, about: About) -> Converted:
+    """Return what all trackers track on belts and strips; other things have no place in the message."""
+    scene = about.scene
+    types = scene.types
+    made: list[Any] = []
+    for item in scene.tracked():
+        place = _along(scene, item.surface, item.surface_id, item.surface_position_m)
+        if place is not None and len(made) < MOST_PACKAGES:
+            made.append(_package(scene, item, place))
+    return (
+        types.make(
+            "conveyor_msgs/msg/PackageList",
+            header=values.header(types, about.stamp_ns, about.frame),
+            packages=made,
+        ),
+    )
+
+
+def selected(selection: Selection, about: About) -> Converted:
+    """Return what is selected, by whomever."""
+    uids = [about.scene.uids.number(item.id) for item in selection.objects]
+    return (about.scene.types.make("conveyor_msgs/msg/PackageUIDList", uids=np.array(uids, dtype=np.uint32)),)
+
+
+def pointers(_message: Message, about: About) -> Converted:
+    """Return every person's cursor; of who points at no line the name of the strip is empty, as it was."""
+    scene = about.scene
+    made = [_pointer(scene, user) for user in sorted(scene.people)]
+    return (scene.types.make("conveyor_msgs/msg/PointerList", pointers=made),)
+
+
+def step_number(state: ConveyorState, about: About) -> Converted:
+    """Return the number of the feeding schedule's step; nothing where it has none."""
+    try:
+        number = int(state.step)
+    except ValueError:
+        return ()
+    if not -(2**31) <= number < 2**31:
+        return ()
+    return (about.scene.types.make("std_msgs/msg/Int32", data=number),)
+
+
+def _package(scene: Scene, item: TrackedObject, place: Any) -> Any:
+    return scene.types.make(
+        "conveyor_msgs/msg/Package",
+        uid=scene.uids.number(item.id),
+        position=place,
+        type=scene.kinds.number(item.kind),
+        length=item.length_m,
+    )
+
+
+def _pointer(scene: Scene, user: str) -> Any:
+    types = scene.types
+    person = scene.people[user]
+    profile = person.profile
+    name = scene.names.of(user)
+    cursor = scene.pointing(user)
+    place = cursor and _along(scene, cursor.surface, cursor.surface_id, cursor.position_m)
+    if cursor is None or place is None:
+        return types.make("conveyor_msgs/msg/Pointer", user_name=name)
+    hovered = "" if person.hover is None else person.hover.object_id
+    over = np.array([scene.uids.number(hovered)], dtype=np.uint32) if hovered else _NONE
+    return types.make(
+        "conveyor_msgs/msg/Pointer",
+        position=place,
+        size=profile.cursor_width_m,
+        distance=cursor.miss_m,
+        overlay=types.make("conveyor_msgs/msg/PackageUIDList", uids=over),
+        user_name=name,
+        color=values.color(types, profile.cursor_color),
+        cmap=values.text(profile.cursor_colormap),
+    )
+
+
+def _along(scene: Scene, surface: SurfaceKind, surface_id: str, position_m: float) -> Any | None:
+    """Return a place on a line as its share of the line's length; none: it is on no line of the map."""
+    line = scene.lines.get((surface, surface_id))
+    if line is None:
+        return None
+    share = min(max(position_m / line.length_m, 0.0), 1.0)
+    return scene.types.make(
+        "conveyor_msgs/msg/PositionOnStrip", name=values.text(lane_name(surface, surface_id)), position=share
+    )

@@ -1,0 +1,134 @@
+"""What stands still, drawn: belts, strips, lamps, solids; sent once per map."""
+
+from collections.abc import Iterator
+from itertools import islice, pairwise
+from typing import Any
+
+import numpy as np
+
+from pointit.bridges.ros2.outbound.drawing import Pen
+from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.geometry import rotation, vector
+from pointit.geometry.plane import plane_axes
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Environment
+from pointit.schemas.base import Rgb
+
+MOST_MARKERS = 2000
+"""Of one map; a label says that there are more."""
+MOST_VERTICES = 200
+"""Of one line; from longer ones so many are taken, evenly."""
+
+ENDLESS_M = 20.0
+"""A plane without end is drawn so large."""
+STRIP_M, LAMP_M, THIN_M = 0.02, 0.1, 0.005
+
+BELT: Rgb = (70, 74, 84)
+STRIP: Rgb = (150, 155, 165)
+LAMP: Rgb = (255, 240, 200)
+SOLID: Rgb = (140, 150, 170)
+GLASS = 0.35
+"""Opacity of solids: what is behind them is seen."""
+
+
+def map_markers(room: Environment, about: About) -> Converted:
+    """Return the map as markers, after one that takes away those of the map before."""
+    pen = Pen(about)
+    drawn = _room(pen, about.scene, room)
+    made = [pen.blank(), *islice(drawn, MOST_MARKERS)]
+    if next(drawn, None) is not None:
+        words = f"the map has more than the {MOST_MARKERS} things that are drawn"
+        made.append(pen.label(words, "more", 0, (0.0, 0.0, 2.8), 0.3))
+    return (pen.array(made),)
+
+
+def _room(pen: Pen, scene: Scene, room: Environment) -> Iterator[Any]:
+    widths_m = {belt.id: belt.width_m for belt in room.belts}
+    for number, ((kind, name), line) in enumerate(scene.lines.items()):
+        if kind == "belt":
+            corners_m = ribbon(line, widths_m[name])
+            one_m = (1.0, 1.0, 1.0)
+            yield pen.shape("triangles", "belts", number, size_m=one_m, rgb=BELT, places_m=corners_m)
+        else:
+            size_m = (STRIP_M, 0.0, 0.0)
+            yield pen.shape("line", "strips", number, size_m=size_m, rgb=STRIP, places_m=_vertices(line))
+    for number, lamp in enumerate(room.lamps):
+        size_m = (LAMP_M, LAMP_M, LAMP_M)
+        yield pen.shape("sphere", "lamps", number, size_m=size_m, rgb=LAMP, at_m=lamp.position_m)
+        above_m = vector.add(lamp.position_m, (0.0, 0.0, LAMP_M))
+        yield pen.label(lamp.id, "lamps/names", number, above_m, 0.1)
+    yield from _solids(pen, room)
+
+
+def _solids(pen: Pen, room: Environment) -> Iterator[Any]:
+    for number, box in enumerate(room.boxes):
+        turned = rotation.from_yaw(box.yaw_rad)
+        yield pen.shape(
+            *("cube", "boxes", number),
+            size_m=box.size_m,
+            rgb=SOLID,
+            alpha=GLASS,
+            at_m=box.center_m,
+            turned=turned,
+        )
+    for number, plane in enumerate(room.planes):
+        u, v = plane_axes(plane.normal)
+        wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
+        turned = _of_axes(u, v)
+        size_m = (wide_m, high_m, THIN_M)
+        yield pen.shape(
+            *("cube", "planes", number),
+            size_m=size_m,
+            rgb=SOLID,
+            alpha=GLASS,
+            at_m=plane.center_m,
+            turned=turned,
+        )
+    for number, each in enumerate(room.cylinders):
+        size_m = (2.0 * each.radius_m, 2.0 * each.radius_m, each.height_m)
+        middle_m = vector.add(each.center_m, (0.0, 0.0, each.height_m / 2.0))
+        yield pen.shape("cylinder", "cylinders", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=middle_m)
+    for number, ball in enumerate(room.spheres):
+        wide_m = 2.0 * ball.radius_m
+        size_m = (wide_m, wide_m, wide_m)
+        yield pen.shape(
+            "sphere", "spheres", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=ball.center_m
+        )
+    for number, cloud in enumerate(room.clouds):
+        size_m = vector.subtract(cloud.high_m, cloud.low_m)
+        middle_m = vector.scale(vector.add(cloud.low_m, cloud.high_m), 0.5)
+        yield pen.shape("cube", "clouds", number, size_m=size_m, rgb=SOLID, alpha=0.1, at_m=middle_m)
+
+
+def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
+    """Return triangles, three corners each, of a level ribbon along `line`, seen from above and below."""
+    vertices_m = _vertices(line)
+    corners_m: list[Vec3] = []
+    for start_m, end_m in pairwise(vertices_m):
+        way = vector.subtract(end_m, start_m)
+        level_m = float(np.hypot(way[0], way[1]))
+        if level_m == 0.0:
+            continue
+        half = width_m / 2.0 / level_m
+        across_m = (-way[1] * half, way[0] * half, 0.0)
+        a, b = vector.add(start_m, across_m), vector.subtract(start_m, across_m)
+        c, d = vector.add(end_m, across_m), vector.subtract(end_m, across_m)
+        corners_m += [a, b, c, c, b, d, a, c, b, c, d, b]
+    return corners_m
+
+
+def _vertices(line: Polyline) -> list[Vec3]:
+    count = len(line.vertices_m)
+    kept = np.unique(np.linspace(0, count - 1, min(count, MOST_VERTICES)).round().astype(int))
+    return [(x, y, z) for x, y, z in line.vertices_m[kept].tolist()]
+
+
+def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
+    """Return the rotation whose x and y axes are `u` and `v`, unit and at right angles."""
+    azimuth, elevation = vector.azimuth(u), vector.elevation(u)
+    level = rotation.from_azimuth_elevation(azimuth, elevation)
+    across, up = rotation.rotate(level, (0.0, 1.0, 0.0)), rotation.rotate(level, (0.0, 0.0, 1.0))
+    roll = float(np.arctan2(vector.dot(v, up), vector.dot(v, across)))
+    return rotation.from_azimuth_elevation(azimuth, elevation, roll)

@@ -1,0 +1,148 @@
+"""What moves, drawn: rays, cursors, people and how sure their place is, packages, whose they are."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from pointit.bridges.ros2.outbound.drawing import Pen, Shape
+from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.scene import Person, Scene
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Message, TrackedObject, UserPose
+from pointit.schemas.base import Rgb
+from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
+
+LIFETIME_S = 2.0
+"""A viewer that missed that something left shows it no longer."""
+MOST_OBJECTS = 500
+"""Drawn at a time; a label says how many more there are."""
+MOST_PEOPLE = 64
+
+FREE_RAY_M = 4.0
+"""A ray that meets nothing is drawn so long."""
+RAY_M: Vec3 = (0.012, 0.03, 0.06)
+"""Width of its shaft and head, length of the head."""
+CURSOR_M = 0.08
+NAME_M = 1.95
+"""Height of a person's name above their feet."""
+
+SIGMAS = 2.0
+"""The ellipse around a place, in standard deviations."""
+SMALLEST_M = 5e-3
+"""An ellipse whose longer half-axis is shorter is not drawn: the place is known."""
+
+USUAL_M = 0.12
+"""Length of what tells none."""
+SEGMENT_M = (0.07, 0.06)
+"""Width and height of a segment of a strip."""
+GROWN_M = 0.05
+"""So much larger is what shows whose an object is."""
+
+
+class Markers:
+    """Draws the whole scene each time, and takes away what was drawn before and is no more."""
+
+    def __init__(self) -> None:
+        self._drawn: dict[tuple[str, int], None] = {}
+
+    def __call__(self, _message: Message, about: About) -> Converted:
+        """Return the scene as it is."""
+        pen = Pen(about, LIFETIME_S)
+        scene = about.scene
+        people = sorted(scene.people)[:MOST_PEOPLE]
+        made = [marker for user in people for marker in _person(pen, scene, user)]
+        made += _objects(pen, scene)
+        now = {(marker.ns, marker.id): None for marker in made}
+        gone = [pen.gone(*key) for key in self._drawn if key not in now]
+        self._drawn = now
+        return (pen.array(gone + made),)
+
+
+def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
+    """Return both half-axes, m, and the azimuth of the longer one; none: it is too small to see."""
+    spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
+    variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
+    short_m, long_m = (SIGMAS * np.sqrt(np.maximum(variances, 0.0))).tolist()
+    if long_m < SMALLEST_M:
+        return None
+    return long_m, max(short_m, SMALLEST_M), float(np.arctan2(axes[1, 1], axes[0, 1]))
+
+
+def _person(pen: Pen, scene: Scene, user: str) -> Iterator[Any]:
+    person = scene.people[user]
+    rgb = person.profile.cursor_color
+    if person.pose is not None:
+        place_m = person.pose.position_m
+        yield pen.label(user, f"{user}/name", 0, vector.add(place_m, (0.0, 0.0, NAME_M)))
+        rim = ellipse(person.pose)
+        if rim is not None:
+            yield pen.shape(
+                "cylinder",
+                f"{user}/place",
+                0,
+                size_m=(2.0 * rim[0], 2.0 * rim[1], 0.01),
+                rgb=rgb,
+                at_m=place_m,
+                turned=rotation.from_yaw(rim[2]),
+                alpha=0.3,
+            )
+    yield from _pointing(pen, scene, user, person, rgb)
+
+
+def _pointing(pen: Pen, scene: Scene, user: str, person: Person, rgb: Rgb) -> Iterator[Any]:
+    cursor = scene.pointing(user)
+    if cursor is None:
+        return
+    if cursor.origin_m is not None and cursor.direction is not None:
+        length_m = FREE_RAY_M if cursor.point_m is None else max(cursor.range_m, 0.1)
+        end_m = vector.add(cursor.origin_m, vector.scale(cursor.direction, length_m))
+        alpha = 0.3 if cursor.point_m is None else 0.8
+        ends_m = (cursor.origin_m, end_m)
+        yield pen.shape("arrow", f"{user}/ray", 0, size_m=RAY_M, rgb=rgb, alpha=alpha, places_m=ends_m)
+    if cursor.point_m is not None:
+        size_m = (CURSOR_M, CURSOR_M, CURSOR_M)
+        yield pen.shape("sphere", f"{user}/cursor", 0, size_m=size_m, rgb=rgb, at_m=cursor.point_m)
+        hover = person.hover
+        if hover is not None and hover.object_id and hover.progress > 0.0:
+            above_m = vector.add(cursor.point_m, (0.0, 0.0, 0.15))
+            yield pen.label(f"{hover.progress:.0%} {hover.action}", f"{user}/progress", 0, above_m)
+
+
+def _objects(pen: Pen, scene: Scene) -> Iterator[Any]:
+    selection = scene.selection
+    owners = {} if selection is None else {item.id: item.user for item in selection.objects}
+    left_out = 0
+    for count, item in enumerate(scene.tracked()):
+        if count < MOST_OBJECTS:
+            yield from _object(pen, scene, item, owners.get(item.id))
+        else:
+            left_out += 1
+    if left_out:
+        yield pen.label(f"{left_out} more objects are not drawn", "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
+
+
+def _object(pen: Pen, scene: Scene, item: TrackedObject, owner: str | None) -> Iterator[Any]:
+    number = scene.uids.number(item.id)
+    rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
+    length_m = item.length_m or USUAL_M
+    line = scene.lines.get((item.surface, item.surface_id))
+    at_m, turned, size_m = item.position_m, rotation.IDENTITY, (length_m, length_m, length_m)
+    if line is not None:
+        ahead = line.tangent_at(item.surface_position_m)
+        turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
+        size_m = (length_m, *SEGMENT_M)
+        if item.surface == "belt":
+            # Trackers tell lengths only; the shares are those of the page's packages.
+            high_m = min(max(0.6 * length_m, 0.1), 0.26)
+            size_m = (length_m, min(max(0.75 * length_m, 0.1), 0.34), high_m)
+            at_m = vector.add(at_m, (0.0, 0.0, high_m / 2.0))
+    shape: Shape = "sphere" if line is None else "cube"
+    yield pen.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=turned)
+    if owner is not None:
+        around_m = vector.add(size_m, (GROWN_M, GROWN_M, GROWN_M))
+        whose = scene.people[owner].profile.cursor_color if owner in scene.people else OTHER_COLOR
+        yield pen.shape(
+            shape, "selected", number, size_m=around_m, rgb=whose, at_m=at_m, turned=turned, alpha=0.35
+        )

@@ -1,0 +1,193 @@
+"""What a person does: arm, ray, place, cursor, button, where they are in the interaction."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pointit.bridges.ros2.outbound import values
+from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import ButtonEvent, Cursor, Goal, ImuSample, Interaction, PointingRay, UserPose
+
+SUPERVISOR = "supervisor"
+"""The ROS toolkit's node that leads through the interaction, which ours stands for."""
+
+STATES = {"idle": "ready", "localizing": "waiting_relloc", "pointing": "pointing"}
+"""Our states as that node calls its own."""
+
+BUTTON_DOWN_S = 0.1
+"""A press is true, and so long afterwards false, so that who joins late gets no press that is over."""
+
+_UNKNOWN = np.array([-1.0, *[0.0] * 8])
+"""Says in a covariance's place that there is no such measurement (sensor_msgs/Imu)."""
+_ZEROS = np.zeros(9)
+
+LEAST_M = 0.01
+"""Standard deviation of a known position, as measured by hand; ROS's filters cannot use 0."""
+LEAST_RAD = math.radians(1.0)
+"""Standard deviation of a known angle likewise, and of roll and pitch, which are 0 by definition of {H}."""
+_LEAST = np.array([LEAST_M**2] * 3 + [LEAST_RAD**2] * 3)
+
+
+def pointing_ray(ray: PointingRay, about: About) -> Converted:
+    """Return the ray as a pose whose x axis is its direction."""
+    way = ray.direction
+    turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
+    return _stamped_pose(about, ray.origin_m, turned)
+
+
+def rotation_of_arm(sample: ImuSample, about: About) -> Converted:
+    """Return how the arm is turned, in {H}."""
+    types = about.scene.types
+    return (
+        types.make(
+            "geometry_msgs/msg/QuaternionStamped",
+            header=values.header(types, about.stamp_ns, about.frame),
+            quaternion=values.quaternion(types, sample.orientation_xyzw),
+        ),
+    )
+
+
+def imu(sample: ImuSample, about: About) -> Converted:
+    """Return the sample with all vectors in {H}: nobody publishes a frame of the arm."""
+    types = about.scene.types
+    turned = sample.orientation_xyzw
+    turning, push = sample.angular_velocity_radps, sample.acceleration_mps2
+    nothing = (0.0, 0.0, 0.0)
+    return (
+        types.make(
+            "sensor_msgs/msg/Imu",
+            header=values.header(types, about.stamp_ns, about.frame),
+            orientation=values.quaternion(types, turned),
+            orientation_covariance=_ZEROS,
+            angular_velocity=values.vector3(types, rotation.rotate(turned, turning or nothing)),
+            angular_velocity_covariance=_UNKNOWN if turning is None else _ZEROS,
+            linear_acceleration=values.vector3(types, rotation.rotate(turned, push or nothing)),
+            linear_acceleration_covariance=_UNKNOWN if push is None else _ZEROS,
+        ),
+    )
+
+
+def pose(place: UserPose, about: About) -> Converted:
+    """Return {H} in {W}."""
+    return _stamped_pose(about, place.position_m, rotation.from_yaw(place.yaw_rad))
+
+
+def pose_with_covariance(place: UserPose, about: About) -> Converted:
+    """Return {H} in {W} and its covariance: rows and columns x, y, z, roll, pitch, yaw; no variance is 0."""
+    types = about.scene.types
+    spread = np.zeros((6, 6))
+    spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(place.covariance).reshape(3, 3)
+    spread[2, 2] = place.z_sigma_m**2
+    np.fill_diagonal(spread, np.maximum(spread.diagonal(), _LEAST))
+    turned = rotation.from_yaw(place.yaw_rad)
+    return (
+        types.make(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            header=values.header(types, about.stamp_ns, about.frame),
+            pose=types.make(
+                "geometry_msgs/msg/PoseWithCovariance",
+                pose=values.pose(types, place.position_m, turned),
+                covariance=spread.ravel(),
+            ),
+        ),
+    )
+
+
+def transform(place: UserPose, about: About) -> Converted:
+    """Return {H} in {W} for /tf; nothing while somebody else in ROS publishes that frame."""
+    scene = about.scene
+    now_ns = about.stamp_ns if about.is_again else scene.now_ns
+    if now_ns < scene.person(about.name).tf_until_ns:
+        return ()
+    child = scene.frames.person(about.name)
+    turned = rotation.from_yaw(place.yaw_rad)
+    return (transforms(about, [(child, place.position_m, turned)]),)
+
+
+def transforms(about: About, children: list[tuple[str, Vec3, rotation.Quaternion]]) -> Any:
+    """Return one message with the frames `children`, in the frame of the route."""
+    types = about.scene.types
+    made = [
+        types.make(
+            "geometry_msgs/msg/TransformStamped",
+            header=values.header(types, about.stamp_ns, about.frame),
+            child_frame_id=child,
+            transform=types.make(
+                "geometry_msgs/msg/Transform",
+                translation=values.vector3(types, place_m),
+                rotation=values.quaternion(types, turned),
+            ),
+        )
+        for child, place_m, turned in children
+    ]
+    return types.make("tf2_msgs/msg/TFMessage", transforms=made)
+
+
+def cursor(spot: Cursor, about: About) -> Converted:
+    """Return where the ray meets the room; nothing where it does not."""
+    if spot.point_m is None:
+        return ()
+    types = about.scene.types
+    return (
+        types.make(
+            "geometry_msgs/msg/PointStamped",
+            header=values.header(types, about.stamp_ns, about.frame),
+            point=values.point(types, spot.point_m),
+        ),
+    )
+
+
+def goal(wish: Goal, about: About) -> Converted:
+    """Return where a robot is to go, and how it is to face there."""
+    return _stamped_pose(about, wish.position_m, rotation.from_yaw(wish.yaw_rad))
+
+
+def button(event: ButtonEvent, about: About) -> Converted:
+    """Return the button down and up, twice for a double press."""
+    make = about.scene.types.make
+    press = (make("std_msgs/msg/Bool", data=True), make("std_msgs/msg/Bool", data=False))
+    return press * 2 if event.gesture == "double" else press
+
+
+def state(interaction: Interaction, about: About) -> Converted:
+    """Return where the person is in the interaction, as a transition of the node that leads through it."""
+    return (
+        about.scene.types.make(
+            "conveyor_msgs/msg/State", node_name=SUPERVISOR, state=STATES[interaction.state]
+        ),
+    )
+
+
+def is_pointing(interaction: Interaction, about: About) -> Converted:
+    """Return whether the person points."""
+    return (about.scene.types.make("std_msgs/msg/Bool", data=interaction.state == "pointing"),)
+
+
+def subscription(interaction: Interaction, about: About) -> Converted:
+    """Return the person's wish to have a cursor, or none any more, for the ROS toolkit's `pui_node`."""
+    types = about.scene.types
+    profile = about.scene.person(about.name).profile
+    return (
+        types.make(
+            "conveyor_msgs/msg/PUISubscription",
+            user_name=about.scene.names.of(about.name),
+            subscribe=interaction.state == "pointing",
+            pointer_color=values.color(types, profile.cursor_color),
+            pointer_cmap=values.text(profile.cursor_colormap),
+            pointer_size=profile.cursor_width_m,
+        ),
+    )
+
+
+def _stamped_pose(about: About, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
+    types = about.scene.types
+    return (
+        types.make(
+            "geometry_msgs/msg/PoseStamped",
+            header=values.header(types, about.stamp_ns, about.frame),
+            pose=values.pose(types, place_m, turned),
+        ),
+    )

@@ -1,0 +1,63 @@
+"""The small ROS values that all others are made of; whatever our messages may hold fits."""
+
+from typing import Any
+
+from pointit.bridges.ros2.types.types import Types
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.schemas.base import Rgb
+
+LAST_S = 2**31 - 1
+"""The last second that ROS can tell, in 2038."""
+
+MOST_TEXT = 1000
+"""Characters of a text; a ROS node is no place for more."""
+
+
+def time(types: Types, stamp_ns: int) -> Any:
+    """Return a time in Unix ns; what is after `LAST_S` is that."""
+    seconds, rest_ns = divmod(stamp_ns, NS_PER_S)
+    if seconds > LAST_S:
+        seconds, rest_ns = LAST_S, 0
+    return types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest_ns)
+
+
+def header(types: Types, stamp_ns: int, frame: str) -> Any:
+    """Return a header."""
+    return types.make("std_msgs/msg/Header", stamp=time(types, stamp_ns), frame_id=frame)
+
+
+def point(types: Types, place_m: Vec3) -> Any:
+    """Return a point."""
+    x, y, z = place_m
+    return types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+
+
+def vector3(types: Types, values: Vec3) -> Any:
+    """Return a vector."""
+    x, y, z = values
+    return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+
+def quaternion(types: Types, turned: Quaternion) -> Any:
+    """Return a rotation."""
+    x, y, z, w = turned
+    return types.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def pose(types: Types, place_m: Vec3, turned: Quaternion) -> Any:
+    """Return a pose."""
+    return types.make(
+        "geometry_msgs/msg/Pose", position=point(types, place_m), orientation=quaternion(types, turned)
+    )
+
+
+def color(types: Types, rgb: Rgb, alpha: float = 1.0) -> Any:
+    """Return a colour."""
+    return types.make("std_msgs/msg/ColorRGBA", r=rgb[0] / 255.0, g=rgb[1] / 255.0, b=rgb[2] / 255.0, a=alpha)
+
+
+def text(words: str) -> str:
+    """Return `words` as a ROS string can hold them: without NUL, and no longer than is of use."""
+    return words.replace("\0", "")[:MOST_TEXT]

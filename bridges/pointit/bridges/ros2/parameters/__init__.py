@@ -1,0 +1,1 @@
+"""Parameters of ROS nodes, and maps kept in them."""

@@ -1,0 +1,122 @@
+"""A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`, and back.
+
+A parameter is called SECTION.NAME.KEY. The name may have dots in it, so nothing is nested deeper, whatever a
+node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, cast
+
+from pointit.bridges.ros2.parameters.values import Value
+
+BAYS, LINKS = "bays", "links"
+SECTIONS = frozenset(
+    ("leds", "strips", "belts", LINKS, BAYS, "boxes", "planes", "cylinders", "spheres", "clouds")
+)
+"""Of a map's file; docs/maps.md says what stands in them."""
+LINES = frozenset(("line", "centerline"))
+"""Keys of lists of points, whose numbers stand one after the other: ROS has no lists of lists."""
+
+NUMBER = re.compile(r"[0-9]{1,6}")
+"""Of a link."""
+
+
+def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
+    """Return those of `names` that are of a map below `prefix` (`site.map`).
+
+    Without a prefix those that begin with a section; below one everything, as nothing else belongs there.
+    """
+    start = _start(prefix)
+    return [name for name in names if name.startswith(start) and (prefix or _section(name) in SECTIONS)]
+
+
+def prefixes(names: Iterable[str]) -> list[str]:
+    """Return below what in `names` a map may be."""
+    found: dict[str, None] = {}
+    for name in names:
+        parts = name.split(".")
+        for index, part in enumerate(parts[1:-1], start=1):
+            if part in SECTIONS:
+                found[".".join(parts[:index])] = None
+                break
+    return list(found)
+
+
+def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]:
+    """Return the map that `parameters` below `prefix` are, as its file would have it; nothing is checked yet.
+
+    Raises:
+        ValueError: a parameter's name or its list is not one of a map; names it and says what to write.
+    """
+    tree: dict[str, Any] = {}
+    start = _start(prefix)
+    for name, value in parameters.items():
+        section, _, rest = name.removeprefix(start).partition(".")
+        if section == BAYS and rest:
+            tree.setdefault(section, {})[rest] = value
+            continue
+        entry, _, key = rest.rpartition(".")
+        if not (section and entry and key):
+            raise ValueError(
+                f"{name} is no parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
+                f"{start}leds.door.position"
+            )
+        if section == LINKS and not NUMBER.fullmatch(entry):
+            raise ValueError(f"{name}: links have numbers, as in {start}links.0.{key}")
+        entries = tree.setdefault(section, {})
+        entries.setdefault(entry, {})[key] = _points(name, value) if key in LINES else value
+    if LINKS in tree:
+        links = cast("dict[str, Any]", tree[LINKS])
+        tree[LINKS] = [links[number] for number in sorted(links, key=int)]
+    return tree
+
+
+def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]:
+    """Return the parameters that are the map `tree`, which is one that its check accepts."""
+    start = _start(prefix)
+    parameters: dict[str, Value] = {}
+    for section, inside in tree.items():
+        for name, entry in _entries(inside):
+            if section == BAYS:
+                parameters[f"{start}{section}.{name}"] = entry
+            else:
+                parameters |= {f"{start}{section}.{name}.{key}": _flat(entry[key]) for key in entry}
+    return parameters
+
+
+def _entries(section: Any) -> Iterable[tuple[object, Any]]:
+    """Return what stands in a section, by name or by number."""
+    if isinstance(section, list):
+        return enumerate(cast("Sequence[Any]", section))
+    return cast("dict[object, Any]", section or {}).items()
+
+
+def _start(prefix: str) -> str:
+    return f"{prefix}." if prefix else ""
+
+
+def _section(name: str) -> str:
+    section, dot, _ = name.partition(".")
+    return section if dot else ""
+
+
+def _points(name: str, value: Value) -> Value:
+    """Return a list of numbers as a list of points; what is no list is left to the map's check."""
+    if not isinstance(value, list):
+        return value
+    if len(value) % 3:
+        raise ValueError(
+            f"{name} has {len(value)} numbers; write x, y, z of one point after the other, three for each"
+        )
+    return [value[index : index + 3] for index in range(0, len(value), 3)]
+
+
+def _flat(value: Any) -> Value:
+    """Return lists of points as one list, and numbers of which one has a fraction as such."""
+    if not isinstance(value, list):
+        return cast("Value", value)
+    numbers: list[Any] = []
+    for each in cast("Sequence[Any]", value):
+        numbers += cast("Sequence[Any]", each) if isinstance(each, list) else [each]
+    return [float(number) for number in numbers] if float in map(type, numbers) else numbers

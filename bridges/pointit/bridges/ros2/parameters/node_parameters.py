@@ -1,0 +1,228 @@
+"""Parameters of another node, read through the services that every ROS node has for them."""
+
+import asyncio
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from pointit.bridges.ros2.graph.backend import Backend, Endpoint, Graph
+from pointit.bridges.ros2.message_format import listed, shown
+from pointit.bridges.ros2.parameters.values import Value, value_of
+from pointit.bridges.ros2.types.types import NO_HASH, Types
+from pointit.runtime.errors import ConfigError, NoAnswerError
+
+LIST = "rcl_interfaces/srv/ListParameters"
+GET = "rcl_interfaces/srv/GetParameters"
+LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
+"""Of the services, behind the node's name."""
+
+PAGE = 16
+"""Parameters that are asked for at a time: a line of a map may have a thousand points."""
+MAX_PARAMETERS = 20_000
+MAX_NAME = 256
+"""Characters of a parameter's name; none of a map has as many."""
+MAX_BYTES = 8_000_000
+"""Of all answers; the largest map that can travel is an eighth of it."""
+MAX_WAITS = 12
+"""Times as long as one answer all may take: who is just in time with each is not waited for by the hour."""
+MAX_SHOWN = 20
+"""Names that a sentence lists."""
+
+
+class NodeParameters:
+    """The parameters of one node."""
+
+    def __init__(
+        self,
+        backend: Backend,
+        types: Types,
+        node: str,
+        *,
+        domain: int,
+        appears_s: float,
+        timeout_s: float,
+        max_bytes: int,
+        needs: str = "",
+    ) -> None:
+        """Ask nothing yet.
+
+        Args:
+            backend: us in the graph.
+            types: of the distribution of the others.
+            node: its full name.
+            domain: ours.
+            appears_s: how long it may take to be seen.
+            timeout_s: how long it may take to answer once.
+            max_bytes: of one answer.
+            needs: what other nodes need to be seen, for people.
+        """
+        self._backend = backend
+        self._types = types
+        self._node = node
+        self._domain = domain
+        self._appears_s = appears_s
+        self._timeout_s = timeout_s
+        self._max_bytes = max_bytes
+        self._needs = needs
+        self._had_bytes = 0
+        self._waited_s = 0.0
+
+    async def names(self) -> list[str]:
+        """Return what its parameters are called, in its order, but what no map's parameter is called.
+
+        Raises:
+            NoAnswerError: it is not there (names who is), serves no parameters, or does not answer in time.
+            ConfigError: it has too many.
+        """
+        await self._meet()
+        response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
+        names: list[str] = response.result.names
+        if len(names) > MAX_PARAMETERS:
+            raise ConfigError(
+                f"node {self._node} has {len(names)} parameters and at most {MAX_PARAMETERS} are read; give "
+                "its map as a file"
+            )
+        return [name for name in dict.fromkeys(names) if len(name) <= MAX_NAME and name.isprintable()]
+
+    async def values(self, names: Sequence[str]) -> dict[str, Value]:
+        """Return the parameters `names` that have a value, in that order.
+
+        Raises:
+            NoAnswerError: the node does not answer in time, or not what was asked.
+            ConfigError: it is too much.
+        """
+        found: dict[str, Value] = {}
+        for page in _pages(names):
+            response = await self._ask(GET, GET_SUFFIX, names=list(page))
+            if len(response.values) != len(page):
+                raise NoAnswerError(
+                    f"node {self._node} was asked for {len(page)} parameters and told "
+                    f"{len(response.values)}; try again, one may have been taken away meanwhile"
+                )
+            for name, message in zip(page, response.values, strict=True):
+                try:
+                    value = value_of(message)
+                except ValueError as error:
+                    raise NoAnswerError(f"{name} of node {self._node}: {error}") from error
+                if value is not None:
+                    found[name] = value
+        return found
+
+    async def _meet(self) -> None:
+        """Wait until the node is seen to serve its parameters, as our definitions have it."""
+        graph = Graph(nodes=frozenset(), endpoints=frozenset())
+        changed = asyncio.Event()
+
+        def look(seen: Graph) -> None:
+            nonlocal graph
+            graph = seen
+            changed.set()
+
+        watch = self._backend.watch(look)
+        try:
+            async with asyncio.timeout(self._appears_s):
+                while not self._servers(graph):
+                    changed.clear()
+                    await changed.wait()
+        except TimeoutError:
+            raise NoAnswerError(self._absence(graph)) from None
+        finally:
+            watch.close()
+        hashes = {each.type.hash for each in self._servers(graph)} - {""}
+        wanted = self._types.kind(LIST).hash
+        if hashes and wanted not in hashes:
+            raise NoAnswerError(f"node {self._node} {_other_distro(hashes, self._types)}")
+
+    def _servers(self, graph: Graph) -> list[Endpoint]:
+        service = f"{self._node}{LIST_SUFFIX}"
+        return [each for each in _lists(graph, self._domain) if each.name == service]
+
+    def _absence(self, graph: Graph) -> str:
+        """Return why there is nobody to ask, and what to do."""
+        elsewhere = {each.domain for each in graph.endpoints if each.node == self._node} - {self._domain}
+        names = _nodes(graph, self._domain) - {self._backend.node}
+        if self._node in names:
+            return (
+                f"node {self._node} serves no parameters; start it with its parameter services, or give its "
+                "map as a file"
+            )
+        if elsewhere:
+            theirs = min(elsewhere)
+            return (
+                f"node {self._node} is in domain {theirs}, not in {self._domain}; set domain_id to {theirs}"
+            )
+        others = sorted({each.domain for each in graph.endpoints} - {self._domain})
+        if not names and others:
+            return (
+                f"no ROS node is seen in domain {self._domain}, but some in {_listed([*map(str, others)])}; "
+                "set domain_id to theirs"
+            )
+        if not names:
+            why = self._backend.trouble or self._needs
+            return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
+        return f"there is no node {self._node} in domain {self._domain}; there are {_listed(sorted(names))}"
+
+    async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
+        types = self._types
+        request = types.request_of(service)
+        clock = asyncio.get_running_loop()
+        begun_s = clock.time()
+        try:
+            cdr = await self._backend.call(
+                f"{self._node}{suffix}",
+                types.kind(service),
+                types.encode(request, types.make(request, **fields)),
+                timeout_s=self._timeout_s,
+            )
+        except TimeoutError as error:
+            raise NoAnswerError(f"{error}") from error
+        self._waited_s += clock.time() - begun_s
+        if self._waited_s > MAX_WAITS * self._timeout_s:
+            raise NoAnswerError(
+                f"node {self._node} has taken {self._waited_s:.3g} s for some of its answers, and has more; "
+                "wait longer for each, or give its map as a file"
+            )
+        self._had_bytes += len(cdr)
+        if self._had_bytes > MAX_BYTES:
+            raise ConfigError(
+                f"the parameters of node {self._node} have more than {MAX_BYTES} bytes, which no map has; "
+                "give it as a file"
+            )
+        try:
+            return types.decode(types.response_of(service), cdr, max_bytes=self._max_bytes)
+        except ValueError as error:
+            advice = "; raise max_message_bytes, or give its map as a file"
+            raise NoAnswerError(
+                f"what node {self._node} answered cannot be read: {error}"
+                f"{advice if len(cdr) > self._max_bytes else ''}"
+            ) from error
+
+
+def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:
+    return (names[index : index + PAGE] for index in range(0, len(names), PAGE))
+
+
+def _lists(graph: Graph, domain: int) -> list[Endpoint]:
+    """Return who tells what parameters there are."""
+    return [
+        each
+        for each in graph.within(domain).endpoints
+        if each.kind == "server" and each.name.endswith(LIST_SUFFIX)
+    ]
+
+
+def _nodes(graph: Graph, domain: int) -> set[str]:
+    """Return who is there; bridges to DDS tell of services only."""
+    serving = {each.name.removesuffix(LIST_SUFFIX) for each in _lists(graph, domain)}
+    return serving | {name for name in graph.nodes if name.startswith("/")}
+
+
+def _other_distro(hashes: set[str], types: Types) -> str:
+    if NO_HASH in hashes:
+        return f"is of Humble, whose services nobody of {types.distro} can ask; set distro to humble"
+    if types.distro == "humble":
+        return "is not of Humble; set distro to theirs (jazzy, kilted, …)"
+    return f"has another definition of {LIST} than {types.distro}; set distro to theirs"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return listed((shown(name, MAX_NAME) for name in names), MAX_SHOWN)

@@ -1,0 +1,1 @@
+"""Routes between ROS names and our topics."""

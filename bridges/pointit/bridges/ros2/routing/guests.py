@@ -1,0 +1,167 @@
+"""Guests: people whose nodes are all ROS's, as the site says; present here as long as those are heard of."""
+
+import asyncio
+import logging
+from collections.abc import Iterable
+
+from pointit.bridges.ros2.graph.backend import Graph
+from pointit.bridges.ros2.inbound.guest import interaction
+from pointit.bridges.ros2.routing.inbox import Inbox
+from pointit.bridges.ros2.routing.outbox import Outbox
+from pointit.bridges.ros2.routing.route_types import Inward
+from pointit.bridges.ros2.routing.scene import Guest
+from pointit.bridges.ros2.routing.site import Site
+from pointit.runtime.bus.contract import Closable
+from pointit.schemas.topics import INTERACTION, POSE, RAY, USER_ALIVE
+from pointit.services.registry import PROCESSES
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 0.25
+"""How often it is looked whether a guest has come or gone."""
+
+SILENT_S = 3.0
+"""Who was not heard for so long has gone, unless they want a cursor and their ray is still in the graph."""
+
+LEADERS = tuple(
+    row.name for row in PROCESSES if row.scope == "user" and not {RAY, INTERACTION}.isdisjoint(row.writes)
+)
+"""Services of ours that say what a guest's own nodes say: who has one is no guest."""
+
+
+class Guests:
+    """Tells the site when guests come and go, and gives way to services of ours."""
+
+    def __init__(
+        self, people: Iterable[str], routes: Iterable[Inward], site: Site, inbox: Inbox, outbox: Outbox
+    ) -> None:
+        """Listen for `people` from now on, by those of `routes` that are of guests only."""
+        routes = tuple(routes)
+        self._routes = tuple(route for route in routes if route.of_guests)
+        self._lasting = tuple(route for route in routes if route.of_guests or POSE in route.into)
+        """What these have said of a guest stays, and is no longer true when services of ours say it."""
+        self._site = site
+        self._inbox = inbox
+        self._outbox = outbox
+        self._instances = {f"{leader}.{user}": user for user in people for leader in LEADERS}
+        self._leaders: set[str] = set()
+        """Of `_instances`, those that are present."""
+        self._ends: dict[str, list[Closable]] = {}
+        """What is declared in ROS, by person."""
+        self._heard_s: dict[str, float] = {}
+        self._tokens: dict[str, Closable] = {}
+        self._given: frozenset[str] = frozenset()
+        """Names that others in ROS publish; what another PointIt does is not heard here."""
+        self._now_s = 0.0
+        """Of our looking: while the loop is held up nothing is heard, and no time passes."""
+        self._timer: asyncio.TimerHandle | None = None
+        for user in dict.fromkeys(self._instances.values()):
+            site.scene.names.of(user)  # theirs as it is: whoever else would be called the same comes later
+            self._admit(user)
+        if self._instances:
+            self._mind()
+
+    def look(self, graph: Graph) -> None:
+        """Take up who publishes."""
+        self._given = frozenset(
+            each.name
+            for each in graph.endpoints
+            if each.kind == "publisher" and not each.is_ours and not each.is_bridge
+        )
+
+    def meet(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Take note that a service of ours is present, or no longer."""
+        user = self._instances.get(instance)
+        if user is None:
+            return
+        (self._leaders.add if present else self._leaders.discard)(instance)
+        leaders = sorted(each for each in self._leaders if self._instances[each] == user)
+        if leaders and user in self._site.scene.guests:
+            self._dismiss(user, leaders[0])
+        elif not leaders and user not in self._site.scene.guests:
+            self._site.bus.clear(_about(user))
+            self._admit(user)
+
+    def close(self) -> None:
+        """Take all of them away."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for user, guest in self._site.scene.guests.items():
+            self._end(user, guest, "the bridge has ended")
+            for end in self._ends.pop(user):
+                end.close()
+
+    def _admit(self, user: str) -> None:
+        self._site.scene.guests[user] = Guest()
+        self._ends[user] = [self._inbox.listen(route, user) for route in self._routes if "{" in route.ros]
+        self._show_again(user)
+
+    def _dismiss(self, user: str, leader: str) -> None:
+        """Leave somebody to services of ours, which say themselves where they are in the interaction."""
+        del self._site.scene.guests[user]
+        for end in self._ends.pop(user):
+            end.close()
+        for route in self._lasting:
+            self._inbox.hush(route, user)
+        self._show_again(user)
+        self._leave(user)
+        self._site.bus.warn(
+            _about(user),
+            f"{user} is named in `people`, whose nodes are all ROS nodes, and has {leader} here: ROS is not "
+            "heard for them; end either of the two",
+        )
+
+    def _show_again(self, user: str) -> None:
+        if user in self._site.scene.people:
+            self._outbox.join(user)
+
+    def _mind(self) -> None:
+        self._timer = self._site.bus.call_later(LOOK_S, self._mind)  # first: what fails below is tried again
+        self._now_s += LOOK_S
+        for user, guest in self._site.scene.guests.items():
+            self._judge(user, guest)
+
+    def _judge(self, user: str, guest: Guest) -> None:
+        """Let somebody come or go."""
+        if guest.is_heard:
+            guest.is_heard = False
+            self._heard_s[user] = self._now_s
+        is_heard = user in self._heard_s and self._now_s - self._heard_s[user] < SILENT_S
+        if is_heard or (guest.is_subscribed and self._has_ray(user)):
+            self._come(user, guest)
+        else:
+            self._end(user, guest, "nothing of theirs comes any more")
+
+    def _has_ray(self, user: str) -> bool:
+        scene = self._site.scene
+        return any("{" in route.ros and route.ros_name(scene, user) in self._given for route in self._routes)
+
+    def _come(self, user: str, guest: Guest) -> None:
+        if guest.is_here:
+            return
+        scene, bus = self._site.scene, self._site.bus
+        if not guest.is_subscribed:
+            now_ns = self._site.clock.now_ns()
+            self._inbox.say(interaction(scene, user, now_ns, "they have not asked for a cursor"))
+        self._tokens[user] = bus.announce(USER_ALIVE, user)
+        guest.is_here = True
+        log.info("%s is here, as ROS nodes say", user)
+
+    def _end(self, user: str, guest: Guest, reason: str) -> None:
+        if guest.is_subscribed:
+            guest.is_subscribed = False
+            self._inbox.say(interaction(self._site.scene, user, self._site.clock.now_ns(), reason))
+        if guest.is_here:
+            guest.is_here = False
+            self._leave(user)
+            log.info("%s has left: %s", user, reason)
+
+    def _leave(self, user: str) -> None:
+        self._heard_s.pop(user, None)
+        token = self._tokens.pop(user, None)
+        if token is not None:
+            token.close()
+
+
+def _about(user: str) -> str:
+    return f"guest {user}"

@@ -1,0 +1,257 @@
+"""What comes from ROS: topics taken to our bus, and the services that ours answer."""
+
+import asyncio
+import functools
+from collections.abc import Callable, Coroutine, Iterable
+from typing import Any
+
+from pointit.bridges.ros2.graph.backend import Closable, Graph
+from pointit.bridges.ros2.routing.input_subscription import Ear
+from pointit.bridges.ros2.routing.rate_limit import back_s
+from pointit.bridges.ros2.routing.route_types import About, Inward, Said, Served, Taken, Warned
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.site import Site
+from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import BusError, RefusedError, RequestError
+from pointit.schemas import Message, Reply
+from pointit.schemas.topics import Request, Topic
+
+MOST_ASKED = 64
+"""Requests of ROS nodes that ours work on at a time; more are refused."""
+
+
+class Inbox:
+    """All that comes in."""
+
+    def __init__(self, routes: Iterable[Inward], services: Iterable[Served], site: Site) -> None:
+        """Take what is nobody's own from now on."""
+        self._site = site
+        self._wall = WallClock()
+        self._loop = asyncio.get_running_loop()
+        self._routes = tuple(routes)
+        self._services = tuple(services)
+        self._served: frozenset[str] = frozenset()
+        """Services that others in ROS serve."""
+        self._ends: dict[tuple[str, str], Closable] = {}
+        """What is declared in ROS, by route and by whom it is about."""
+        self._back: dict[tuple[str, str], asyncio.TimerHandle | None] = {}
+        """What is left to others, as `_ends`, and when it is taken up again if they have let go."""
+        self._publishers: dict[str, tuple[str, Publisher[Any]]] = {}
+        """Ours, by key, with whom they are about."""
+        self._asked: set[asyncio.Task[None]] = set()
+        self._open = 0
+        """Wishes that are asked for and not answered."""
+        self._names: set[str] = {""}
+        self._declare("")
+
+    def join(self, user: str) -> None:
+        """Take what is about `user` from now on."""
+        if user not in self._names:
+            self._names.add(user)
+            self._declare(user)
+            told = About(self._site.scene, user, self._site.clock.now_ns())
+            for route in self._routes:
+                if route.meets is not None and (taken := route.meets(told)):
+                    self._take(taken, _about(route, self._site.scene, ""))
+
+    def leave(self, user: str) -> None:
+        """Take nothing about `user` any more."""
+        self._names.discard(user)
+        for end in [end for end in self._ends if end[1] == user]:
+            self._ends.pop(end).close()
+        for end in [end for end in self._back if end[1] == user]:
+            self._take_up(end)
+        rows: tuple[Inward | Served, ...] = (*self._routes, *self._services)
+        for route in rows:
+            if "{" in route.ros:
+                self._site.bus.clear(_about(route, self._site.scene, user))
+        for route in self._routes:
+            if route.forgets is not None:
+                route.forgets(user)
+        for key in [key for key, (name, _) in self._publishers.items() if name == user]:
+            self._publishers.pop(key)[1].close()
+
+    def listen(self, route: Inward, name: str) -> Closable:
+        """Take what `route` says about `name` until the returned end is closed."""
+        return Ear(route, name, self._site, functools.partial(self._hear, route, name))
+
+    def hush(self, route: Inward, name: str) -> None:
+        """Write no more what `route` has said about `name`: somebody else does."""
+        for at in route.into:
+            if at.at(name) in self._publishers:
+                self._publishers.pop(at.at(name))[1].close()
+        self._site.bus.clear(_about(route, self._site.scene, name))
+
+    def say(self, said: Said) -> None:
+        """Publish on our side."""
+        if not isinstance(said.at, Request) and isinstance(said.what, Message):
+            self._publisher(said.at, said.name).put(said.what)
+
+    def look(self, graph: Graph) -> None:
+        """Leave to others the services that they serve."""
+        self._served = frozenset(
+            each.name for each in graph.endpoints if each.kind == "server" and not each.is_ours
+        )
+        for name in self._names:
+            self._declare_services(name)
+
+    def close(self) -> None:
+        """End."""
+        for end in self._ends.values():
+            end.close()
+        self._ends.clear()
+        for key in tuple(self._back):
+            self._take_up(key)
+        for task in self._asked:
+            task.cancel()
+
+    def _declare(self, name: str) -> None:
+        for route in self._routes:
+            if bool(name) == ("{" in route.ros) and not (name and route.of_guests):
+                for at in route.into:
+                    if not isinstance(at, Request) and at.placeholder == ("user" if name else ""):
+                        self._publisher(at, name)
+                self._ends[route.name, name] = self.listen(route, name)
+        self._declare_services(name)
+
+    def _declare_services(self, name: str) -> None:
+        for route in self._services:
+            if bool(name) != ("{" in route.ros):
+                continue
+            key = route.name, name
+            if route.yields and route.ros_name(self._site.scene, name) in self._served:
+                self._take_up(key)
+                self._back[key] = None
+                if key in self._ends:
+                    self._ends.pop(key).close()
+            elif key not in self._back:
+                self._serve(route, name)
+            elif self._back[key] is None:
+                self._back[key] = self._site.bus.call_later(
+                    back_s(), functools.partial(self._serve, route, name)
+                )
+
+    def _serve(self, route: Served, name: str) -> None:
+        key = route.name, name
+        self._take_up(key)
+        if key not in self._ends:
+            scene = self._site.scene
+            self._ends[key] = self._site.backend.serve(
+                route.ros_name(scene, name),
+                scene.types.kind(route.type),
+                functools.partial(self._answer, route, name),
+            )
+
+    def _take_up(self, key: tuple[str, str]) -> None:
+        """Leave it to others no longer."""
+        timer = self._back.pop(key, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _hear(self, route: Inward, name: str, cdr: bytes) -> None:
+        scene, clock = self._site.scene, self._site.clock
+        about = _about(route, scene, name)
+        try:
+            value = scene.types.decode(route.type, cdr, max_bytes=route.max_bytes)
+        except ValueError as error:
+            self._site.bus.warn(about, f"what came {about} was dropped: {error}")
+            return
+        taken = route.convert(value, name, scene, now_ns=clock.now_ns(), wall_ns=self._wall.now_ns())
+        self._take(taken, about)
+
+    def _take(self, taken: Taken, about: str) -> None:
+        """Publish and ask; whether all was well is known when all is answered, and told no sooner."""
+        warned = [each for each in taken if isinstance(each, Warned)]
+        wishes = [each for each in taken if isinstance(each, Said) and isinstance(each.at, Request)]
+        if warned or not wishes:
+            self._warn(about, warned)
+        for said in taken:
+            if isinstance(said, Said):
+                self.say(said)
+        if wishes:
+            self._ask_soon(wishes, about, is_well=not warned)
+
+    def _publisher(self, topic: Topic[Any], name: str) -> Publisher[Any]:
+        key = topic.at(name)
+        if key not in self._publishers:
+            self._publishers[key] = name, self._site.bus.publisher(topic, name)
+        return self._publishers[key][1]
+
+    def _ask_soon(self, wishes: list[Said], about: str, *, is_well: bool) -> None:
+        asked = wishes[: MOST_ASKED - self._open]
+        if len(asked) < len(wishes):
+            is_well = False
+            self._site.bus.warn(about, f"what came {about} was dropped: {MOST_ASKED} wishes are open already")
+        self._open += len(asked)
+
+        async def ask() -> None:
+            try:
+                replies = await asyncio.gather(*(self._ask(said, about) for said in asked))
+            finally:
+                self._open -= len(asked)
+            if is_well and not any(isinstance(each, str) for each in replies):
+                self._site.bus.clear(about)
+
+        self._run(ask)
+
+    def _run(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        task = self._loop.create_task(work())
+        self._asked.add(task)
+        task.add_done_callback(self._asked.discard)
+
+    async def _ask(self, said: Said, about: str) -> Reply | str:
+        """Return the reply; where there is none, the sentence that says why, which is a warning too."""
+        try:
+            reply: Reply = await self._site.bus.call(said.at, said.what, said.name)  # type: ignore[arg-type]  # a row of both kinds
+        except (BusError, RequestError) as error:
+            sentence = f"what came {about} was not done: {error}"
+            self._site.bus.warn(about, sentence)
+            return sentence
+        return reply
+
+    async def _answer(self, route: Served, name: str, cdr: bytes) -> bytes:
+        """Answer a request of ROS.
+
+        Raises:
+            RefusedError: It was not done, and its response could not say so.
+        """
+        scene = self._site.scene
+        types = scene.types
+        about = _about(route, scene, name)
+        response = types.response_of(route.type)
+        try:
+            value = types.decode(types.request_of(route.type), cdr, max_bytes=route.max_bytes)
+        except ValueError as error:
+            sentence = f"what came {about} was refused: {error}"
+            self._site.bus.warn(about, sentence)
+            if not route.has_result:
+                raise RefusedError(sentence) from error
+            return types.encode(response, types.make(response))
+        told = About(scene, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
+        asked = route.asks(value, told)
+        reply: Reply | str = ""
+        try:
+            if isinstance(asked, Warned):
+                reply = asked.sentence
+                self._warn(about, [asked])
+            else:
+                reply = await self._ask(asked, about)
+                if not isinstance(reply, str):
+                    self._site.bus.clear(about)
+        finally:  # also when this is cancelled: the route may wait for what comes of it
+            answer = route.answers(value, None if isinstance(reply, str) else reply, told)
+        if isinstance(reply, str) and not route.has_result:
+            raise RefusedError(reply)
+        return types.encode(response, answer)
+
+    def _warn(self, about: str, warned: list[Warned]) -> None:
+        if warned:
+            self._site.bus.warn(about, "; ".join(each.sentence for each in warned[:3]))
+        else:
+            self._site.bus.clear(about)
+
+
+def _about(route: Inward | Served, scene: Scene, name: str) -> str:
+    """Return what a warning is about."""
+    return f"from {route.ros_name(scene, name)}"

@@ -1,0 +1,89 @@
+"""One name in ROS that is listened to, and how much of what comes there is taken."""
+
+import asyncio
+from collections.abc import Callable
+
+from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.routing.rate_limit import Pace
+from pointit.bridges.ros2.routing.route_types import Inward
+from pointit.bridges.ros2.routing.site import Site
+
+BURST_S = 0.03
+"""Of a route with a limit of bytes: what would fill so much time may come at once."""
+
+
+class Ear:
+    """Takes what comes; of what comes too fast the newest, later; where it tells of people, of each."""
+
+    def __init__(self, route: Inward, name: str, site: Site, take: Callable[[bytes], None]) -> None:
+        """Listen.
+
+        Args:
+            route: of which name in ROS.
+            name: for its placeholder; empty where there is none.
+            site: shared.
+            take: gets the CDR of what is taken.
+        """
+        self._route = route
+        self._site = site
+        self._complaints = Complaints(site.bus)
+        self._take = take
+        self._loop = asyncio.get_running_loop()
+        self._count = Pace(route.rate_hz)
+        self._bytes = Pace(route.bytes_hz, early_s=BURST_S)
+        self._waiting: dict[str, bytes] = {}
+        """The newest of each person, or of all where messages tell of nobody; as they came."""
+        self._timer: asyncio.TimerHandle | None = None
+        self._ros = route.ros_name(site.scene, name)
+        kind = site.scene.types.kind(route.type)
+        self._end = site.backend.subscribe(self._ros, kind, route.qos, self._hear)
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._end.close()
+        if self._timer is not None:
+            self._timer.cancel()
+        self._complaints.close()
+
+    def _hear(self, cdr: bytes) -> None:
+        route = self._route
+        if len(cdr) > route.max_bytes or (route.rate_hz is None and route.bytes_hz is None):
+            self._take(cdr)  # what is too long is refused unread
+            return
+        people = ("",) if route.people is None else route.people(cdr, self._site.scene)
+        if not people:
+            return
+        wait_s = self._wait_s()
+        if self._timer is None and wait_s <= 0.0:
+            self._pass(cdr)
+            return
+        for each in people:
+            self._waiting.pop(each, None)  # so that the first is the oldest: nothing is followed by older
+            self._waiting[each] = cdr
+        if route.bytes_hz is not None and self._bytes.wait_s(self._loop.time()) > 0.0:
+            self._complaints.say(
+                f"amount from {self._ros}",
+                f"{self._ros} brings more of people than the {route.bytes_hz / 1e6:g} MB a second that are "
+                "read: of each the newest counts; publish their frames less often, or apart from all others",
+            )
+        if self._timer is None:
+            self._timer = self._site.bus.call_later(wait_s, self._due)
+
+    def _due(self) -> None:
+        self._timer = None
+        while self._waiting and self._wait_s() <= 0.0:
+            oldest = next(iter(self._waiting.values()))
+            self._waiting = {name: cdr for name, cdr in self._waiting.items() if cdr is not oldest}
+            self._pass(oldest)
+        if self._waiting:
+            self._timer = self._site.bus.call_later(self._wait_s(), self._due)
+
+    def _wait_s(self) -> float:
+        now_s = self._loop.time()
+        return max(self._count.wait_s(now_s), self._bytes.wait_s(now_s))
+
+    def _pass(self, cdr: bytes) -> None:
+        now_s = self._loop.time()
+        self._count.sent(now_s)
+        self._bytes.sent(now_s, len(cdr))
+        self._take(cdr)

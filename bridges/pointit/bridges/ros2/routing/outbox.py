@@ -1,0 +1,274 @@
+"""What goes out to ROS: every route, for everybody it is about, converted, paced, encoded."""
+
+import asyncio
+import functools
+from collections.abc import Callable, Iterable
+
+from pointit.bridges.ros2.graph.backend import Graph, Writer
+from pointit.bridges.ros2.routing.rate_limit import Pace, back_s
+from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.site import Site
+from pointit.schemas import Message
+from pointit.schemas.topics import Topic
+
+MOST_LINES = 2000
+"""Names in ROS; nobody has so many people and lamps."""
+
+
+class _Line:
+    """One route to one name in ROS."""
+
+    def __init__(
+        self, route: Outward, ros: str, site: Site, has_reader: Callable[[str], bool], *, unread: bool
+    ) -> None:
+        self.route = route
+        self.ros = ros
+        self._site = site
+        self._has_reader = has_reader
+        """Whether the ROS graph shows one."""
+        self._unread = unread
+        self._is_read = False
+        self._pace = Pace(route.rate_hz)
+        self._loop = asyncio.get_running_loop()
+        self._writer: Writer | None = None
+        self._waiting: dict[str, tuple[Message, str]] = {}
+        """What is to be sent when there is time, by name where each has a message of its own."""
+        self._timer: asyncio.TimerHandle | None = None
+        self._repeating: asyncio.TimerHandle | None = None
+        self._back: asyncio.TimerHandle | None = None
+        self._later: list[asyncio.TimerHandle] = []
+        self._last: dict[str, tuple[Message, float]] = {}
+        """What is to be repeated, by what stands for the placeholder of our key, and when it came."""
+        self._sent: dict[str, tuple[bytes, ...]] = {}
+        """What was sent last where only changes are, as `_waiting`."""
+        self._is_refused = False
+        self._open()
+
+    def make_room(self, *, is_given: bool) -> None:
+        """Leave it to somebody else while it is given by them, and for a moment more."""
+        if is_given:
+            if self._back is not None:
+                self._back.cancel()
+                self._back = None
+            self._hide()
+        elif self._writer is None and self._back is None:
+            self._back = self._site.bus.call_later(back_s(), self._open)
+
+    def look(self) -> None:
+        """Tell the route when somebody begins to read it."""
+        is_read = self._has_readers
+        if is_read and not self._is_read and self.route.begins is not None:
+            self.route.begins()
+        self._is_read = is_read
+
+    def close(self) -> None:
+        """End."""
+        for timer in (self._timer, self._repeating, self._back, *self._later):
+            if timer is not None:
+                timer.cancel()
+        self._hide()
+        self._site.bus.clear(self.ros)
+
+    def _open(self) -> None:
+        """Appear in the graph."""
+        self._back = None
+        kind = self._site.scene.types.kind(self.route.type)
+        self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
+        self._sent = {}
+
+    def _hide(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def take(self, message: Message, name: str) -> None:
+        """Send `message` as soon as the route's rate allows; of what waits, the newest."""
+        wait_s = self._pace.wait_s(self._loop.time())
+        if self._timer is None and wait_s <= 0.0:
+            self._pace.sent(self._loop.time())
+            self._send(message, name)
+            return
+        self._waiting[self._whose(name)] = message, name
+        if self._timer is None:
+            self._timer = self._site.bus.call_later(wait_s, self._due)
+
+    def forget(self, name: str) -> None:
+        """Say nothing of `name` any more."""
+        if self.route.forgets is not None:
+            self.route.forgets(name)
+        self._last.pop(name, None)
+        if self.route.is_each:
+            self._waiting.pop(name, None)
+            self._sent.pop(name, None)
+
+    def _due(self) -> None:
+        self._timer = None
+        waiting, self._waiting = self._waiting, {}
+        self._pace.sent(self._loop.time())
+        for message, name in waiting.values():
+            self._send(message, name)
+
+    def _send(self, message: Message, name: str) -> None:
+        if self.route.repeat_hz is not None:
+            self._last[name] = message, self._loop.time()
+            self._repeat_later()
+        self._write(message, name)
+
+    def _write(self, message: Message, name: str, *, again_ns: int | None = None) -> None:
+        if self._writer is None or not (self._has_readers or self._keeps or self._unread):
+            return
+        encode = self._site.scene.types.encode
+        try:
+            values = self.route.convert(message, name, self._site.scene, again_ns=again_ns)
+            cdrs = tuple([encode(self.route.type, value) for value in values])
+        except ValueError as error:
+            self._is_refused = True
+            self._site.bus.warn(self.ros, f"{self.ros} could not be sent to ROS: {error}")
+            return
+        if self._is_refused:
+            self._is_refused = False
+            self._site.bus.clear(self.ros)
+        if self.route.on_change:
+            whose = self._whose(name)
+            if cdrs == self._sent.get(whose):
+                return
+            self._sent[whose] = cdrs
+        self._later = [timer for timer in self._later if timer.when() > self._loop.time()]
+        for count, cdr in enumerate(cdrs):
+            if count and self.route.apart_s:
+                put = functools.partial(self._put, cdr)
+                self._later.append(self._site.bus.call_later(count * self.route.apart_s, put))
+            else:
+                self._put(cdr)
+
+    def _whose(self, name: str) -> str:
+        """Return whose messages those of `name` displace."""
+        return name if self.route.is_each else ""
+
+    @property
+    def _has_readers(self) -> bool:
+        """Return whether somebody reads it.
+
+        The graph does not show a node that is older than the router, but its middleware knows that it reads.
+        """
+        return self._has_reader(self.ros) or (self._writer is not None and self._writer.is_read)
+
+    @property
+    def _keeps(self) -> bool:
+        """Return whether what is sent now matters to who comes later."""
+        return self.route.qos.lasts or self.route.on_change
+
+    def _put(self, cdr: bytes) -> None:
+        if self._writer is not None:
+            self._writer.put(cdr)
+
+    def _repeat_later(self) -> None:
+        if self._repeating is None and self.route.repeat_hz is not None and self._last:
+            self._repeating = self._site.bus.call_later(1.0 / self.route.repeat_hz, self._repeat)
+
+    def _repeat(self) -> None:
+        self._repeating = None
+        oldest_s = self._loop.time() - self.route.repeat_for_s
+        self._last = {name: last for name, last in self._last.items() if last[1] > oldest_s}
+        for name, (message, _) in self._last.items():
+            self._write(message, name, again_ns=self._site.clock.now_ns())
+        self._repeat_later()
+
+
+class Outbox:
+    """All that goes out."""
+
+    def __init__(self, routes: Iterable[Outward], site: Site, *, unread: bool) -> None:
+        """Appear in the graph with every route that is nobody's own; `unread`: send what nobody reads too."""
+        self._site = site
+        self._unread = unread
+        self._read: frozenset[str] = frozenset()
+        self._given: frozenset[str] = frozenset()
+        """Names that others in ROS publish."""
+        self._lines: dict[tuple[str, str], _Line] = {}
+        """By route, and by what stands for its placeholder."""
+        self._routes: dict[Topic[Message], list[Outward]] = {}
+        for route in routes:
+            for topic in route.reads:
+                self._routes.setdefault(topic, []).append(route)
+            if "{" not in route.ros:
+                self._line(route, "")
+
+    @property
+    def topics(self) -> tuple[Topic[Message], ...]:
+        """Return what of ours it takes."""
+        return tuple(self._routes)
+
+    def take(self, topic: Topic[Message], message: Message, name: str) -> None:
+        """Send `message`, which the scene has taken, wherever it goes."""
+        for route in self._routes.get(topic, ()):
+            if route.is_theirs and name in self._site.scene.guests:
+                continue
+            line = self._line(route, name if "{" in route.ros else "")
+            if line is not None:
+                line.take(message, name)
+
+    def join(self, user: str) -> None:
+        """Appear in the graph with what is about `user`; leave to a guest what they say themselves."""
+        is_guest = user in self._site.scene.guests
+        for route in {route.name: route for routes in self._routes.values() for route in routes}.values():
+            if "{user}" not in route.ros:
+                continue
+            if not (is_guest and route.is_theirs):
+                self._line(route, user)
+            elif line := self._lines.pop((route.name, user), None):
+                line.close()
+
+    def leave(self, user: str) -> None:
+        """Take from the graph what is about `user`."""
+        for route, name in tuple(self._lines):
+            if name == user and "{user}" in self._lines[route, name].route.ros:
+                self._lines.pop((route, name)).close()
+        self._forget(user, "user")
+        if len(self._lines) < MOST_LINES:
+            self._site.bus.clear("names")
+
+    def end(self, instance: str) -> None:
+        """Say nothing any more of a service that has gone."""
+        self._forget(instance, "service")
+
+    def look(self, graph: Graph) -> None:
+        """Take up who reads, and leave to others what they publish."""
+        others = [each for each in graph.endpoints if not each.is_ours]
+        self._read = frozenset(each.name for each in others if each.kind == "subscriber")
+        self._given = frozenset(each.name for each in others if each.kind == "publisher")
+        for line in self._lines.values():
+            self._yield(line)
+            line.look()
+
+    def close(self) -> None:
+        """End."""
+        for line in self._lines.values():
+            line.close()
+        self._lines.clear()
+
+    def _line(self, route: Outward, name: str) -> _Line | None:
+        key = route.name, name
+        line = self._lines.get(key)
+        if line is None:
+            if len(self._lines) >= MOST_LINES:
+                self._site.bus.warn(
+                    "names", f"only {MOST_LINES} names are shown to ROS; end what writes so many keys"
+                )
+                return None
+            ros = route.ros_name(self._site.scene, name)
+            line = self._lines[key] = _Line(route, ros, self._site, self._has_reader, unread=self._unread)
+            self._yield(line)
+        return line
+
+    def _forget(self, name: str, placeholder: str) -> None:
+        for line in self._lines.values():
+            if any(topic.placeholder == placeholder for topic in line.route.reads):
+                line.forget(name)
+
+    def _yield(self, line: _Line) -> None:
+        if line.route.yields:
+            line.make_room(is_given=line.ros in self._given)
+
+    def _has_reader(self, ros: str) -> bool:
+        return ros in self._read

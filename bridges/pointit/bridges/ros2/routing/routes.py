@@ -1,0 +1,210 @@
+"""THE ROUTE TABLE: every topic and service of ROS that the bridge has; and the file that changes it.
+
+The rows stand in `outward.table` and `inward.table`. A file may change them:
+
+    prefix: /site1              # before every name in ROS but those of `UNPREFIXED`
+    world: map                  # the frame {W}
+    person: "{user}/base"       # the frame {H} of a person
+    kinds: [blue, red, green]   # what the ROS toolkit's numbers of kinds mean
+    routes:
+      pointing_ray: {ros: "/{user}/ray", rate_hz: 20}
+      rotation_in: {enabled: false}
+"""
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import Field, ValidationError, field_validator
+
+from pointit.bridges.ros2.inbound.table import inward, served
+from pointit.bridges.ros2.outbound.table import outward
+from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.scene import KINDS
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import complaint, unknown
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.errors import ConfigError
+
+Row = TypeVar("Row", Outward, Inward, Served)
+
+UNPREFIXED = ("/tf", "/tf_static", "/clock", "/diagnostics", "/rosout")
+"""ROS knows these by their names."""
+
+MOST_NAME = 150
+"""Characters of a name in ROS before its user is put in; a resolved one may have 247."""
+
+_NAME = re.compile(r"(/([A-Za-z_][A-Za-z0-9_]*|\{(user|led)\}))+\Z")
+_PREFIX = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*\Z")
+_FRAME = re.compile(r"(?!/)([^\s{}]|\{user\})+\Z")
+
+
+class RouteChange(Config):
+    """What a file changes of one route."""
+
+    ros: Annotated[str | None, Field(max_length=MOST_NAME, description="name in ROS; empty: as it is")] = None
+    rate_hz: Annotated[float | None, Field(gt=0, le=1000, description="at most; empty: as it is")] = None
+    enabled: Annotated[bool | None, Field(description="whether it is there; empty: as it is")] = None
+    frame: Annotated[
+        str | None, Field(max_length=MOST_NAME, description="name of its frame; empty: as it is")
+    ] = None
+
+    @field_validator("ros")
+    @classmethod
+    def _name(cls, ros: str | None) -> str | None:
+        if ros is not None and (not _NAME.match(ros) or ros.count("{") > 1):
+            raise ValueError("begin with /, use letters, digits, _, / and at most one {user} or {led}")
+        return ros
+
+    @field_validator("frame")
+    @classmethod
+    def _frame(cls, frame: str | None) -> str | None:
+        if frame is not None:
+            _check_frame(frame)
+        return frame
+
+
+class RoutesFile(Config):
+    """A file that changes routes."""
+
+    prefix: Annotated[str, Field(max_length=100, description="before names in ROS, such as /site1")] = ""
+    world: Annotated[str, Field(max_length=MOST_NAME, description="name of the frame {W}")] = "world"
+    person: Annotated[str, Field(max_length=MOST_NAME, description="name of a person's frame {H}")] = (
+        "{user}/human_footprint"
+    )
+    kinds: Annotated[
+        tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
+        Field(min_length=1, max_length=255, description="what the numbers 0, 1, 2 ... of kinds mean"),
+    ] = KINDS
+    routes: dict[str, RouteChange] = Field(default={}, description="changes by a route's name")
+
+    @field_validator("prefix")
+    @classmethod
+    def _prefix(cls, prefix: str) -> str:
+        if not _PREFIX.match(prefix):
+            raise ValueError("begin with / and use letters, digits, _ and /")
+        return prefix
+
+    @field_validator("world")
+    @classmethod
+    def _world(cls, world: str) -> str:
+        _check_frame(world)
+        if "{" in world:
+            raise ValueError("the frame of the room is nobody's: leave {user} out")
+        return world
+
+    @field_validator("person")
+    @classmethod
+    def _person(cls, person: str) -> str:
+        _check_frame(person)
+        if "{user}" not in person:
+            raise ValueError("each person has a frame of their own: write {user} into its name")
+        return person
+
+
+@dataclass(frozen=True)
+class Routes:
+    """The table; names are different throughout."""
+
+    outward: tuple[Outward, ...]
+    inward: tuple[Inward, ...]
+    served: tuple[Served, ...]
+    file: RoutesFile
+    """Names of frames and kinds are in here, for the scene."""
+
+    @property
+    def all(self) -> tuple[Outward | Inward | Served, ...]:
+        """Return all rows."""
+        return (*self.outward, *self.inward, *self.served)
+
+
+def routes(path: Path | None = None) -> Routes:
+    """Return the table, as a file changes it where `path` names one; its converters have seen nothing yet.
+
+    Raises:
+        ConfigError: the file cannot be used; one sentence with the route, the value and what to do.
+    """
+    plain = Routes(outward(), inward(), served(), RoutesFile())
+    return plain if path is None else changed(plain, read_routes(path), str(path))
+
+
+def read_routes(path: Path) -> RoutesFile:
+    """Return what a file changes.
+
+    Raises:
+        ConfigError: it cannot be read or used.
+    """
+    try:
+        return RoutesFile.model_validate(read_yaml(path))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {complaint(error, RoutesFile)}") from error
+
+
+def changed(table: Routes, file: RoutesFile, source: str) -> Routes:
+    """Return `table` with the changes of `file`, which `source` names in errors.
+
+    Raises:
+        ConfigError: a route does not exist, loses its placeholder, or two mean the same.
+    """
+    known = [row.name for row in table.all]
+    for name in file.routes:
+        if name not in known:
+            why = unknown(name, known).replace("parameter", "route")
+            raise ConfigError(f"{source}: routes: {why}")
+    made = Routes(
+        tuple(_changed(row, file, source) for row in table.outward),
+        tuple(_changed(row, file, source) for row in table.inward),
+        tuple(_changed(row, file, source) for row in table.served),
+        file,
+    )
+    for kind in (made.outward, made.inward, made.served):
+        _check_apart(kind, source)
+    return made
+
+
+def _changed(row: Row, file: RoutesFile, source: str) -> Row:
+    change = file.routes.get(row.name, RouteChange())
+    where = f"{source}: routes.{row.name}"
+    changes: dict[str, Any] = {}
+    ros = row.ros if change.ros is None else change.ros
+    if _placeholder(ros) != _placeholder(row.ros):
+        wanted = _placeholder(row.ros)
+        what = f"write {wanted} into it, as there is one for each" if wanted else "leave { } out"
+        raise ConfigError(f"{where}.ros: {what} (got {ros!r})")
+    if change.ros is None and ros not in UNPREFIXED:
+        ros = file.prefix + ros
+    changes["ros"] = ros
+    if change.rate_hz is not None:
+        if isinstance(row, Served):
+            raise ConfigError(f"{where}.rate_hz: a service has none, leave it out")
+        changes["rate_hz"] = change.rate_hz
+    if change.enabled is not None:
+        changes["enabled"] = change.enabled
+    if change.frame is not None:
+        changes["frame"] = change.frame
+    return dataclasses.replace(row, **changes)
+
+
+def _check_apart(rows: Sequence[Outward] | Sequence[Inward] | Sequence[Served], source: str) -> None:
+    """Refuse two that would publish, read or serve the same; that /tf is both published and read is meant."""
+    taken: dict[str, str] = {}
+    for row in rows:
+        if row.enabled:
+            other = taken.setdefault(row.ros, row.name)
+            if other != row.name:
+                raise ConfigError(
+                    f"{source}: routes.{row.name}.ros: {row.ros!r} is that of {other} already; rename or "
+                    "switch off one of them"
+                )
+
+
+def _placeholder(ros: str) -> str:
+    return ros[ros.index("{") : ros.index("}") + 1] if "{" in ros else ""
+
+
+def _check_frame(frame: str) -> None:
+    if not _FRAME.match(frame):
+        raise ValueError("a frame has no spaces and no leading /, and of { } only {user}")

@@ -1,0 +1,198 @@
+"""What the bridge has heard of the site: what a conversion needs to know besides the message itself."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.bridges.ros2.routing.frames import Frames, RosNames
+from pointit.bridges.ros2.routing.uids import Kinds, Uids
+from pointit.bridges.ros2.types.types import Types
+from pointit.geometry.polyline import Polyline
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Environment,
+    Hover,
+    Interaction,
+    Message,
+    Selection,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.pointing import SurfaceKind
+from pointit.schemas.topics import CURSOR, HOVER, INTERACTION, MAP, OBJECTS, POSE, PROFILE, SELECTION, Topic
+
+KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
+"""What the ROS toolkit's numbers of kinds mean: 0 and 1 as in its feeders, the others as they come."""
+
+NOBODY = UserProfile(stamp_ns=0)
+"""Who has said nothing about themselves."""
+
+POINTS_NS = NS_PER_S // 2
+"""Who has had no cursor for so long does not point."""
+TRACKED_NS = NS_PER_S
+"""A tracker that was silent for so long tracks nothing."""
+MOST_PEOPLE = 1000
+"""Nobody has so many; who was heard first is forgotten first."""
+MOST_TRACKERS = 256
+"""More are no trackers; the ones heard first are kept."""
+
+HEARD: tuple[Topic[Any], ...] = (CURSOR, HOVER, POSE, PROFILE, INTERACTION, OBJECTS, SELECTION, MAP)
+"""What the scene knows comes from these."""
+
+PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction
+
+
+@dataclass(slots=True)
+class Person:
+    """What was heard of one person."""
+
+    profile: UserProfile = NOBODY
+    pose: UserPose | None = None
+    cursor: Cursor | None = None
+    cursor_ns: int = 0
+    """When it came."""
+    hover: Hover | None = None
+    is_pointing: bool = True
+    """Until they have said that they do not."""
+    tf_until_ns: int = 0
+    """Until then somebody else in ROS publishes their frame, as far as is known now."""
+
+    def hear(self, message: PersonSays, now_ns: int) -> None:
+        """Take what came at `now_ns`."""
+        match message:
+            case Cursor():
+                self.cursor, self.cursor_ns = message, now_ns
+            case Hover():
+                self.hover = message
+            case UserPose():
+                self.pose = message
+            case UserProfile():
+                self.profile = message
+            case Interaction():
+                self.is_pointing = message.state == "pointing"
+
+
+@dataclass(slots=True)
+class Guest:
+    """A person whose nodes are all ROS's, as far as they have made themselves heard."""
+
+    is_heard: bool = False
+    """Something of them has come since this was last looked at."""
+    is_subscribed: bool = False
+    """They want a cursor."""
+    is_here: bool = False
+    """The site has been told of them."""
+    steps: int = 0
+    """How often it was said where they are in the interaction."""
+
+
+class Scene:
+    """The newest of everything; all of it is taken before it is converted."""
+
+    def __init__(
+        self,
+        types: Types,
+        *,
+        world: str = "world",
+        person: str = "{user}/human_footprint",
+        kinds: tuple[str, ...] = KINDS,
+    ) -> None:
+        """Begin with nothing; `world` and `person` are the names of frames, `kinds` those of 0, 1, 2 ..."""
+        self.types = types
+        self.names = RosNames()
+        self.frames = Frames(self.names, world=world, person=person)
+        self.kinds = Kinds(kinds)
+        self.uids = Uids()
+        """Of objects."""
+        self.channels = Uids(255)
+        """Of strips."""
+        self.now_ns = 0
+        """The site's time."""
+        self.people: dict[str, Person] = {}
+        self.guests: dict[str, Guest] = {}
+        """Whose nodes are all ROS's, whether they are here or not; nobody who has services of ours."""
+        self.selection: Selection | None = None
+        self.room: Environment | None = None
+        self.lines: dict[tuple[SurfaceKind, str], Polyline] = {}
+        """Belts and strips by kind and id, those that have a length."""
+        self._tracked: dict[str, tuple[int, TrackedObjects]] = {}
+
+    def take(self, name: str, message: Message, now_ns: int) -> None:
+        """Take what came at `now_ns`; `name` stands for the placeholder of its key."""
+        self.now_ns = now_ns
+        match message:
+            case Cursor() | Hover() | UserPose() | UserProfile() | Interaction():
+                self.person(name).hear(message, now_ns)
+            case TrackedObjects():
+                if name in self._tracked or len(self._tracked) < MOST_TRACKERS:
+                    self._tracked[name] = (now_ns, message)
+            case Selection():
+                self.selection = message
+            case Environment():
+                self._furnish(message)
+            case _:
+                pass
+
+    def forget(self, user: str) -> None:
+        """Forget a person who is gone."""
+        self.people.pop(user, None)
+
+    def person(self, user: str) -> Person:
+        """Return what was heard of `user`."""
+        person = self.people.get(user)
+        if person is None:
+            if len(self.people) >= MOST_PEOPLE:
+                del self.people[next(iter(self.people))]
+            person = self.people[user] = Person()
+        return person
+
+    def pointing(self, user: str) -> Cursor | None:
+        """Return the cursor of `user` while they point."""
+        person = self.people.get(user)
+        if person is None or not person.is_pointing or self.now_ns - person.cursor_ns > POINTS_NS:
+            return None
+        return person.cursor
+
+    def tracked(self) -> Iterator[TrackedObject]:
+        """Yield all objects of all trackers that are not silent, as soon as their numbers stay."""
+        for heard_ns, message in self._tracked.values():
+            if self.now_ns - heard_ns <= TRACKED_NS:
+                for item in message.objects:
+                    if self.uids.is_settled(item.id):
+                        yield item
+
+    @property
+    def lanes(self) -> tuple[str, ...]:
+        """Return the lanes of the conveyor in the map's order: its belts, or its strips where it has none."""
+        if self.room is None:
+            return ()
+        return tuple(lane.id for lane in self.room.belts or self.room.strips)
+
+    def _furnish(self, room: Environment) -> None:
+        self.room = room
+        self.lines = {}
+        places: list[tuple[SurfaceKind, str, tuple[tuple[float, float, float], ...]]] = [
+            *(("belt", belt.id, belt.line_m) for belt in room.belts),
+            *(("strip", strip.id, strip.line_m) for strip in room.strips),
+        ]
+        for kind, name, line_m in places:
+            try:
+                self.lines[kind, name] = Polyline(line_m)
+            except ValueError:  # without a length; who wrote the map is told by pui
+                continue
+
+
+def lane_name(surface: SurfaceKind, surface_id: str) -> str:
+    """Return what the ROS toolkit calls a line: a belt by its id, a strip taken as a belt `strip_<id>`."""
+    return f"strip_{surface_id}" if surface == "strip" else surface_id
+
+
+def lane_of(name: str, lanes: tuple[str, ...]) -> str | None:
+    """Return which of `lanes` the ROS toolkit means with `name`; none: no such lane."""
+    if name in lanes:
+        return name
+    strip = name.removeprefix("strip_")
+    return strip if strip != name and strip in lanes else None

@@ -1,0 +1,18 @@
+"""What both directions of the bridge work with."""
+
+from dataclasses import dataclass
+
+from pointit.bridges.ros2.graph.backend import Backend
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.runtime.clock import Clock
+from pointit.runtime.health.service_bus import ServiceBus
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site:
+    """Our bus and time, their graph, and what is known of both."""
+
+    bus: ServiceBus
+    clock: Clock
+    backend: Backend
+    scene: Scene

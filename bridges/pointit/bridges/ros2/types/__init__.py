@@ -1,0 +1,1 @@
+"""ROS types: definitions, hashes, values and their CDR."""

@@ -1,0 +1,1 @@
+"""The server's model of the site, for pages that open later."""

@@ -1,0 +1,91 @@
+"""What is taken to be true of the site: the newest of every key, who is there, what was started; pure.
+
+Times in seconds are of any clock that only goes forward.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from pointit.bridges.web.model.recording import LastMinute
+from pointit.bridges.web.model.stale_keys import Deployments, Key, Trackers, of_person, of_service
+from pointit.bridges.web.model.status import Sight
+from pointit.bridges.web.pages.latest_values import Hub
+from pointit.bridges.web.wire import PersonLine, Status
+from pointit.schemas import Deployment, Environment, Health, Message, encode
+from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
+
+
+class Belief:
+    """Takes what the bus says, and lets go of what is no longer true."""
+
+    def __init__(self, own: str, record_s: float, now_s: float) -> None:
+        """Believe nothing yet.
+
+        Args:
+            own: the service that looks; what it was started with may end before it.
+            record_s: what a recording goes back to.
+            now_s: now.
+        """
+        self.hub = Hub()
+        self.last_minute = LastMinute(record_s)
+        self._sight = Sight(now_s)
+        self._trackers = Trackers()
+        self._deployments = Deployments(own)
+        self._lamps: frozenset[str] | None = None
+        """Of the map; None before there is one."""
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Return the instances that are there."""
+        return self._sight.present
+
+    def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int, now_s: float) -> bool:
+        """Take a message, encoded here once for all; where there is no room for its key, return False."""
+        if isinstance(message, Environment):
+            self._lamps = frozenset(lamp.id for lamp in message.lamps)
+        elif topic is LAMP_COLOR and self._lamps is not None and name not in self._lamps:
+            return True  # made up, perhaps: of what is not in the map nothing is shown
+        elif isinstance(message, Deployment):
+            message = message.believed(name)
+        payload = encode(message)
+        is_urgent = topic is STRIPS_FRAME
+        if not self.hub.put(topic, name, payload, stamp_ns=message.stamp_ns, urgent=is_urgent):
+            return False
+        self.last_minute.add(topic, name, message, payload, now_ns)
+        if topic is OBJECTS:
+            self._trackers.heard(name, now_s)
+        elif isinstance(message, Health):
+            self._sight.report(name, message, now_s)
+        elif isinstance(message, Deployment):
+            if self._deployments.is_another(message):
+                self._sight.begin_anew(now_s)
+            self._forget(self._deployments.put(name, message, now_s))
+        return True
+
+    def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
+        """Take that `instance` is there, or has left."""
+        self._sight.set_present(instance, present, now_s)
+        if not present:
+            self._forget(list(of_service(instance, self.present, self.hub.names)))
+
+    def lose_person(self, user: str) -> None:
+        """Take that `user` has left."""
+        self._forget(of_person(user))
+
+    def pass_time(self, now_s: float) -> None:
+        """Let go of what is silent, and of what is gone for too long."""
+        self._forget(self._trackers.silent(now_s))
+        self._forget(self._deployments.over(self.present, now_s))
+
+    def status(
+        self, people: Sequence[PersonLine], now_s: float, *, viewers: int, lan_url: str, speed: float
+    ) -> Status:
+        """Return how the site is, see `Sight.status`."""
+        return self._sight.status(
+            self._deployments.known, people, now_s, viewers=viewers, lan_url=lan_url, speed=speed
+        )
+
+    def _forget(self, keys: Iterable[Key]) -> None:
+        for topic, name in keys:
+            self.hub.forget(topic, name)
+            self.last_minute.forget(topic, name)

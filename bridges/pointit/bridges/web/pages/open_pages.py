@@ -1,0 +1,157 @@
+"""All open pages: wakes them when there is news, tells them how the site is, measures what they show."""
+
+import asyncio
+from collections.abc import Callable
+
+from starlette.responses import PlainTextResponse
+from starlette.websockets import WebSocket
+
+from pointit.bridges.web.pages.lag import Latencies
+from pointit.bridges.web.pages.latest_values import Hub
+from pointit.bridges.web.pages.page_requests import greeting
+from pointit.bridges.web.pages.session import Host, Session
+from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
+from pointit.runtime.health.service_bus import ServiceBus
+
+GATHER_S = 0.004
+"""So long news waits for what follows from it, so that a movement of the hand is one batch, not four."""
+
+STATUS_S = 0.05
+"""So long a change of the status waits for others."""
+
+SLOW_MS = 500.0
+"""Pages that show what was so long ago lag, and that is said."""
+
+
+class Pages:
+    """The sessions of one server."""
+
+    def __init__(
+        self,
+        hub: Hub,
+        bus: ServiceBus,
+        status: Callable[[str], Status],
+        *,
+        rate_hz: float,
+        most: int,
+        version: str,
+    ) -> None:
+        """Have no page yet.
+
+        Args:
+            hub: what is to be shown.
+            bus: where figures and warnings go.
+            status: the status as a page of this name is to be told it; called for one page after the other.
+            rate_hz: batches a second to a page at most.
+            most: pages at a time.
+            version: of PointIt.
+        """
+        self._hub = hub
+        self._bus = bus
+        self._status = status
+        self._rate_hz = rate_hz
+        self._most = most
+        self._version = version
+        self._sessions: set[Session] = set()
+        self._count = 0
+        self._flush_timer: asyncio.TimerHandle | None = None
+        self._status_timer: asyncio.TimerHandle | None = None
+        self._latencies = Latencies()
+        self._before = (0, 0, 0)
+        """Batches, bytes and dropped events of pages that have left."""
+        self._told = (0, 0)
+        self._told_s = asyncio.get_running_loop().time()
+        bus.figure("viewers", 0.0)
+
+    def __len__(self) -> int:
+        """Return how many are open."""
+        return len(self._sessions)
+
+    async def open(self, socket: WebSocket, role: Role, host: Host, closed: Callable[[str], None]) -> None:
+        """Serve a page until it ends; `closed` is told its name then."""
+        if len(self._sessions) >= self._most:
+            refusal = PlainTextResponse(f"{self._most} pages are open, which is the most (most_viewers)", 503)
+            await socket.send_denial_response(refusal)
+            return
+        self._count += 1
+        session = Session(f"page{self._count}", role, socket, self._hub.open(self._rate_hz), host)
+        self._sessions.add(session)
+        self._count_viewers()
+        try:
+            hello = greeting(role, version=self._version, site=self._bus.site)
+            await session.run(hello.model_dump_json())
+        finally:
+            self._sessions.discard(session)
+            self._hub.close(session.feed)
+            batches, sent_bytes, dropped = self._before
+            self._before = (
+                batches + session.counts.batches,
+                sent_bytes + session.counts.bytes,
+                dropped + session.feed.dropped,
+            )
+            closed(session.page)
+            self._count_viewers()
+
+    def news(self, *, now: bool = False) -> None:
+        """Have pages sent what is new, with what follows within some ms, or right `now`."""
+        if not self._sessions:
+            return
+        if now:
+            self._flush()
+        elif self._flush_timer is None:
+            self._flush_timer = self._bus.call_later(GATHER_S, self._flush)
+
+    def status_changed(self) -> None:
+        """Have pages told how the site is, with what else changes by then."""
+        if self._status_timer is None:
+            self._status_timer = self._bus.call_later(STATUS_S, self.tell_status)
+
+    def tell_status(self) -> None:
+        """Tell every page how the site is."""
+        if self._status_timer is not None:
+            self._status_timer.cancel()
+            self._status_timer = None
+        for session in self._sessions:
+            session.tell_status(self._status(session.page).model_dump_json())
+
+    def shown(self, ack: Ack) -> None:
+        """Take what a page says of a batch that it shows."""
+        if ack.latency_ms is not None:
+            self._latencies.add(ack.latency_ms, asyncio.get_running_loop().time())
+
+    def measure(self) -> None:
+        """Put figures and warnings into health; once a second."""
+        now_s = asyncio.get_running_loop().time()
+        batches, sent_bytes, dropped = self._before
+        for session in self._sessions:
+            batches += session.counts.batches
+            sent_bytes += session.counts.bytes
+            dropped += session.feed.dropped
+        span_s = max(now_s - self._told_s, 1e-3)
+        p95_ms = self._latencies.p95_ms(now_s)
+        waiting = sum(session.feed.in_flight >= IN_FLIGHT for session in self._sessions)
+        self._bus.figure("capture to page p95", p95_ms, "ms")
+        self._bus.figure("batches", (batches - self._told[0]) / span_s, "1/s")
+        self._bus.figure("to pages", (sent_bytes - self._told[1]) / span_s / 1e3, "kB/s")
+        self._bus.figure("pages that wait", float(waiting))
+        self._bus.figure("events dropped", float(dropped))
+        self._told, self._told_s = (batches, sent_bytes), now_s
+        if p95_ms is not None and p95_ms > SLOW_MS:
+            self._bus.warn(
+                "lag",
+                f"pages show what was {p95_ms:.0f} ms ago (95th percentile): this machine or theirs is busy, "
+                "or the network slow; the plan is lighter than the scene for a machine without graphics",
+            )
+        else:
+            self._bus.clear("lag")
+
+    def _count_viewers(self) -> None:
+        self._bus.figure("viewers", float(len(self._sessions)))
+        self.status_changed()
+
+    def _flush(self) -> None:
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
+            self._flush_timer = None
+        for session in self._sessions:
+            session.wake()

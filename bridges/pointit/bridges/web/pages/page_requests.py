@@ -1,0 +1,188 @@
+"""What a page may ask for, by its role, and what of it makes sense.
+
+Requests of the table go to their servers as they are: `name` is the user where the key has one, `query` has
+the query's fields. Deeds are this server's own; `name` is the person:
+
+- `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
+- `take`: have the person's arm follow this page's mouse; who is idle begins to point. `give`: no more,
+  whoever moves it.
+- `tremor`, `{"rms_deg": number}`: let that arm tremble.
+- `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
+  `{"off": true}`: their phone is not paired any more, nor is a code valid that was shown.
+- `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
+- `centre`: the person's arm points at the middle of the room right now.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pointit.bridges.web.wire import Ask, Deed, Hello, Role
+from pointit.bridges.web.wrists.wrist_control import MOST_TREMOR_DEG
+from pointit.runtime.errors import RefusedError
+from pointit.schemas import Query, explain
+from pointit.schemas.topics import (
+    ADD_PACKAGE,
+    CANCEL_LOCALIZATION,
+    CLEAR_SELECTION,
+    POINT_ANCHOR,
+    RELEASE_OBJECT,
+    RESET_CONVEYOR,
+    RUN_SCENARIO,
+    SET_BRIGHTNESS,
+    SET_FEEDING,
+    SET_HEADING,
+    SET_METHOD,
+    SET_SPEED,
+    SET_TOLERANCE,
+    SET_YAW_ORIGIN,
+    START_LOCALIZATION,
+    UNDO_SELECTION,
+    Request,
+    check_name,
+)
+
+OPERATORS: tuple[Request[Any, Any], ...] = (
+    ADD_PACKAGE,
+    SET_SPEED,
+    SET_FEEDING,
+    RESET_CONVEYOR,
+    START_LOCALIZATION,
+    CANCEL_LOCALIZATION,
+    SET_HEADING,
+    POINT_ANCHOR,
+    CLEAR_SELECTION,
+    UNDO_SELECTION,
+    RELEASE_OBJECT,
+    SET_METHOD,
+    SET_TOLERANCE,
+    RUN_SCENARIO,
+    SET_BRIGHTNESS,
+    SET_YAW_ORIGIN,
+)
+"""What who controls may ask of services. Where people stand and how sensors sit, calibration says."""
+
+REQUESTS: dict[Role, tuple[Request[Any, Any], ...]] = {
+    "operator": OPERATORS,
+    "viewer": (),
+    "wrist": (START_LOCALIZATION, CANCEL_LOCALIZATION),
+}
+
+DEEDS: dict[Role, tuple[Deed, ...]] = {
+    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "centre"),
+    "viewer": (),
+    "wrist": ("press", "take", "give", "centre"),
+}
+
+PATIENCE_S = {RUN_SCENARIO.key: 15.0}
+"""How long the answer may take, where that is longer than usual."""
+
+ONLY_LOOKS_ON = "this page only looks on; open it by the operator's link to control"
+
+
+class _Extras(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Press(_Extras):
+    """What a press is like."""
+
+    gesture: Literal["press", "double", "hold"] = "press"
+
+
+class Tremor(_Extras):
+    """How much an arm trembles."""
+
+    rms_deg: float = Field(ge=0, le=MOST_TREMOR_DEG)
+
+
+class Pair(_Extras):
+    """A phone is to be paired, or not to be any more."""
+
+    off: bool = False
+
+
+class Plain(_Extras):
+    """Nothing more to say."""
+
+
+EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": Pair}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """A request of the table, as it goes to its server."""
+
+    request: Request[Any, Any]
+    query: Query
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wish:
+    """A deed of this server's own."""
+
+    deed: Deed
+    user: str
+    extras: BaseModel
+
+
+def is_offered(ask: Ask, role: Role) -> bool:
+    """Return whether pages of this role may ask for that, whatever the rest of it says."""
+    if ask.deed is not None:
+        return ask.deed in DEEDS[role]
+    return any(ask.key == request.key for request in REQUESTS[role])
+
+
+def greeting(role: Role, *, version: str, site: str, user: str = "") -> Hello:
+    """Return what a page of this role is greeted with; `user`: whose wrist a phone is."""
+    requests = tuple(request.key for request in REQUESTS[role])
+    return Hello(version=version, site=site, role=role, requests=requests, deeds=DEEDS[role], user=user)
+
+
+def understood(ask: Ask, role: Role) -> Call | Wish:
+    """Return what is asked for.
+
+    Raises:
+        RefusedError: says why it cannot be, or may not be asked by this page.
+    """
+    if ask.deed is not None:
+        return _wish(ask, ask.deed, role)
+    request = next((row for row in OPERATORS if row.key == ask.key), None)
+    if request is None:
+        raise RefusedError(f"pages cannot ask for {ask.key!r}; they can ask for {_listed(OPERATORS)}")
+    if request not in REQUESTS[role]:
+        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {ask.key!r}")
+    if request.placeholder:
+        check_name(ask.name, request.placeholder)
+    elif ask.name:
+        raise RefusedError(f"{request.key} takes no name, got {ask.name!r}")
+    try:
+        query = request.query.model_validate_json(json.dumps(ask.query))
+    except (ValidationError, ValueError, RecursionError) as error:
+        raise RefusedError(f"{request.key}: {_reason(error)}") from error
+    return Call(request=request, query=query, name=ask.name)
+
+
+def _wish(ask: Ask, deed: Deed, role: Role) -> Wish:
+    if deed not in DEEDS[role]:
+        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {deed!r}")
+    if ask.key:
+        raise RefusedError(f"one thing at a time: {ask.key!r} or {deed!r}")
+    if deed != "open_lan":
+        check_name(ask.name, "user")
+    try:
+        extras = EXTRAS.get(deed, Plain).model_validate_json(json.dumps(ask.query))
+    except (ValidationError, ValueError, RecursionError) as error:
+        raise RefusedError(f"{deed}: {_reason(error)}") from error
+    return Wish(deed=deed, user=ask.name, extras=extras)
+
+
+def _reason(error: Exception) -> str:
+    return explain(error) if isinstance(error, ValidationError) else str(error)
+
+
+def _listed(rows: tuple[Request[Any, Any], ...]) -> str:
+    return ", ".join(row.key for row in rows)

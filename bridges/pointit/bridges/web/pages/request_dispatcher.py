@@ -1,0 +1,171 @@
+"""Answers what pages and phones ask for: requests go to their servers, deeds are done here."""
+
+import asyncio
+import time
+from collections.abc import Callable, Collection
+from typing import Any, cast
+
+from pointit.bridges.web.model.people import People
+from pointit.bridges.web.pages.page_requests import PATIENCE_S, Call, Pair, Press, Tremor, Wish, understood
+from pointit.bridges.web.server.access import Access
+from pointit.bridges.web.server.lan import Lan
+from pointit.bridges.web.wire import Answer, Ask, Role
+from pointit.bridges.web.wrists.pairing import Pairing, offer
+from pointit.bridges.web.wrists.phone import Phones
+from pointit.bridges.web.wrists.wrist_control import Hold, Wrists
+from pointit.diagnosis.writers import instance_of
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
+from pointit.runtime.errors import RefusedError
+from pointit.schemas import SetYawOrigin
+from pointit.schemas.topics import SET_YAW_ORIGIN
+
+IMU_BRIDGE = "imu-bridge"
+"""Who turns what a page's mouse or a phone says into what a wrist measures."""
+
+
+class Answers:
+    """Does, or has done, what is asked for."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        *,
+        people: People,
+        wrists: Wrists,
+        pairing: Pairing,
+        phones: Phones,
+        lan: Lan,
+        doors: Access,
+        present: Callable[[], Collection[str]],
+        changed: Callable[[], None],
+    ) -> None:
+        """Answer nothing yet.
+
+        Args:
+            bus: where requests go.
+            people: who is there.
+            wrists: who has whose wrist.
+            pairing: which phones there are.
+            phones: the way to them.
+            lan: the door to the local network.
+            doors: who is let in.
+            present: the instances that are there.
+            changed: told when the status of pages has changed.
+        """
+        self._bus = bus
+        self._people = people
+        self._wrists = wrists
+        self._pairing = pairing
+        self._phones = phones
+        self._lan = lan
+        self._doors = doors
+        self._present = present
+        self._changed = changed
+        self._drawing = asyncio.Lock()
+
+    async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
+        """Do what is asked for.
+
+        Raises:
+            PointItError, SchemaError: it cannot be done, or may not be asked; says why.
+        """
+        meant = understood(ask, role)
+        reply = await (self._call(meant) if isinstance(meant, Call) else self._do(meant, page, role))
+        return Answer(id=ask.id, reply=reply)
+
+    async def open_lan(self) -> dict[str, Any]:
+        """Open the page to the local network; return where it is then.
+
+        Raises:
+            RefusedError: it cannot be; says what to do.
+        """
+        url = await self._lan.open()
+        self._doors.know_hosts([self._lan.address])
+        self._changed()
+        return {
+            "url": url,
+            "fingerprint": self._lan.fingerprint,
+            "message": f"the local network finds the page at {url} {self._lan.note}".rstrip(),
+        }
+
+    async def _call(self, call: Call) -> dict[str, Any]:
+        request = call.request
+        patience_s = PATIENCE_S.get(request.key, REQUEST_TIMEOUT_S)
+        reply = await self._bus.call(request, call.query, call.name, timeout_s=patience_s)
+        return cast("dict[str, Any]", reply.model_dump(mode="json"))
+
+    async def _do(self, wish: Wish, page: str, role: Role) -> dict[str, Any]:
+        user = wish.user
+        if wish.deed == "open_lan":
+            return await self.open_lan()
+        self._people.check(user)
+        if wish.deed == "press":
+            assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
+            self._people.press(user, wish.extras.gesture)
+            return {"message": f"{user}'s button was pressed"}
+        if wish.deed == "take":
+            return self._take(user, page, "phone" if role == "wrist" else "mouse")
+        if wish.deed == "give":
+            return self._give(user, page, role)
+        if wish.deed == "tremor":
+            assert isinstance(wish.extras, Tremor)  # noqa: S101 - so says `asks`
+            if not self._wrists.tremble(user, page, wish.extras.rms_deg):
+                raise RefusedError(f"this page does not move {user}'s arm: take it first")
+            return {"message": f"{user}'s arm trembles by {wish.extras.rms_deg:g}° rms"}
+        if wish.deed == "pair":
+            assert isinstance(wish.extras, Pair)  # noqa: S101 - so says `asks`
+            return await (self._unpair(user) if wish.extras.off else self._pair(user))
+        return await self._centre(user)
+
+    def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
+        if instance_of(IMU_BRIDGE, user) not in self._present():
+            raise RefusedError(
+                f"nobody makes a wrist of what a page says: start it with "
+                f"`pointit service {IMU_BRIDGE} --user {user} --source page`"
+            )
+        loser = self._wrists.take(user, page, by)
+        self._tell_loser(user, loser, page)
+        if self._people.states.get(user) == "idle":
+            self._people.press(user)
+        self._changed()
+        return {"message": f"{user}'s arm follows this {by}"}
+
+    def _give(self, user: str, page: str, role: Role) -> dict[str, Any]:
+        if role == "wrist":
+            self._wrists.give(user, page)
+        else:
+            self._tell_loser(user, self._wrists.release(user), page, is_own=True)
+        self._changed()
+        return {"message": f"{user}'s arm is their own again"}
+
+    async def _pair(self, user: str) -> dict[str, Any]:
+        if not self._lan.url:
+            raise RefusedError("phones cannot find this page yet: open it to the local network first")
+        token, replaced = self._pairing.pair(user, self._now_s())
+        await self._phones.cut(replaced)
+        self._changed()
+        url = f"{self._lan.url}/phone?token={token}"
+        async with self._drawing:  # takes 20 ms; whoever asks again and again costs the others nothing
+            return await asyncio.to_thread(offer, url, self._lan.fingerprint)
+
+    async def _unpair(self, user: str) -> dict[str, Any]:
+        page = self._pairing.unpair(user)
+        if not page:
+            raise RefusedError(f"no phone is paired with {user}")
+        await self._phones.cut(page)
+        self._changed()
+        return {"message": f"no phone is {user}'s wrist any more"}
+
+    async def _centre(self, user: str) -> dict[str, Any]:
+        query = SetYawOrigin(yaw_rad=self._wrists.ahead(user))
+        reply = await self._bus.call(SET_YAW_ORIGIN, query, user)
+        self._phones.centred(user)
+        return reply.model_dump(mode="json")
+
+    def _tell_loser(self, user: str, loser: str, page: str, *, is_own: bool = False) -> None:
+        """Tell a phone from which `page` has taken the wrist of `user`; pages see it in their status."""
+        if loser and loser != page and loser == self._pairing.paired(user, self._now_s()):
+            self._phones.lost(user, is_own=is_own)
+
+    def _now_s(self) -> float:
+        return time.monotonic()

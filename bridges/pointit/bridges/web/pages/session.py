@@ -1,0 +1,247 @@
+"""One page's websocket: sends what is new to it, takes what it says, never more than it can cope with."""
+
+import asyncio
+import json
+import logging
+from dataclasses import dataclass
+from typing import Protocol
+
+from pydantic import TypeAdapter, ValidationError
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from pointit.bridges.web.pages.latest_values import Feed
+from pointit.bridges.web.pages.rate_limit import Bucket
+from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Received, Role, Turn
+from pointit.runtime.errors import PointItError
+from pointit.schemas import SchemaError, explain
+
+log = logging.getLogger(__name__)
+
+MESSAGES_HZ, MESSAGES_BURST = 500.0, 1000.0
+"""What a page may say in all; beyond it is read more slowly."""
+
+ASKS_HZ, ASKS_BURST = 20.0, 40.0
+"""What a page may ask for; beyond it is refused."""
+
+AIMS_HZ, AIMS_BURST = 120.0, 20.0
+"""Where a page may aim; of more, the newest counts."""
+
+MOST_MALFORMED = 20
+"""Messages that are none, then the page is closed."""
+
+MOST_ANSWERS = 16
+"""Wishes that are being answered at a time; then the page is read on when one is."""
+
+MALFORMED, NORMAL = 1008, 1000
+"""Close codes (RFC 6455): policy violation, and a normal end."""
+
+_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Turn] = TypeAdapter(Received)
+
+
+class Host(Protocol):
+    """Who has the pages: the service."""
+
+    def header(self) -> tuple[int, float]:
+        """Return the site's time, ns, and how fast it runs."""
+        ...
+
+    async def answer(self, ask: Ask, session: "Session") -> Answer:
+        """Do what is asked for.
+
+        Raises:
+            PointItError, SchemaError: it cannot be done; the text says why.
+        """
+        ...
+
+    def aim(self, aim: AimAt, session: "Session") -> None:
+        """Point where the page's mouse does."""
+        ...
+
+    def shown(self, ack: Ack) -> None:
+        """Take that a page has shown a batch."""
+        ...
+
+    def malformed(self, sentence: str) -> None:
+        """Take that a page said what is no message."""
+        ...
+
+
+@dataclass(slots=True)
+class Counts:
+    """What was sent to a page."""
+
+    batches: int = 0
+    bytes: int = 0
+
+
+class Session:
+    """One page, from its websocket's opening to its end."""
+
+    def __init__(self, page: str, role: Role, socket: WebSocket, feed: Feed, host: Host) -> None:
+        """Send nothing yet; `page` is its name among pages."""
+        self.page = page
+        self.role: Role = role
+        self.feed = feed
+        self.counts = Counts()
+        self._socket = socket
+        self._host = host
+        self._loop = asyncio.get_running_loop()
+        self._news = asyncio.Event()
+        self._timer: asyncio.TimerHandle | None = None
+        self._texts: list[str] = []
+        self._status = ""
+        self._slots = asyncio.Semaphore(MOST_ANSWERS)
+        self._answering: set[asyncio.Task[None]] = set()
+        self._messages = Bucket(MESSAGES_HZ, MESSAGES_BURST)
+        self._asks = Bucket(ASKS_HZ, ASKS_BURST)
+        self._aims = Bucket(AIMS_HZ, AIMS_BURST)
+        self._aim: AimAt | None = None
+        self._aim_timer: asyncio.TimerHandle | None = None
+        self._malformed = 0
+        self._is_shut = False
+        """By this side."""
+
+    def wake(self) -> None:
+        """Look whether there is something for the page."""
+        self._news.set()
+
+    def tell_status(self, status: str) -> None:
+        """Tell the page how the site is; what it was not told yet gives way."""
+        self._status = status
+        self._news.set()
+
+    async def run(self, hello: str) -> None:
+        """Accept, send `hello` and go on until the page leaves, or must."""
+        await self._socket.accept()
+        self._texts.append(hello)
+        sending = self._loop.create_task(self._send(), name=f"{self.page} sends")
+        receiving = self._loop.create_task(self._receive(), name=f"{self.page} receives")
+        try:
+            await asyncio.wait({sending, receiving}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for timer in (self._timer, self._aim_timer):
+                if timer is not None:
+                    timer.cancel()
+            tasks = {sending, receiving, *self._answering}
+            for task in tasks:
+                task.cancel()
+            ends = await asyncio.gather(*tasks, return_exceptions=True)
+        for end in ends:
+            if isinstance(end, Exception) and not isinstance(end, (WebSocketDisconnect, OSError)):
+                if self._is_shut:
+                    continue  # the other side of it was about to send
+                raise end
+
+    async def _send(self) -> None:
+        socket = self._socket
+        while True:
+            await self._news.wait()
+            self._news.clear()
+            while self._texts:
+                texts, self._texts = self._texts, []
+                for text in texts:
+                    await socket.send_text(text)
+            if self._status:
+                status, self._status = self._status, ""
+                await socket.send_text(status)
+            batch = self.feed.take(self._loop.time())
+            if batch is not None:
+                packed = batch.packed(*self._host.header())
+                self.counts.batches += 1
+                self.counts.bytes += len(packed)
+                await socket.send_bytes(packed)
+            self._look_again()
+
+    def _look_again(self) -> None:
+        """Wake when the page may be sent what it may not be sent yet."""
+        wait_s = self.feed.wait_s(self._loop.time())
+        if wait_s is None:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._loop.call_later(wait_s, self._news.set)
+
+    async def _receive(self) -> None:
+        while True:
+            message = await self._socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            if wait_s := self._messages.wait_s(self._loop.time()):
+                await asyncio.sleep(wait_s)
+            self._messages.take(self._loop.time())
+            text = message.get("text")
+            said = self._understood(text)
+            if said is None:
+                if self._malformed >= MOST_MALFORMED:
+                    self._is_shut = True
+                    await self._socket.close(MALFORMED, "too many messages that are none")
+                    return
+            elif isinstance(said, Ack):
+                if not self.feed.ack(said.n):
+                    self._complain("Ack", "of a batch that was never sent")
+                else:
+                    self._host.shown(said)
+                    self._news.set()
+            elif isinstance(said, AimAt):
+                self._take_aim(said)
+            elif isinstance(said, Ask):
+                await self._begin_answer(said)
+            else:
+                self._complain("Turn", "is for phones, at their own address")
+
+    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Turn | None:
+        if text is None:
+            self._complain("page", "binary messages are not taken")
+            return None
+        try:
+            return _RECEIVED.validate_json(text)
+        except ValidationError as error:
+            self._complain("page", explain(error))
+        except (ValueError, RecursionError) as error:
+            self._complain("page", str(error))
+        return None
+
+    def _complain(self, what: str, sentence: str) -> None:
+        self._malformed += 1
+        self._host.malformed(f"{what}: {sentence}")
+
+    def _take_aim(self, aim: AimAt) -> None:
+        self._aim = aim
+        if self._aim_timer is None:
+            self._pass_aim()
+
+    def _pass_aim(self) -> None:
+        """Pass the newest aim on, now or as soon as the page may aim again."""
+        self._aim_timer = None
+        aim, now_s = self._aim, self._loop.time()
+        if aim is None:
+            return
+        if self._aims.take(now_s):
+            self._aim = None
+            self._host.aim(aim, self)
+        else:
+            self._aim_timer = self._loop.call_later(self._aims.wait_s(now_s), self._pass_aim)
+
+    async def _begin_answer(self, ask: Ask) -> None:
+        await self._slots.acquire()
+        task = self._loop.create_task(self._answer(ask), name=f"{self.page} asks")
+        self._answering.add(task)
+        task.add_done_callback(self._answered)
+
+    def _answered(self, task: asyncio.Task[None]) -> None:
+        self._answering.discard(task)
+        self._slots.release()
+
+    async def _answer(self, ask: Ask) -> None:
+        try:
+            if self._asks.take(self._loop.time()):
+                answer = await self._host.answer(ask, self)
+            else:
+                answer = Answer(id=ask.id, error="too many wishes at a time: wait a moment")
+        except (PointItError, SchemaError) as error:
+            answer = Answer(id=ask.id, error=str(error))
+        except Exception:  # the page waits for an answer
+            log.exception("%s asked %s and was not answered", self.page, ask.deed or ask.key)
+            answer = Answer(id=ask.id, error=OWN_FAULT)
+        self._texts.append(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))
+        self._news.set()

@@ -1,0 +1,1 @@
+"""The HTTP server: listeners, access, security headers and static files."""

@@ -1,0 +1,172 @@
+"""The certificate of this machine's page in the local network: made on demand, kept, made anew when it ages.
+
+Phones give a page no sensors without one. It is signed by itself, so browsers warn; its fingerprint is shown
+beside the QR code for whoever wants to compare before they go on.
+"""
+
+import datetime as dt
+import ipaddress
+import os
+import ssl
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from pointit.runtime.host.atomic_file import put
+
+VALID = dt.timedelta(days=397)
+"""Browsers take none that is valid for longer."""
+
+LEFT = dt.timedelta(days=7)
+"""One that is valid for less is made anew."""
+
+BEFORE = dt.timedelta(hours=1)
+"""Phones whose clocks are behind by no more take it."""
+
+MAX_BYTES = 64 * 1024
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """A certificate with its key, as files in PEM."""
+
+    certificate: Path
+    key: Path
+    """Readable by its owner alone."""
+    fingerprint: str
+    """SHA-256 of the certificate as browsers show it: `AB:CD:...`."""
+    warning: str = ""
+    """One sentence when what was kept could not be used; empty when not."""
+
+
+def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) -> Certificate:
+    """Return the certificate that is kept in `folder`, or make and keep a new one.
+
+    What is kept is used while it names all `addresses` and this host and goes on for a week.
+
+    Args:
+        folder: where it is kept; need not exist.
+        addresses: of this machine, IPv4 or IPv6, as text.
+        host: this machine's name, without domain.
+        now: with a time zone.
+
+    Raises:
+        ConfigError: it cannot be kept; names the file.
+    """
+    names = _names(host)
+    wanted = {"127.0.0.1", "::1", *addresses}
+    files = folder / "certificate.pem", folder / "key.pem"
+    warning = ""
+    try:
+        kept = _read(*files)
+        fits = _fits(kept, names, wanted, now)
+    except FileNotFoundError:
+        kept, fits = None, False
+    except (OSError, ValueError, TypeError, UnsupportedAlgorithm, x509.DuplicateExtension) as error:
+        is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
+        reason = "it is damaged" if is_read else str(getattr(error, "strerror", "") or error)
+        warning = (
+            f"{folder}: the page's certificate could not be used ({reason}); a new one was made, "
+            "which browsers warn of again"
+        )
+        kept, fits = None, False
+    if kept is None or not fits:
+        key = ec.generate_private_key(ec.SECP256R1())
+        kept = _sign(key, names, wanted, now)
+        put(files[1], _pem(key))
+        put(files[0], kept.public_bytes(serialization.Encoding.PEM), mode=0o644)
+    digest = kept.fingerprint(hashes.SHA256()).hex(":").upper()
+    return Certificate(certificate=files[0], key=files[1], fingerprint=digest, warning=warning)
+
+
+def _names(host: str) -> set[str]:
+    name = host.partition(".")[0]
+    is_name = name.isascii() and all(c.isalnum() or c == "-" for c in name) and 0 < len(name) < 64
+    return {"localhost", f"{name}.local"} if is_name else {"localhost"}
+
+
+def _read(certificate: Path, key: Path) -> x509.Certificate:
+    """Return what is kept.
+
+    Raises:
+        OSError: it cannot be read; FileNotFoundError: there is none; ssl.SSLError: TLS cannot use it.
+        ValueError, TypeError, UnsupportedAlgorithm: it is no certificate with its key.
+    """
+    for path in (certificate, key):
+        if not stat.S_ISREG(path.stat().st_mode):  # to open a pipe waits for somebody to write
+            raise ValueError(f"{path} is no file")
+    with certificate.open("rb") as file:
+        found = x509.load_pem_x509_certificate(file.read(MAX_BYTES))
+    with key.open("rb") as file:
+        private = serialization.load_pem_private_key(file.read(MAX_BYTES), None)
+    if private.public_key() != found.public_key():
+        raise ValueError("the key is another one's")
+    if os.name == "posix" and key.stat().st_mode & 0o077:
+        raise ValueError("others could read the key")
+    # what follows in the file is not read here, and OpenSSL may want more of a key
+    ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
+    return found
+
+
+def _fits(kept: x509.Certificate, names: set[str], addresses: set[str], now: dt.datetime) -> bool:
+    try:
+        other = kept.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return False
+    named = set(other.get_values_for_type(x509.DNSName))
+    numbered = set(other.get_values_for_type(x509.IPAddress))
+    return (
+        names <= named
+        and {ipaddress.ip_address(address) for address in addresses} <= numbered
+        and kept.not_valid_before_utc <= now <= kept.not_valid_after_utc - LEFT
+    )
+
+
+def _sign(
+    key: ec.EllipticCurvePrivateKey, names: set[str], addresses: set[str], now: dt.datetime
+) -> x509.Certificate:
+    """Return a certificate of `key`, signed by itself, for a server with these names and addresses."""
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "PointIt")])
+    others: list[x509.GeneralName] = [x509.DNSName(name) for name in sorted(names)]
+    others += [x509.IPAddress(ipaddress.ip_address(address)) for address in sorted(addresses)]
+    public = key.public_key()
+    usage = x509.KeyUsage(
+        digital_signature=True,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=False,
+        crl_sign=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(subject)
+        .public_key(public)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - BEFORE)
+        .not_valid_after(now - BEFORE + VALID)
+        .add_extension(x509.SubjectAlternativeName(others), critical=False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(usage, critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(public), critical=False)
+    )
+    return builder.sign(key, hashes.SHA256())
+
+
+def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
+    return key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )

@@ -1,0 +1,139 @@
+"""The page in the local network, by HTTPS: which address this machine has there, and the second listener."""
+
+import asyncio
+import datetime as dt
+import ipaddress
+import socket
+import ssl
+from collections.abc import Callable
+
+from starlette.types import ASGIApp
+
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.server.certificate import obtain
+from pointit.bridges.web.server.listener import Listener, bind, url
+from pointit.runtime.errors import ConfigError, ListenError, RefusedError
+from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.link.addresses import found_addresses
+
+PORTS = 10
+"""So many are tried from the configured one on."""
+
+
+def choose_address(configured: str, found: list[str]) -> str:
+    """Return the address to listen at.
+
+    Raises:
+        ConfigError: `configured` is none of a machine, or it is empty and none was found.
+    """
+    if not configured:
+        if not found:
+            raise ConfigError(
+                "this machine has no address in a local network: connect it to one, or say which address "
+                "it is with lan_address=..."
+            )
+        return found[0]
+    try:
+        parsed = ipaddress.ip_address(configured)
+    except ValueError as error:
+        raise ConfigError(
+            f"lan_address: {configured!r} is no address; write it like 192.168.1.20, or leave it empty"
+        ) from error
+    if parsed.is_unspecified or parsed.is_multicast:
+        raise ConfigError(
+            f"lan_address: {configured} is not the address of one machine; "
+            "write one of this machine's, or leave it empty"
+        )
+    return str(parsed)
+
+
+class Lan:
+    """The page's door to the local network: closed until `open`."""
+
+    def __init__(
+        self,
+        config: WebConfig,
+        site: str,
+        app: ASGIApp,
+        *,
+        addresses: Callable[[], list[str]] = found_addresses,
+    ) -> None:
+        """Open nothing yet; `app` is the same as on the loopback address."""
+        self._config = config
+        self._folder = site_folder(site, "web")
+        self._app = app
+        self._addresses = addresses
+        self._listener: Listener | None = None
+        self._opening = asyncio.Lock()
+        self.address = ""
+        """At which it listens, or did last."""
+        self.url = ""
+        """Where the page is, without a path; empty: closed."""
+        self.fingerprint = ""
+        """Of the certificate."""
+        self.note = ""
+        """One sentence where something is other than configured; empty when not."""
+
+    async def open(self) -> str:
+        """Listen; return `url`. What is open stays as it is.
+
+        Raises:
+            RefusedError: there is no address or port, or the certificate cannot be kept; says what to do.
+        """
+        async with self._opening:
+            if self._listener is not None:
+                return self.url
+            try:
+                address = choose_address(self._config.lan_address, found := self._addresses())
+                certificate = await asyncio.to_thread(
+                    obtain, self._folder, [address, *found], socket.gethostname(), dt.datetime.now(dt.UTC)
+                )
+                tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+                tls.load_cert_chain(certificate.certificate, certificate.key)
+                bound = self._bind(address)
+            except (ConfigError, ListenError) as error:
+                raise RefusedError(str(error)) from error
+            listener = Listener(self._app, bound, tls)
+            try:
+                await listener.start()
+            except BaseException:
+                await listener.close()
+                raise
+            self._listener = listener
+            self.address = address
+            self.url = url("https", address, listener.port)
+            self.fingerprint = certificate.fingerprint
+            wanted = self._config.lan_port
+            moved = wanted and listener.port != wanted
+            self.note = " ".join(
+                sentence
+                for sentence in (
+                    certificate.warning,
+                    f"port {wanted} of {address} is taken: the page is at port {listener.port}"
+                    if moved
+                    else "",
+                )
+                if sentence
+            )
+            return self.url
+
+    def cut_lingering(self) -> None:
+        """See `Listener.cut_lingering`."""
+        if self._listener is not None:
+            self._listener.cut_lingering()
+
+    async def close(self) -> None:
+        """Listen no more; connections end."""
+        async with self._opening:
+            listener, self._listener, self.url = self._listener, None, ""
+            if listener is not None:
+                await listener.close()
+
+    def _bind(self, address: str) -> socket.socket:
+        first = self._config.lan_port
+        for port in range(first, min(first + PORTS, 65536) if first else 1):
+            try:
+                return bind(address, port, "lan_port=...")
+            except ListenError:
+                continue
+        return bind(address, first, "lan_port=...")  # says why not

@@ -1,0 +1,34 @@
+"""The page's link in a file that nobody but its owner can read: neither a log nor a command line holds it.
+
+Every user of a machine sees the arguments of all processes, so a browser is given this file instead of the
+link; where no terminal shows the link, its place is told.
+"""
+
+from html import escape
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.state_file import site_folder
+
+ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
+<meta http-equiv="refresh" content="0;url={first}">
+{links}</html>
+"""
+
+
+def keep_link(site: str, *urls: str) -> Path:
+    """Write a file that leads a browser to the first of `urls` and names them all; return where it is.
+
+    Raises:
+        ConfigError: it cannot be written; names the file.
+    """
+    path = site_folder(site, "web") / f"page-{urlsplit(urls[0]).port}.html"
+    links = "".join(f'<p><a href="{escape(url)}">{escape(url)}</a></p>\n' for url in urls)
+    put(path, ONWARDS.format(first=escape(urls[0]), links=links).encode())
+    return path
+
+
+def without_token(url: str) -> str:
+    """Return the address of the page alone, which everybody may know."""
+    return url.partition("?")[0]

@@ -1,0 +1,245 @@
+"""Phones as wrists: the page that a QR code opens, its socket, and the posts of browsers that refuse one.
+
+- `GET /phone?token=...` pairs: it sets a cookie of its own and leads to `/phone`, the page.
+- `/ws/wrist`, text: `Turn` and `Ask` come in; `Hello` first, then `Answer`s and `Cue`s go out.
+- `POST /wrist`: a JSON list of `Turn` and `Ask`; the answer is a list of what would have gone out since the
+  post before. A post of an empty list is answered with `Hello` and the state first.
+
+All want the phone's cookie. A phone may move the wrist of its person, be their button, and have them
+localized (`phone_line`); whatever name it asks for, its own person is meant.
+"""
+
+import asyncio
+import contextlib
+import time
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter, ValidationError
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from pointit.bridges.web.pages.page_requests import greeting
+from pointit.bridges.web.server.bundle import Bundle
+from pointit.bridges.web.server.responses import file_response, refusal
+from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue
+from pointit.bridges.web.wrists.pairing import Pairing, Phone
+from pointit.bridges.web.wrists.phone_connection import PhoneHost, PhoneLine
+from pointit.bridges.web.wrists.phone_cues import Cues
+from pointit.schemas import Feedback, Interaction, Localization, WristSample
+
+MOST_ITEMS = 64
+"""Of one post."""
+
+POST_PATIENCE_S = 0.1
+"""A post waits so long for the answers to what it asks; later ones come with the next."""
+
+COOKIE_S = 12 * 3600
+
+NOT_PAIRED = "This phone is not paired, or not any more: have the page show a new QR code and scan it."
+CENTRED = "ahead is the middle of the room now"
+
+_posted: TypeAdapter[list[dict[str, Any]]] = TypeAdapter(
+    Annotated[list[dict[str, Any]], Field(max_length=MOST_ITEMS)]
+)
+
+
+class Phones:
+    """Serves every paired phone."""
+
+    def __init__(self, host: PhoneHost, pairing: Pairing, bundle: Bundle) -> None:
+        """Begin without a phone; `bundle` has the page, `phone.html`."""
+        self._host = host
+        self._pairing = pairing
+        self._bundle = bundle
+        self._lines: dict[str, PhoneLine] = {}
+        """By page id."""
+        self._sockets: dict[str, WebSocket] = {}
+        """By page id, of those that have one."""
+        self._cues: dict[str, Cues] = {}
+        """By user."""
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        """Return what the application serves for phones."""
+        return [
+            Route("/phone", self._open, methods=["GET"]),
+            Route("/wrist", self._post, methods=["POST"]),
+            WebSocketRoute("/ws/wrist", self._connect),
+        ]
+
+    def feedback(self, user: str, feedback: Feedback) -> None:
+        """Let the phone of `user` chime and vibrate."""
+        self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # of anybody: kept of nobody
+
+    def interaction(self, user: str, interaction: Interaction) -> None:
+        """Tell the phone of `user` what is next."""
+        self._tell(user, self._cues_of(user).interaction(interaction))
+
+    def localization(self, user: str, progress: Localization) -> None:
+        """Tell the phone of `user` where to point."""
+        self._tell(user, self._cues_of(user).localization(progress))
+
+    def lost(self, user: str, *, is_own: bool = False) -> None:
+        """Tell the phone of `user` that the wrist was taken from it; `is_own`: nobody else moves it now."""
+        self._tell(user, self._cues_of(user).loss(is_own=is_own))
+
+    def centred(self, user: str) -> None:
+        """Tell the phone of `user` what is ahead of it from now on."""
+        self._tell(user, self._cues_of(user).say(CENTRED))
+
+    def forget(self, user: str) -> None:
+        """Forget what was said to a person who is gone."""
+        self._cues.pop(user, None)
+
+    async def cut(self, page: str) -> None:
+        """End what the phone with this page id has open, which is not paired any more; empty is nobody."""
+        line = self._lines.pop(page, None)
+        if line is None:
+            return
+        line.clear()
+        self._host.wrists.close(page)
+        await line.end()
+        if (socket := self._sockets.pop(page, None)) is not None:
+            await _close(socket, UNPAIRED, "not paired any more")
+        self._host.changed()
+
+    async def close(self) -> None:
+        """End everything."""
+        for page in list(self._lines):
+            await self.cut(page)
+
+    async def _open(self, request: Request) -> Response:
+        token = request.query_params.get("token")
+        if token is None:
+            if self._phone(request) is None:
+                return refusal(403, "Not paired", NOT_PAIRED)
+            return file_response(request, self._bundle, "phone.html")
+        secret = self._pairing.redeem(token, time.monotonic())
+        if secret is None:
+            return refusal(403, "Not paired", NOT_PAIRED)
+        self._host.changed()
+        response = RedirectResponse("/phone", 303, {"Cache-Control": "no-store"})
+        response.set_cookie(
+            _cookie(request),
+            secret,
+            max_age=COOKIE_S,
+            httponly=True,
+            secure=request.url.scheme == "https",
+            samesite="lax",  # where the QR code was scanned may be another site's page
+        )
+        return response
+
+    async def _post(self, request: Request) -> Response:
+        phone = self._phone(request)
+        if phone is None:
+            return PlainTextResponse(NOT_PAIRED, 403)
+        line = self._line(phone)
+        try:
+            items = _items(await request.body())
+        except ClientDisconnect:
+            return Response(status_code=400)
+        if items is None:
+            line.complain(f"a post is a JSON list of at most {MOST_ITEMS} objects")
+            return PlainTextResponse("a list is expected", 400)
+        if not items:
+            self._greet(line)
+        before, sample = set(line.asks), None
+        for item in items:
+            sample = line.hear(item) or sample
+        self._send(phone, sample)  # of several the newest: nobody wants to know where the arm has been
+        if asked := line.asks - before:
+            await asyncio.wait(asked, timeout=POST_PATIENCE_S)
+        return Response(f"[{','.join(line.drain())}]", media_type="application/json")
+
+    async def _connect(self, socket: WebSocket) -> None:
+        phone = self._phone(socket)
+        if phone is None:
+            await socket.send_denial_response(PlainTextResponse(NOT_PAIRED, 403))
+            return
+        await socket.accept()
+        line = self._line(phone)
+        before = self._sockets.get(phone.page)
+        self._sockets[phone.page] = socket
+        if before is not None:
+            await _close(before, REPLACED, "opened again elsewhere")
+        self._greet(line)
+        self._host.changed()
+        sender = asyncio.create_task(_drain(line, socket), name=f"to the phone of {phone.user}")
+        try:
+            await self._listen(line, socket)
+        finally:
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
+            if self._sockets.get(phone.page) is socket:
+                del self._sockets[phone.page]
+                self._host.wrists.close(phone.page)
+                self._host.changed()
+
+    async def _listen(self, line: PhoneLine, socket: WebSocket) -> None:
+        """Take what comes until the socket ends, or is not the phone's any more."""
+        while True:
+            try:
+                message = await socket.receive()
+            except (WebSocketDisconnect, RuntimeError):  # RuntimeError: closed from here
+                return
+            if message["type"] != "websocket.receive" or self._sockets.get(line.phone.page) is not socket:
+                return
+            self._send(line.phone, line.hear(message.get("text") or message.get("bytes") or ""))
+
+    def _send(self, phone: Phone, sample: WristSample | None) -> None:
+        if sample is not None:
+            self._host.send(phone.user, sample)
+
+    def _greet(self, line: PhoneLine) -> None:
+        """Tell a phone that begins anew who it is, and how things stand."""
+        line.clear()
+        host = self._host
+        line.put(greeting("wrist", version=host.version, site=host.site, user=line.phone.user))
+        line.put(self._cues_of(line.phone.user).current)
+
+    def _tell(self, user: str, cue: Cue | None) -> None:
+        line = self._lines.get(self._pairing.paired(user, time.monotonic()))
+        if cue is not None and line is not None:
+            line.put(cue)
+
+    def _phone(self, connection: HTTPConnection) -> Phone | None:
+        return self._pairing.phone(connection.cookies.get(_cookie(connection), ""))
+
+    def _line(self, phone: Phone) -> PhoneLine:
+        line = self._lines.get(phone.page)
+        if line is None:
+            line = self._lines[phone.page] = PhoneLine(phone, self._host)
+        return line
+
+    def _cues_of(self, user: str) -> Cues:
+        return self._cues.setdefault(user, Cues())
+
+
+def _cookie(connection: HTTPConnection) -> str:
+    """Return the cookie's name: browsers keep those of all ports of a host together."""
+    port = connection.url.port
+    return f"pointit-wrist-{port}" if port else "pointit-wrist"
+
+
+def _items(body: bytes) -> list[dict[str, Any]] | None:
+    """Return the objects of a post, or none where it is no list of so many at most."""
+    try:
+        return _posted.validate_json(body)
+    except ValidationError:
+        return None
+
+
+async def _drain(line: PhoneLine, socket: WebSocket) -> None:
+    """Send what is put on `line` until cancelled, or until the phone is gone."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
+        while True:
+            await line.woken.wait()
+            for text in line.drain():
+                await socket.send_text(text)
+
+
+async def _close(socket: WebSocket, code: int, reason: str) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
+        await socket.close(code, reason)

@@ -1,0 +1,1 @@
+"""The published catalogue: JSON Schema, AsyncAPI, samples and compatibility checks."""

@@ -1,0 +1,79 @@
+"""Messages as Foxglove's and Lichtblick's viewers read them, live or recorded: JSON with a JSON Schema.
+
+Their parsers know no references, alternatives, empty fields and arrays in arrays: references
+are resolved, what may be empty is described as when it is not, and what cannot be described is left out
+of the schema, though not of the message.
+"""
+
+import base64
+import json
+from typing import Any
+
+from pointit.schemas.base import Message
+from pointit.schemas.catalogue.catalogue import message_schema
+
+Schema = dict[str, Any]
+
+
+class Plain:
+    """One kind of message."""
+
+    def __init__(self, kind: type[Message]) -> None:
+        """Describe messages of `kind`."""
+        full = message_schema(kind)
+        self.schema: Schema = {"title": kind.schema_name(), **_plain(full, full.get("$defs", {}))}
+        self._has_bytes = '"binary"' in json.dumps(full)
+
+    def text(self, message: Message) -> bytes:
+        """Return `message` as JSON; bytes as base64."""
+        if self._has_bytes:
+            return json.dumps(message.model_dump(), default=_base64).encode()
+        return message.model_dump_json().encode()
+
+
+def channel_name(key: str) -> str:
+    """Return the name of a key's channel: dots would end the name in the paths that panels plot."""
+    return "/" + key.replace(".", "/")
+
+
+def _plain(schema: Schema, definitions: Schema) -> Schema:
+    """Return the description of an object with those of its fields that can be described."""
+    fields = {name: _field(each, definitions) for name, each in schema.get("properties", {}).items()}
+    found: Schema = {
+        "type": "object",
+        "properties": {name: each for name, each in fields.items() if each is not None},
+    }
+    if "description" in schema:
+        found["description"] = schema["description"]
+    return found
+
+
+def _field(schema: Schema, definitions: Schema) -> Schema | None:
+    described = schema.get("description")
+    if alternatives := schema.get("anyOf"):
+        schema = next((each for each in alternatives if each.get("type") != "null"), schema)
+    if reference := schema.get("$ref"):
+        schema = definitions[reference.rpartition("/")[2]]
+    kind = schema.get("type")
+    found: Schema | None = None
+    if kind == "object":
+        found = _plain(schema, definitions)
+    elif kind == "array":
+        items = _field(schema.get("items") or schema.get("prefixItems", [{}])[0], definitions)
+        if items is not None and items["type"] != "array" and "contentEncoding" not in items:
+            found = {"type": "array", "items": items}
+    elif kind in ("boolean", "string", "number", "integer"):
+        found = {"type": kind}
+        if schema.get("format") == "binary":
+            found["contentEncoding"] = "base64"
+    elif "const" in schema or "enum" in schema:
+        found = {"type": "string"}
+    if found is not None and described:
+        found["description"] = described
+    return found
+
+
+def _base64(value: object) -> str:
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    raise TypeError(f"cannot be written as JSON: {type(value).__name__}")

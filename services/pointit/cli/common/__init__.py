@@ -1,0 +1,1 @@
+"""What commands share: option types, output, the keyboard, joining a site, names of topics."""

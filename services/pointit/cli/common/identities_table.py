@@ -1,0 +1,118 @@
+"""Who may join a site, in which role, until when: rows for people and programs."""
+
+import datetime as dt
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from pointit.access.site_folder import STATE, SiteFolder
+from pointit.access.site_state import Identity, SiteState
+from pointit.cli.common.output import Row, Section
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import SOON, Credentials
+
+ENDING = ("expired", "ends soon")
+STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
+
+
+def rows_of(state: SiteState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
+    """Return a row for each of `names`; who comes by a password has no end."""
+    return [
+        {
+            "name": name,
+            "role": one.role,
+            "generation": one.generation,
+            "state": _standing(one.state, until, now),
+            "until": until and until.date().isoformat(),
+        }
+        for name in sorted(names)
+        for one in [state.identities[name]]
+        for until in [_end(state, one)]
+    ]
+
+
+def present(state: SiteState) -> list[str]:
+    """Return who was not removed."""
+    return [name for name, one in state.identities.items() if one.state != "removed"]
+
+
+def ending(rows: Iterable[Row]) -> list[str]:
+    """Return whose certificates end within 30 days, or have."""
+    return [row["name"] for row in rows if row["state"] in ENDING]
+
+
+def seen_from(credentials: Credentials | None, folder: Path | None, now: dt.datetime) -> list[dict[str, Any]]:
+    """Return rows of the whole site where its folder is at hand, else one of the identity that is shown.
+
+    Args:
+        credentials: that are shown, if any; `own` in their row is true.
+        folder: of the site; none: that in which the credentials lie, if they do.
+        now: with a time zone.
+
+    Raises:
+        ConfigError: `folder` is none of a site.
+    """
+    own = credentials.link.name if credentials is not None else ""
+    state = SiteFolder(folder).state() if folder is not None else _around(credentials)
+    if state is not None:
+        own = own if credentials is not None and credentials.link.site == state.site else ""
+        return [{**row, "own": row["name"] == own} for row in rows_of(state, present(state), now)]
+    if credentials is None:
+        return []
+    link = credentials.link
+    until = None if link.password else link.valid_until
+    return [
+        {
+            "name": link.name,
+            "role": link.role,
+            "generation": link.generation,
+            "state": _standing("valid", until, now),
+            "until": until and until.date().isoformat(),
+            "own": True,
+        }
+    ]
+
+
+def section(rows: Iterable[Row]) -> Section:
+    """Return the table of what `seen_from` has found."""
+    return Section(
+        name="identities",
+        about="who may join, until when",
+        rows=tuple(
+            {
+                "name": f"{row['name']} (this one)" if row["own"] else row["name"],
+                "role": row["role"],
+                "state": Text(row["state"], style=STYLES.get(row["state"], "green")),
+                "until": row["until"] or "by password",
+            }
+            for row in rows
+        ),
+    )
+
+
+def _around(credentials: Credentials | None) -> SiteState | None:
+    """Return the site in whose folder the credentials lie, if it can be read."""
+    if credentials is None:
+        return None
+    for folder in credentials.folder.parents[:2]:  # identities/NAME, or router
+        if (folder / STATE).is_file():
+            try:
+                return SiteFolder(folder).state()
+            except (ConfigError, OSError):
+                return None  # somebody else's, perhaps: the own row is enough
+    return None
+
+
+def _end(state: SiteState, one: Identity) -> dt.datetime | None:
+    return None if state.password and one.role != "router" else one.valid_until
+
+
+def _standing(state: str, until: dt.datetime | None, now: dt.datetime) -> str:
+    if state != "valid" or until is None:
+        return state
+    left = until - now
+    if left < dt.timedelta():
+        return "expired"
+    return "ends soon" if left < SOON else "valid"

@@ -1,0 +1,104 @@
+"""The keyboard beside a live view: keys are not echoed into it, and Space or Enter is a person's button."""
+
+import asyncio
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Generator
+
+import click
+from rich.status import Status
+from rich.text import Text
+
+from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.output import say
+from pointit.runtime.service.console import PlainConsole
+
+BUTTON_KEYS = frozenset(b" \n\r")
+
+
+def has_keyboard() -> bool:
+    """Return whether keys can be read one by one: a terminal of a system that has termios."""
+    return os.name == "posix" and sys.stdin.isatty()
+
+
+@contextlib.contextmanager
+def keys(on_button: Callable[[], None]) -> Generator[None]:
+    """Call `on_button` for each Space or Enter; the terminal is as before afterwards.
+
+    Must be entered in the event loop, and only when `has_keyboard`.
+    """
+    import termios  # noqa: PLC0415 - not on Windows
+    import tty  # noqa: PLC0415
+
+    terminal = sys.stdin.fileno()
+    loop = asyncio.get_running_loop()
+    before = termios.tcgetattr(terminal)
+
+    def read() -> None:
+        data = os.read(terminal, 64)
+        if not data:  # the terminal is gone
+            loop.remove_reader(terminal)
+        elif BUTTON_KEYS & set(data):
+            on_button()
+
+    tty.setcbreak(terminal, termios.TCSANOW)  # Ctrl-C stays a signal
+    loop.add_reader(terminal, read)
+    try:
+        yield
+    finally:
+        loop.remove_reader(terminal)
+        termios.tcsetattr(terminal, termios.TCSANOW, before)
+
+
+def check_keyboard(otherwise: str) -> None:
+    """Check that somebody can press Enter.
+
+    Raises:
+        Mistake: If there is no keyboard; `otherwise` is the option that does without.
+    """
+    if not has_keyboard():
+        raise Mistake(f"there is no keyboard to press Enter on; use {otherwise}")
+
+
+async def enter(text: str, otherwise: str) -> None:
+    """Print `text` and wait for Enter or Space.
+
+    Raises:
+        Mistake: there is no keyboard; `otherwise` is the option that does without.
+    """
+    check_keyboard(otherwise)
+    click.echo(text, err=True)
+    pressed = asyncio.Event()
+    with keys(pressed.set):
+        await pressed.wait()
+
+
+class ChangingLine:
+    """A line that changes while something goes on, and lines above it that stay."""
+
+    def __init__(self, status: Status | None) -> None:
+        self._status = status
+
+    def __call__(self, text: str) -> None:
+        """Show `text` in place of the one before; where no terminal can, nothing."""
+        if self._status is not None:
+            self._status.update(Text(text))
+
+    def say(self, text: str) -> None:
+        """Write a line that stays."""
+        if self._status is None:
+            say(text, err=True)
+        else:  # not past the console: it would end up behind the line that changes
+            self._status.console.print(Text(text))
+
+
+@contextlib.contextmanager
+def changing_line() -> Generator[ChangingLine]:
+    """Yield a line on standard error that changes, on a terminal."""
+    console = PlainConsole(stderr=True)
+    if not console.is_terminal or console.is_dumb_terminal:
+        yield ChangingLine(None)
+        return
+    with console.status("") as status:
+        yield ChangingLine(status)

@@ -1,0 +1,168 @@
+"""People in the terminal view: what they do, where they stand and how sure that is, why they were refused."""
+
+import math
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M, position_sigma_m, yaw_sigma_deg
+from pointit.launch.run.monitor import Monitor
+from pointit.schemas import NS_PER_S, Localization, UserPose
+
+WHITE = (255, 255, 255)
+ROOMY_WIDTH = 72
+"""With fewer columns, people's rows are shortened."""
+AMPLE_WIDTH = 90
+"""With fewer, the columns of poses stand close."""
+SCANT_WIDTH = 56
+"""With fewer still, only the place is shown of a pose."""
+
+METHODS = {"fixed": "told", "static_targets": "lamps", "moving_target": "robot", "external": "tracker"}
+"""How the pose came to be known, in a word."""
+
+CANDIDATES = 3
+"""As many of the robots that may be meant are named."""
+
+
+def doings(monitor: Monitor, width: int) -> RenderableType:
+    """Return what each person does, in columns that do not move."""
+    return _doings(monitor, monitor.people(), width)
+
+
+def places(monitor: Monitor, width: int) -> RenderableType | None:
+    """Return where people stand, if that is known of anybody."""
+    users = monitor.people()
+    return _places(monitor, users, width) if any(user in monitor.poses for user in users) else None
+
+
+def words(monitor: Monitor) -> list[Text]:
+    """Return what each person should do next; once, where all should do the same."""
+    told = {user: _words(monitor, user) for user in monitor.people()}
+    if len(told) > 1 and len({tuple(line.plain for line in lines) for lines in told.values()}) == 1:
+        return [Text.assemble(("everybody: ", "bold"), line) for line in next(iter(told.values()))]
+    return [
+        Text.assemble((f"{user}: ", color_of(monitor, user)), line)
+        for user, lines in told.items()
+        for line in lines
+    ]
+
+
+def color_of(monitor: Monitor, user: str) -> str:
+    """Return the style of a person's own colour; white is whatever the terminal writes with."""
+    color = monitor.colors.get(user, WHITE)
+    return "bold" if color == WHITE else f"bold rgb({color[0]},{color[1]},{color[2]})"
+
+
+def _table(width: int, roomy_width: int) -> Table:
+    return Table(box=None, padding=(0, 1 if width < roomy_width else 2, 0, 0), header_style="dim")
+
+
+def _doings(monitor: Monitor, users: list[str], width: int) -> Table:
+    narrow = width < ROOMY_WIDTH
+    bar = 4 if narrow else 10
+    table = _table(width, ROOMY_WIDTH)
+    for column, least in (("person", 6), ("state", 10), ("cursor", 6 if narrow else 18), ("object", 6)):
+        table.add_column(column, no_wrap=True, min_width=least)
+    table.add_column("held", no_wrap=True, min_width=bar)
+    for user in users:
+        interaction = monitor.interactions.get(user)
+        cursor = monitor.cursors.get(user)
+        hover = monitor.hovers.get(user)
+        where = "-"
+        if cursor is not None and cursor.surface != "none":
+            place = "" if narrow else f"{cursor.surface} {cursor.surface_id} at "
+            where = f"{place}{cursor.position_m:.2f} m"
+        kind, filled = "-", 0
+        if hover is not None and hover.object_id:
+            kind = monitor.score.kinds.get(hover.object_id) or "?"
+            filled = round(bar * hover.progress)
+        state = interaction.state if interaction is not None else "-"
+        table.add_row(
+            Text(user, style=color_of(monitor, user)),
+            state,
+            where,
+            kind,
+            "█" * filled + "░" * (bar - filled),
+        )
+    return table
+
+
+def _places(monitor: Monitor, users: list[str], width: int) -> Table:
+    """Return where people stand, each with 1 sigma, and what the IMU's yaw does meanwhile."""
+    columns = [("person", 6), ("stands at", 19)]
+    if width >= SCANT_WIDTH:
+        columns.append(("yaw", 13))
+    if width >= ROOMY_WIDTH:
+        columns += [("by", 5), ("drift", 9), ("anchor age", 10)]
+    table = _table(width, AMPLE_WIDTH)
+    for column, least in columns:
+        table.add_column(column, no_wrap=True, min_width=least)
+    for user in users:
+        pose = monitor.poses.get(user)
+        name = Text(user, style=color_of(monitor, user))
+        cells = [Text("-")] * 5 if pose is None else _pose(pose, monitor.clock.now_ns())
+        table.add_row(name, *cells[: len(columns) - 1])
+    return table
+
+
+def _pose(pose: UserPose, now_ns: int) -> list[Text]:
+    sigma_m, sigma_deg = position_sigma_m(pose), yaw_sigma_deg(pose)
+    place = Text(f"{pose.position_m[0]:.2f}, {pose.position_m[1]:.2f}")
+    yaw = Text(f"{math.degrees(math.remainder(pose.yaw_rad, math.tau)):.1f}°")
+    if sigma_m > 0.0:
+        place.append(f" ±{sigma_m:.2f}", style="yellow" if sigma_m > UNSURE_M else "")
+    if sigma_deg > 0.0:
+        yaw.append(f" ±{sigma_deg:.1f}°", style="yellow" if sigma_deg > UNSURE_DEG else "")
+    drift = "-"
+    if pose.yaw_rate_sigma_radps is not None:
+        drift = f"{math.degrees(pose.yaw_rate_radps) * 60:+.1f}°/min"
+    anchor = "-" if pose.anchored_ns == 0 else _span(now_ns - pose.anchored_ns)
+    return [place.append(" m"), yaw, Text(METHODS[pose.method]), Text(drift), Text(anchor)]
+
+
+def _words(monitor: Monitor, user: str) -> list[Text]:
+    """Return what a person should do next, how far localizing is, and why it was refused."""
+    lines: list[Text] = []
+    refusal = monitor.refusal(user)
+    interaction = monitor.interactions.get(user)
+    if refusal:
+        lines.append(Text(f"refused: {refusal}", style="bold red"))
+    cursor = monitor.cursors.get(user)
+    if cursor is not None and cursor.passed is not None and cursor.passed.text:
+        lines.append(Text(cursor.passed.text, style="yellow"))
+    elif interaction is not None:
+        reason = interaction.reason if interaction.state == "idle" and interaction.reason != refusal else ""
+        lines.append(Text(f"{reason} {interaction.next_step}".strip()))
+    news = monitor.localizations.get(user)
+    if news is not None and news.phase == "sampling" and (news.samples or news.target_id):  # not who waits
+        lines.append(Text.assemble(*_progress(news)))
+    return lines
+
+
+def _progress(news: Localization) -> list[str | tuple[str, str]]:
+    """Return what is pointed at, what was gathered, and how sure that is so far."""
+    parts: list[str] = []
+    if news.target_count > 1:
+        parts.append(f"{news.target_index + 1} of {news.target_count}")
+    parts.append(f"{news.samples} samples")
+    if news.position_sigma_m is not None:
+        parts.append(f"±{news.position_sigma_m:.2f} m")
+    if news.yaw_sigma_rad is not None:
+        parts.append(f"±{math.degrees(news.yaw_sigma_rad):.1f}°")
+    if len(news.candidates) > 1:
+        named = ", ".join(
+            f"{candidate.object_id} {candidate.probability:.0%}" for candidate in news.candidates[:CANDIDATES]
+        )
+        parts.append(f"meant: {named}")
+    purpose = "setting the pose right, " if news.purpose == "anchor" else ""
+    target: tuple[str, str] = (f"● {news.target_id} " if news.target_id else "", "bold yellow")
+    return [purpose, target, " · ".join(parts)]
+
+
+def _span(duration_ns: int) -> str:
+    """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
+    seconds = max(duration_ns, 0) / NS_PER_S
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.0f} h"

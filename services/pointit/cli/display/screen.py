@@ -1,0 +1,66 @@
+"""The live view of a run in the terminal: what is on stage, and the keyboard beside it."""
+
+import contextlib
+import time
+from collections.abc import Callable, Generator
+
+from rich.console import Console, RenderableType
+from rich.live import Live
+
+from pointit.cli.common.keyboard import has_keyboard, keys
+from pointit.cli.display.view import REFRESH_HZ, draw
+from pointit.launch.run.running_scenario import Stage
+from pointit.runtime.bus.contract import Publisher
+from pointit.schemas import ButtonEvent
+from pointit.schemas.topics import BUTTON
+
+
+@contextlib.contextmanager
+def on_screen(
+    stage: Stage, console: Console | None, end_s: Callable[[], float | None], looks_on: Callable[[], bool]
+) -> Generator[None]:
+    """Draw what happens, if there is a terminal; its Space key is the first person's button.
+
+    Args:
+        stage: what is drawn, whatever runs there.
+        console: the terminal; none: nothing is drawn.
+        end_s: returns when it is over by itself, monotonic, if ever.
+        looks_on: returns whether a page is open, for which it goes on.
+    """
+    if console is None:
+        yield
+        return
+    buttons: dict[str, Publisher[ButtonEvent]] = {}
+
+    def press() -> None:
+        person = _first_person(stage)
+        if person and person not in buttons:
+            buttons[person] = stage.bus.publisher(BUTTON, person)
+        if person:
+            buttons[person].put(ButtonEvent(stamp_ns=stage.clock.now_ns(), source="keyboard"))
+
+    def left_s() -> float:
+        over_s = end_s()
+        return 0.0 if over_s is None else max(0.0, over_s - time.monotonic())
+
+    def drawn() -> RenderableType:
+        page = stage.plan.page
+        return draw(
+            stage.monitor,
+            f"PointIt {stage.plan.name}",
+            left_s,
+            _first_person(stage) if has_keyboard() else "",
+            page=page.url if page is not None and stage.has_page else "",
+            is_looked_on=end_s() is not None and looks_on(),
+        )
+
+    live = Live(get_renderable=drawn, console=console, refresh_per_second=REFRESH_HZ, transient=True)
+    with contextlib.ExitStack() as stack:
+        if has_keyboard():
+            stack.enter_context(keys(press))
+        stack.enter_context(live)
+        yield
+
+
+def _first_person(stage: Stage) -> str:
+    return next(iter(stage.plan.users), "")

@@ -1,0 +1,167 @@
+"""What a run came to, printed and written to a file."""
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.common.output import say
+from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
+from pointit.launch.plan.plan import Plan
+from pointit.launch.run.monitor import Monitor
+from pointit.runtime.errors import ConfigError
+
+
+def check_writable(summary: Path) -> None:
+    """Make sure, before a run, that its summary can be written after it.
+
+    Raises:
+        ConfigError: says why not.
+    """
+    if summary.is_dir():
+        raise ConfigError(f"--summary {summary}: is a directory, give a file in it")
+    if not summary.parent.is_dir():
+        raise ConfigError(f"--summary {summary}: there is no directory {summary.parent}")
+    if not os.access(summary if summary.exists() else summary.parent, os.W_OK):
+        raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
+
+
+def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
+    """Return where people were found, how sure that is and, of simulated ones, how far off it was."""
+    simulated = {
+        launch.user: launch.config.model_dump()
+        for launch in plan.launches
+        if launch.service.NAME == "user-sim"
+    }
+    truly = {user: config["position_m"] for user, config in simulated.items()}
+    true_yaws_deg = {
+        user: yaw_deg for user, c in simulated.items() if (yaw_deg := true_yaw_deg(c)) is not None
+    }
+    people: dict[str, dict[str, Any]] = {}
+    for user, pose in sorted(monitor.found.items()):
+        x_m, y_m, _ = pose.position_m
+        people[user] = {
+            "method": pose.method,
+            "position_m": [round(x_m, 3), round(y_m, 3)],
+            "position_sigma_m": round(position_sigma_m(pose), 3),
+            "yaw_sigma_deg": round(yaw_sigma_deg(pose), 2),
+            "drift_degpmin": round(math.degrees(pose.yaw_rate_radps) * 60.0, 2),
+            "position_error_m": None
+            if user not in truly
+            else round(math.dist((x_m, y_m), truly[user][:2]), 3),
+            "yaw_error_deg": None
+            if user not in true_yaws_deg
+            else round(abs(math.remainder(math.degrees(pose.yaw_rad) - true_yaws_deg[user], 360.0)), 2),
+        }
+    return people
+
+
+def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
+    """Return who was to be found by pointing and was not, in time."""
+    sought = {
+        launch.user
+        for launch in plan.launches
+        if launch.service.NAME == "localizer" and launch.config.model_dump()["method"] != "fixed"
+    }
+    return sorted(sought - monitor.found.keys())
+
+
+def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
+    """Return the yaw of a simulated person's IMU by their parameters; none where it is drawn, or drifts."""
+    wristband = simulated["wristband"]
+    drift_degpmin = wristband["yaw_drift_degpmin"]
+    is_steady = wristband["yaw_rate_bias_sd_degps"] == 0.0 if drift_degpmin is None else drift_degpmin == 0.0
+    yaw_deg: float | None = simulated["yaw_deg"]
+    return yaw_deg if is_steady else None
+
+
+def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
+    """Print the summary of what ran for `duration_s`, and write it where it is wanted."""
+    if not (plan.scored or plan.summary is not None or plan.as_json):
+        return
+    summary: dict[str, Any] = {
+        "scenario": plan.name,
+        "site": plan.link.site,
+        "seed": plan.seed,
+        "duration_s": round(duration_s, 3),
+        "speed": plan.speed,
+        "target_kinds": list(plan.target_kinds),
+        **monitor.score.counts(),
+        "refused": monitor.score.refused,
+        "last_refusal": monitor.score.refusal,
+        "dispatched": monitor.score.dispatched(),
+        "latency_ms": monitor.latency.quantiles_ms(),
+        "cursors": monitor.cursor_count,
+        "frames": monitor.frame_count,
+        "light_hz": {port: round(rate_hz, 2) for port, rate_hz in sorted(monitor.light_rates().items())},
+        "lamps_missed_by_deg": {
+            lamp: round(math.degrees(miss_rad), 2)
+            for lamp, miss_rad in sorted(monitor.lamp_misses_rad.items())
+        },
+        "first_cursor_unix_s": monitor.first_cursor_unix_s,
+        "first_frame_unix_s": monitor.first_frame_unix_s,
+        "people": _people(plan, monitor),
+        "not_found": _not_found(plan, monitor),
+        "services": plan.instances,
+    }
+    if plan.as_json:
+        click.echo(json.dumps(summary, indent=2))
+    else:
+        for line in summary_lines(summary):
+            say(line)
+        if plan.afterword:
+            click.echo(plan.afterword)
+    if plan.summary is not None:
+        try:
+            plan.summary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"{plan.summary}: cannot be written ({error.strerror or error})") from error
+
+
+def summary_lines(summary: dict[str, Any]) -> list[str]:
+    """Return the summary as lines for a person."""
+    latency = summary["latency_ms"]
+    shown = (
+        "not measured"
+        if latency["p50"] is None
+        else f"p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"
+    )
+    speed = "" if summary["speed"] == 1.0 else f" at {summary['speed']:g} times the speed"
+    services = f"{len(summary['services'])} services"
+    lines = [f"{summary['scenario']} ran {summary['duration_s']:.0f} s{speed} with {services}."]
+    if summary["target_kinds"]:
+        total = summary["selected"] + summary["missed"] + summary["pending"]
+        lines.append(
+            f"Selected {summary['selected']} of {total} {'/'.join(summary['target_kinds'])} objects, "
+            f"missed {summary['missed']}, still to do {summary['pending']}, "
+            f"wrong {summary['wrong']} (taken back {summary['corrected']})."
+        )
+    if summary.get("refused"):
+        times = "once" if summary["refused"] == 1 else f"{summary['refused']} times, at last"
+        lines.append(f"Refused {times}: {summary['last_refusal'] or 'no reason given'}.")
+    for bay, kinds in summary.get("dispatched", {}).items():
+        came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        lines.append(f"Bay {bay}: {came}.")
+    if met := summary.get("lamps_missed_by_deg"):
+        lines.append(f"Nearest to lamps: {', '.join(f'{lamp} {deg:.1f}°' for lamp, deg in met.items())}.")
+    for user, found in summary.get("people", {}).items():
+        x_m, y_m = found["position_m"]
+        off_m = found["position_error_m"]
+        off_deg = found.get("yaw_error_deg")
+        truly = "" if off_m is None else f", {off_m:.2f} m from the true place"
+        truly += "" if off_deg is None else f", yaw {off_deg:.1f}° off"
+        lines.append(
+            f"{user} was found at {x_m:.2f}, {y_m:.2f} m ±{found['position_sigma_m']:.2f} m, "
+            f"yaw ±{found['yaw_sigma_deg']:.1f}°{truly}."
+        )
+    if missing := summary.get("not_found"):
+        were = "was" if len(missing) == 1 else "were"
+        lines.append(f"{', '.join(missing)} {were} not found in that time; --duration gives more.")
+    lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
+    for port, rate_hz in summary.get("light_hz", {}).items():
+        lines.append(f"{port} carries {rate_hz:.1f} frames a second.")
+    return lines

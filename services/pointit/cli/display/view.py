@@ -1,0 +1,261 @@
+"""The terminal view: strips in their real colours, cursors, people, rates and latency."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any, TypeAlias
+
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.panel import Panel
+from rich.segment import Segment, SegmentLines
+from rich.text import Text
+
+from pointit.cli.display.people_view import ROOMY_WIDTH, color_of, doings, places, words
+from pointit.diagnosis.certainty import FRAME_RATE
+from pointit.diagnosis.observation import SILENT_S
+from pointit.geometry.polyline import Polyline
+from pointit.launch.run.monitor import Monitor
+from pointit.schemas import Strip, StripsFrame
+from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
+
+REFRESH_HZ = 8
+"""The view is drawn in a thread of its own, this often."""
+NAME_WIDTH = 8
+BORDER_WIDTH = 4
+"""Columns that the frame and its padding take."""
+MOST_STRIPS = 6
+"""More are drawn side by side, without the marks below them."""
+MARGINS = 6
+"""Columns that a line in the frame's own border leaves."""
+BORDER_HEIGHT = 2
+GAP_WIDTH = 2
+CELLS_PER_M = 8
+"""Of strips drawn side by side; they shrink together when one is wider than the terminal."""
+OLD_NEWS, PLACES, NEWS, WORDS, STRIPS = range(5)
+"""What is left out of a terminal too low for all, the first first."""
+SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
+"""Topics whose rates are shown, the chain from wrist to light."""
+END = "Ctrl-C ends it"
+
+Worth: TypeAlias = tuple[int, int] | None
+"""What is worth least is left out first; what has none stays."""
+
+
+def draw(
+    monitor: Monitor,
+    title: str,
+    remaining_s: Callable[[], float],
+    button_of: str = "",
+    *,
+    page: str = "",
+    is_looked_on: bool = False,
+) -> RenderableType:
+    """Return the whole view of what `monitor` holds when it is drawn, as wide as the terminal is then.
+
+    Args:
+        monitor: what is drawn.
+        title: what stands above it.
+        remaining_s: returns for how long it goes on; 0 when it does not end by itself.
+        button_of: whose button the Space key is, if anybody's.
+        page: the address of the page, if there is one.
+        is_looked_on: a page is open, for which it goes on when its time is over.
+    """
+    return _View(monitor, title, remaining_s, button_of, page, is_looked_on)
+
+
+@dataclass(frozen=True)
+class _View:
+    monitor: Monitor
+    title: str
+    remaining_s: Callable[[], float]
+    button_of: str
+    page: str
+    is_looked_on: bool
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width = max(1, options.max_width - BORDER_WIDTH)
+        inner = options.update(width=width, height=None)
+        blocks = [
+            Block(console.render_lines(part, inner), worth)
+            for worth, part in self._parts(width, options.max_width)
+        ]
+        lines = fitted(blocks, options.size.height - BORDER_HEIGHT)
+        yield Panel(
+            SegmentLines(lines, new_lines=True),
+            title=self.title,
+            subtitle=self._subtitle(options.max_width),
+            border_style="cyan",
+        )
+
+    def _subtitle(self, whole_width: int) -> str:
+        is_roomy, left_s = whole_width >= ROOMY_WIDTH, self.remaining_s()
+        if self.is_looked_on:
+            if left_s <= 0:
+                is_open = "a page is open"
+                return f"{is_open}: goes on until Ctrl-C or it closes" if is_roomy else f"{is_open}, {END}"
+            if not is_roomy:
+                return f"{left_s:.0f} s left + page, {END}"
+        hints = [f"{left_s:.0f} s left"] if left_s > 0 else []
+        if self.is_looked_on:
+            hints.append("a page is open: goes on after that")
+        button = f"Space is {self.button_of}'s button"
+        if self.button_of and is_roomy and len(", ".join([*hints, button, END])) <= whole_width - MARGINS:
+            hints.append(button)
+        return ", ".join([*hints, END])
+
+    def _parts(self, width: int, whole_width: int) -> list[tuple[Worth, RenderableType]]:
+        """Return what there is to show, and what of it can be missed on a low terminal."""
+        monitor = self.monitor
+        environment = monitor.environment
+        parts: list[tuple[Worth, RenderableType]] = []
+        if self.page:
+            parts.append((None, Text(f"page: {self.page}", style="bold", overflow="fold")))
+        if environment is None:
+            parts.append((None, Text("waiting for the map …", style="dim")))
+        else:
+            if len(environment.strips) > MOST_STRIPS:
+                light = _side_by_side(monitor, environment.strips, width)
+            else:
+                light = [
+                    line
+                    for strip in environment.strips
+                    for line in _strip(monitor, strip, max(1, width - NAME_WIDTH))
+                ]
+            parts += [((STRIPS, -row), line) for row, line in enumerate(light)]
+            if monitor.lamps:
+                parts.append((None, _lamps(monitor)))
+        parts.append((None, doings(monitor, whole_width)))
+        if (where := places(monitor, whole_width)) is not None:
+            parts.append(((PLACES, 0), where))
+        parts += [((WORDS, -row), line) for row, line in enumerate(words(monitor))]
+        parts.append((None, figures(monitor)))
+        told = list(monitor.events)
+        for row, line in enumerate(told, 1):
+            worth = (NEWS if row == len(told) else OLD_NEWS, row)
+            parts.append((worth, Text(line, style="dim", no_wrap=True, overflow="ellipsis")))
+        return parts
+
+
+def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
+    """Return a strip's pixels as coloured half blocks, two pixels a cell, and below them the cursors."""
+    pixels = pixels_along(monitor.frame, strip)
+    cells = min(width, (len(pixels) + 1) // 2)
+    line = Text(f"{strip.id:<{NAME_WIDTH}.{NAME_WIDTH}}", style="bold", no_wrap=True)
+    _light(line, pixels, cells)
+    marks = Text(" " * (NAME_WIDTH + cells), no_wrap=True)
+    length = Polyline(strip.line_m).length_m
+    cursors = sorted(monitor.cursors.items())
+    for user, cursor in cursors:
+        if cursor.surface == "strip" and cursor.surface_id == strip.id:
+            cell = min(cells - 1, int(cursor.position_m / length * cells))
+            mark = Text("▲" if len(cursors) == 1 else user[-1], style=color_of(monitor, user))
+            at = NAME_WIDTH + cell
+            marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
+    return [line, marks]
+
+
+def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
+    """Append `pixels` to `line` as so many half blocks."""
+    columns = 2 * cells
+    pairs = (
+        (
+            pixels[(2 * cell) * len(pixels) // columns],
+            pixels[min((2 * cell + 1) * len(pixels) // columns, len(pixels) - 1)],
+        )
+        for cell in range(cells)
+    )
+    for (left, right), run in groupby(pairs):  # at one go: a terminal is told every change of colour
+        style = f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})"
+        line.append("▌" * len(list(run)), style=style)
+
+
+def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list[Text]:
+    """Return many strips to scale, as many in a row as there is room for; cursors show as what they light."""
+    lengths_m = [Polyline(strip.line_m).length_m for strip in strips]
+    scale = min(CELLS_PER_M, (width - NAME_WIDTH) / max(lengths_m))
+    rows = [Text(no_wrap=True)]
+    for strip, length_m in zip(strips, lengths_m, strict=True):
+        name = f"{strip.id:.{NAME_WIDTH}} "
+        cells = max(1, int(length_m * scale))
+        if rows[-1].cell_len and rows[-1].cell_len + GAP_WIDTH + len(name) + cells > width:
+            rows.append(Text(no_wrap=True))
+        rows[-1].append(" " * GAP_WIDTH if rows[-1].cell_len else "")
+        rows[-1].append(name, style="bold")
+        _light(rows[-1], pixels_along(monitor.frame, strip), cells)
+    return rows
+
+
+def pixels_along(frame: StripsFrame | None, strip: Strip) -> list[tuple[int, int, int]]:
+    """Return a strip's pixels from the start of its line to the end, whatever its direction."""
+    rgb = b""
+    if frame is not None:
+        rgb = next((shown.rgb for shown in frame.strips if shown.id == strip.id), b"")
+    if len(rgb) < 3:
+        return [(0, 0, 0)] * strip.pixels
+    pixels = [(rgb[i], rgb[i + 1], rgb[i + 2]) for i in range(0, len(rgb) - 2, 3)]
+    return pixels if strip.direction == 1 else pixels[::-1]
+
+
+def _lamps(monitor: Monitor) -> Text:
+    text = Text(f"{'lamps':<{NAME_WIDTH}}", style="bold")
+    for name, lamp in sorted(monitor.lamps.items()):
+        on = any(lamp.color)
+        colour = f"rgb({lamp.color[0]},{lamp.color[1]},{lamp.color[2]})" if on else "dim"
+        text.append(f"{'●' if on else '○'} {name}  ", style=colour)
+    return text
+
+
+def figures(monitor: Monitor) -> Text:
+    """Return latency, rates, what was selected, and who is ill, in one line."""
+    parts: list[str] = []
+    latency = monitor.latency.quantiles_ms()
+    if latency["p50"] is not None:
+        parts.append(f"wrist to light p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms")
+    rates: dict[str, float] = {}
+    for health in list(monitor.health.values()):
+        for key in health.keys:
+            if key.direction == "out" and key.rate_hz > 0:
+                rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
+    parts += [
+        f"{name} {rates[topic.key]:.0f} Hz" for name, topic in SHOWN_RATES.items() if topic.key in rates
+    ]
+    lights = (figure for health in list(monitor.health.values()) for figure in health.figures)
+    parts += [
+        f"{figure.name.removeprefix(FRAME_RATE).strip()} up to {figure.value:.0f} Hz"
+        for figure in lights
+        if figure.name.startswith(FRAME_RATE)
+    ]
+    if monitor.score.target_kinds:
+        counts: dict[str, Any] = monitor.score.counts()
+        parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
+    heard_s, now_s = dict(monitor.heard_s), time.monotonic()
+    ill = [
+        name
+        for name, health in list(monitor.health.items())
+        if health.warnings or now_s - heard_s.get(name, now_s) > SILENT_S
+    ]
+    text = Text(" · ".join(parts))
+    if ill:
+        text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
+    return text
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines that are shown or left out together."""
+
+    lines: Sequence[Sequence[Segment]]
+    worth: Worth
+
+
+def fitted(blocks: Sequence[Block], room: int) -> list[list[Segment]]:
+    """Return the lines of `blocks` in their order, at most `room`: those worth least are left out."""
+    height = sum(len(block.lines) for block in blocks)
+    kept = dict(enumerate(blocks))
+    dispensable = sorted((block.worth, at) for at, block in kept.items() if block.worth is not None)
+    for _, at in dispensable:
+        if height <= room:
+            break
+        height -= len(kept.pop(at).lines)
+    return [list(line) for block in kept.values() for line in block.lines]

@@ -1,0 +1,192 @@
+"""`pointit evaluate`: what the estimates are worth, measured on recordings of people."""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from pointit.cli.evaluate.file import check_writable, interruptible, write_json
+from pointit.cli.evaluate.progress import progress
+from pointit.cli.evaluate.selection import selection
+from pointit.cli.evaluate.table import evaluation_console, print_rows
+from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
+from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
+from pointit.evaluation.recordings.data_folder import VARIABLE, recordings_folder
+from pointit.evaluation.recordings.row import ALL, Row, document
+from pointit.runtime.errors import ConfigError
+
+OURS = "pointit"
+
+MOST_JOBS = 8
+"""More processes take memory and bring little."""
+
+BASELINES_REMARK = "Baselines solve at most {trials} trials of a set and condition, evenly taken."
+ACTS_REMARK = (
+    "In vr_arm_pointing each trial has a random map origin and yaw origin; the true yaw is, as in the other "
+    "sets, the arm's mean one."
+)
+UNCORRECTED_REMARK = "`none`, `raw`: not corrected."
+BOUND_REMARK = "`bound`: as well as these recordings allow."
+
+
+def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str]:
+    """Return what must be known of `rows` beside what their columns are."""
+    remarks: list[str] = []
+    if any(row.solver != OURS for row in rows):
+        remarks.append(BASELINES_REMARK.format(trials=baseline_trials))
+    if any(row.set == "vr_arm_pointing" for row in rows):
+        remarks.append(ACTS_REMARK)
+    return remarks
+
+
+def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
+    solvers = {row.solver for row in rows}
+    remarks = [UNCORRECTED_REMARK] if solvers & {"none", "raw"} else []
+    if any((row.set, row.condition) == (FEEDBACK, CHAINED) for row in rows):
+        remarks.append(CHAINS_REMARK)
+    return [*remarks, BOUND_REMARK] if "bound" in solvers else remarks
+
+
+def _options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(
+        (
+            click.option(
+                "--data",
+                type=click.Path(path_type=Path),
+                envvar=VARIABLE,
+                show_envvar=True,
+                help="folder with the recordings, or the one that has it as `recordings`",
+            ),
+            click.option(
+                "--set", "sets", multiple=True, metavar="NAME", help="only this set; may be repeated"
+            ),
+            click.option(
+                "--subject", "subjects", multiple=True, metavar="S", help="only this person; may be repeated"
+            ),
+            click.option(
+                "--json",
+                "json_file",
+                type=click.Path(path_type=Path, allow_dash=True),
+                metavar="FILE",
+                help="write the rows as JSON; `-`: to standard output, instead of the table",
+            ),
+            click.option("--brief", is_flag=True, help="a table without the rows of single people"),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+@click.group("evaluate")
+def command() -> None:
+    """Measure on recordings of people how good the estimates are, beside known baselines.
+
+    The recordings are not part of PointIt; say where they are with --data or in POINTIT_DATA. `selection`
+    needs none: it simulates people.
+
+    Example: pointit evaluate localization --data recordings --only-ours
+    """
+
+
+command.add_command(selection)
+
+
+@command.command("localization", short_help="where people stand: errors, honesty, time; baselines")
+@_options
+@click.option(
+    "--baselines/--no-baselines",
+    " /--only-ours",
+    default=True,
+    show_default=True,
+    help="whether the baselines solve the same trials; they take most of the time",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 64), metavar="N", help="processes to use  [default: one a core, up to 8]"
+)
+def localization(
+    *,
+    data: Path | None,
+    sets: tuple[str, ...],
+    subjects: tuple[str, ...],
+    json_file: Path | None,
+    brief: bool,
+    baselines: bool,
+    jobs: int | None,
+) -> None:
+    """Where people stand: errors, honesty and time of our solver and of two baselines.
+
+    People follow a moving robot with the finger for 1 to 20 s (motion_relloc, proximity_waypoints), or point
+    once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of equal rays,
+    2 s long); synth_two_led is simulated. With the baselines it takes minutes.
+
+    Example: pointit evaluate localization --only-ours --set vr_arm_pointing --json rows.json
+    """
+    from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
+    from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
+
+    check_sets(sets, list(SETS))
+    check_writable(json_file)
+    with interruptible():
+        reading = read_trials(recordings_folder(data), sets, subjects)
+        for note in reading.notes:
+            click.echo(f"note: {note}", err=True)
+        total = len(reading.trials)
+        with progress(total) as tell_progress:
+            rows = localization_rows(
+                reading.trials,
+                baselines=baselines,
+                jobs=jobs if jobs is not None else min(MOST_JOBS, len(os.sched_getaffinity(0))),
+                tick=lambda done, _: tell_progress("localizations", done),
+            )
+        tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
+
+
+@command.command("pointing", short_help="what corrections leave of people's errors and of drift")
+@_options
+def pointing(
+    *,
+    data: Path | None,
+    sets: tuple[str, ...],
+    subjects: tuple[str, ...],
+    json_file: Path | None,
+    brief: bool,
+) -> None:
+    """What is left of people's systematic error once it is corrected, and of their IMU's drift.
+
+    Systematic error: people point without a cursor, some of it serves as anchors, the rest is measured
+    (vr_eyefinger, proximity_feedback). Drift: how far the yaw is off after some time, with anchors in
+    between (proximity_feedback; simulated_drift, whose true yaw is known).
+
+    Example: pointit evaluate pointing --data recordings --json rows.json
+    """
+    from pointit.evaluation.pointing.pointing import RECORDED, SETS, pointing_rows  # noqa: PLC0415 - as above
+
+    check_sets(sets, SETS)
+    check_writable(json_file)
+    with interruptible():
+        recordings = recordings_folder(data)
+        for name in sets or RECORDED:
+            if name in RECORDED and not (recordings / name).is_dir():
+                click.echo(f"note: {recordings / name} is skipped: there is no such folder", err=True)
+        with progress() as tell_progress:
+            rows = pointing_rows(recordings, sets, subjects, tick=tell_progress)
+        tell(rows, json_file, _pointing_remarks(rows), brief=brief)
+
+
+def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a set that nobody reads.
+
+    Raises:
+        ConfigError: names the sets there are.
+    """
+    for name in sets:
+        if name not in known:
+            raise ConfigError(f"--set {name}: there is no such set; there are {', '.join(known)}")
+
+
+def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
+    """Print `rows` as tables and write them where asked."""
+    if not write_json(document(rows), json_file):
+        shown = [row for row in rows if row.subject == ALL] if brief else rows
+        print_rows(evaluation_console(), shown, remarks)

@@ -1,0 +1,160 @@
+"""`pointit evaluate selection`: simulated people select packages, beside what people did."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from pointit.cli.evaluate.file import check_writable, interruptible, write_json
+from pointit.cli.evaluate.progress import progress
+from pointit.evaluation.recordings.data_folder import VARIABLE, recordings_folder
+from pointit.evaluation.selection.condition import Condition
+from pointit.runtime.errors import ConfigError
+
+BENCHES = ("belts_lab", "belts_vr", "conveyor")
+METHODS = ("original", "hold", "fraction", "gauge")
+"""Those tried unless told otherwise."""
+
+UNSEEN_SEED = 2000
+"""Parameters of methods and people are chosen with smaller seeds, what is claimed comes from these on."""
+
+MOST_JOBS = 8
+"""More processes take memory and bring little."""
+
+
+@click.command("selection", short_help="simulated people select: time, wrong, missed, by method")
+@click.option(
+    "--bench",
+    "benches",
+    multiple=True,
+    type=click.Choice(BENCHES),
+    help="only this one; may be repeated",
+)
+@click.option(
+    "--condition",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="only this one, named as in the table, such as '0.6 m apart'; may be repeated",
+)
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    metavar="NAME[@S]",
+    help="hold, fraction, gauge, or original: fraction as in the paper's system; @S: with another time on an "
+    "object, s; may be repeated  [default: all four]",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(1, 100_000),
+    default=25,
+    show_default=True,
+    metavar="N",
+    help="of each condition and method; differences between methods are told from 20 on",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=UNSEEN_SEED,
+    show_default=True,
+    metavar="SEED",
+    help="seed of the first trial, the next one has the next; parameters were chosen with seeds below "
+    f"{UNSEEN_SEED} only",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 64), metavar="N", help="processes to use  [default: one a core, up to 8]"
+)
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    envvar=VARIABLE,
+    show_envvar=True,
+    help="folder with the recordings of people to compare with; none are needed",
+)
+@click.option(
+    "--json",
+    "json_file",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="write the rows as JSON; `-`: to standard output, instead of the table",
+)
+@click.option(
+    "--plot",
+    "plot_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="draw the rows, as .png or .svg; needs matplotlib (scripts/setup plot)",
+)
+def selection(
+    *,
+    benches: tuple[str, ...],
+    names: tuple[str, ...],
+    methods: tuple[str, ...],
+    trials: int,
+    seed: int,
+    jobs: int | None,
+    data: Path | None,
+    json_file: Path | None,
+    plot_file: Path | None,
+) -> None:
+    """Have simulated people select packages, by each method, beside what people did.
+
+    The services' own cores run in virtual time: the person sees nothing but the light of the strips. Benches:
+    belts_lab, packages on two strips; belts_vr, fast belts; conveyor, the paper's demonstrator, one thing
+    varied at a time. The same seed gives the same rows. That one method is better than another is said only
+    where the interval of their difference over the same trials excludes zero.
+
+    Example: pointit evaluate selection --bench belts_lab --method gauge --method hold@0.6 --json rows.json
+    """
+    from pointit.cli.evaluate.selection_table import print_selection  # noqa: PLC0415 - wanted only here
+    from pointit.evaluation.selection.condition import conditions  # noqa: PLC0415 - as above
+    from pointit.evaluation.selection.human import humans  # noqa: PLC0415 - as above
+    from pointit.evaluation.selection.method import selector_config  # noqa: PLC0415 - as above
+    from pointit.evaluation.selection.plot import check_plot, plot  # noqa: PLC0415 - as above
+    from pointit.evaluation.selection.selection import (  # noqa: PLC0415 - SciPy, and all services' cores
+        document,
+        selection_rows,
+    )
+
+    chosen = tuple(dict.fromkeys(methods)) or METHODS
+    for name in chosen:
+        selector_config(name)
+    tried = _named(conditions(benches), names)
+    check_writable(json_file)
+    check_writable(plot_file, "--plot")
+    if plot_file is not None:
+        check_plot(plot_file)
+    with interruptible():
+        notes: list[str] = []
+        people = humans(None if data is None else recordings_folder(data), notes)
+        for note in notes:
+            click.echo(f"note: {note}", err=True)
+        with progress(len(tried) * len(chosen) * trials) as tell_progress:
+            rows, differences, pace = selection_rows(
+                tried,
+                chosen,
+                trials=trials,
+                seed=seed,
+                jobs=jobs if jobs is not None else min(MOST_JOBS, len(os.sched_getaffinity(0))),
+                humans=people,
+                tick=lambda done, _: tell_progress("trials", done),
+            )
+        if plot_file is not None:
+            plot(rows, plot_file)
+        if not write_json(document(rows, differences), json_file):
+            print_selection(rows, differences, pace)
+
+
+def _named(there: Sequence[Condition], names: Sequence[str]) -> list[Condition]:
+    """Return those `there` are of these names; all, if there are no names.
+
+    Raises:
+        ConfigError: none has such a name.
+    """
+    known = list(dict.fromkeys(condition.name for condition in there))
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"--condition {name!r}: there is no such one; there are: {'; '.join(known)}")
+    return [condition for condition in there if not names or condition.name in names]

@@ -1,0 +1,256 @@
+"""Rows of an evaluation as tables for people: one a set, a block a condition, as wide as there is room."""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from pointit.evaluation.recordings.row import ALL, Row, Spread
+
+PIPE_WIDTH = 100
+"""Columns when no terminal limits them; COLUMNS in the environment says otherwise."""
+
+GAP = 2
+"""Between two columns."""
+
+EDGES = 2
+"""Columns that a table's edges take."""
+
+WORDS_WIDTH = 16
+"""Conditions and solvers longer than this go on in the next line, where the room is scant."""
+
+SHORT = {"pointit": "ours", "mean-angle-4dof": "4-DoF", "mean-angle-z0": "z=0"}
+"""Solvers by short names, where the room is scant."""
+
+SHORTENED = "`ours`: pointit; `4-DoF`, `z=0`: the baselines mean-angle-4dof and mean-angle-z0."
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Column:
+    name: str
+    """As it is called where it stands alone."""
+    cell: Callable[[Row], str | None]
+    """None: does not apply."""
+    rank: int
+    """The least are shown first where the room is scant; a p90 comes after its median."""
+    title: str = ""
+    """At its head; empty: its name."""
+    note: str = ""
+    """What it is, in a sentence."""
+
+    @property
+    def head(self) -> str:
+        return self.title or self.name
+
+
+def _number(value: float | None, digits: int) -> str | None:
+    return None if value is None else f"{value:.{digits}f}"
+
+
+def _share(value: float | None) -> str | None:
+    return None if value is None else f"{100.0 * value:.0f} %"
+
+
+def _count(value: int | None) -> str | None:
+    return None if value is None else str(value)
+
+
+def _median(spread: Spread | None, digits: int) -> str | None:
+    return None if spread is None else _number(spread.median, digits)
+
+
+def _p90(spread: Spread | None, digits: int) -> str | None:
+    return None if spread is None else _number(spread.p90, digits)
+
+
+def _rms(spread: Spread | None, digits: int) -> str | None:
+    return None if spread is None else _number(spread.rms, digits)
+
+
+_SIGMA_NOTE = "`2 sigma`: share of errors within twice the stated sigma."
+
+_COLUMNS = (
+    _Column(name="n", rank=0, cell=lambda row: str(row.n)),
+    _Column(
+        name="refused",
+        rank=3,
+        cell=lambda row: _count(row.refused),
+        note="`refused`: of the n trials, those without a pose.",
+    ),
+    _Column(
+        name="unsure",
+        rank=14,
+        cell=lambda row: _count(row.unsure),
+        note="`unsure`: poses with a larger stated sigma than the localizer takes; it asks for another "
+        "target then.",
+    ),
+    _Column(
+        name="m",
+        rank=1,
+        cell=lambda row: _median(row.position_m, 3),
+        note="`m`: error of the poses that were stated, median.",
+    ),
+    _Column(name="p90 of m", title="p90", rank=2, cell=lambda row: _p90(row.position_m, 3)),
+    _Column(
+        name="all m",
+        rank=15,
+        cell=lambda row: _median(row.every_m, 3),
+        note="`all m`: error of all trials, of the refused ones with the pose that fits best.",
+    ),
+    _Column(name="p90 of all m", title="p90", rank=20, cell=lambda row: _p90(row.every_m, 3)),
+    _Column(
+        name="linear",
+        rank=16,
+        cell=lambda row: _number(row.bound_m, 3),
+        note="`linear`: median error of an unbiased, linear estimate from the subject's own scatter with 2 "
+        "independent pointings a second; who knows more of people beforehand, or whose errors are more "
+        "alike, can do better.",
+    ),
+    _Column(name="> 1 m", rank=12, cell=lambda row: _share(row.share_above_1m)),
+    _Column(
+        name="misled",
+        rank=17,
+        cell=lambda row: _share(row.misled),
+        note="`misled`: share of poses off by more than 1 m with a stated sigma below 0.5 m.",
+    ),
+    _Column(name="2 sigma", rank=4, cell=lambda row: _share(row.within_2_sigma), note=_SIGMA_NOTE),
+    _Column(name="yaw °", rank=10, cell=lambda row: _median(row.yaw_deg, 1)),
+    _Column(name="p90 of yaw", title="p90", rank=11, cell=lambda row: _p90(row.yaw_deg, 1)),
+    _Column(name="rms of yaw", title="rms", rank=19, cell=lambda row: _rms(row.yaw_deg, 1)),
+    _Column(
+        name="2 sigma of yaw",
+        title="2 sigma",
+        rank=13,
+        cell=lambda row: _share(row.yaw_within_2_sigma),
+        note=_SIGMA_NOTE,
+    ),
+    _Column(name="pitch °", rank=6, cell=lambda row: _median(row.pitch_deg, 2)),
+    _Column(name="p90 of pitch", title="p90", rank=7, cell=lambda row: _p90(row.pitch_deg, 2)),
+    _Column(name="rms of pitch", title="rms", rank=18, cell=lambda row: _rms(row.pitch_deg, 2)),
+    _Column(
+        name="angle °",
+        rank=8,
+        cell=lambda row: _median(row.angle_deg, 2),
+        note="`angle °`: between ray and target.",
+    ),
+    _Column(name="p90 of angle", title="p90", rank=9, cell=lambda row: _p90(row.angle_deg, 2)),
+    _Column(
+        name="ms",
+        rank=5,
+        cell=lambda row: _median(row.solve_ms, 2),
+        note="`ms`: processor time of a solve.",
+    ),
+    _Column(name="p90 of ms", title="p90", rank=21, cell=lambda row: _p90(row.solve_ms, 2)),
+)
+_SPREADS = "Errors are sizes: the median, and beside it p90 and rms."
+
+
+def evaluation_console() -> Console:
+    """Return a console on standard output: as wide as the terminal, as COLUMNS says, or `PIPE_WIDTH`."""
+    is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    return Console(width=None if is_known else PIPE_WIDTH)
+
+
+def print_rows(screen: Console, rows: Sequence[Row], remarks: Sequence[str] = ()) -> None:
+    """Print `rows`, which stand together by set and condition, then what their columns are, and `remarks`.
+
+    Columns that are empty are left out, and those that the screen has no room for: nothing is cut.
+    """
+    notes: list[str] = [_SPREADS]
+    left_out: list[str] = []
+    needed = 0
+    for name, group in groupby(rows, key=lambda row: row.set):
+        layout = _Layout(list(group), screen.width)
+        screen.print(layout.table(name))
+        notes += [column.note for column in layout.shown if column.note]
+        notes += [SHORTENED] if layout.shortens else []
+        left_out += [column.name for column in layout.left_out]
+        needed = max(needed, layout.needed)
+    screen.print(Text(" ".join(dict.fromkeys([*notes, *remarks]))))
+    if left_out:
+        names = ", ".join(dict.fromkeys(left_out))
+        wider = f"With {needed} columns (COLUMNS={needed} in a pipe) this shows also: {names}."
+        screen.print(Text(f"{wider} --json FILE has all.", style="dim"))
+
+
+class _Layout:
+    """Which columns of one set's rows a screen has room for."""
+
+    def __init__(self, rows: Sequence[Row], width: int) -> None:
+        self._rows = rows
+        there = [column for column in _COLUMNS if any(column.cell(row) is not None for row in rows)]
+        self._has_subjects = any(row.subject != ALL for row in rows)
+        figures_width = {column.name: self._width(column) for column in there}
+        all_figures = sum(figures_width.values())
+        scant = self._words(WORDS_WIDTH, shortens=True)
+        self.needed = scant + all_figures
+        left = width - scant
+        chosen: set[str] = set()
+        for column in sorted(there, key=lambda column: column.rank):
+            left -= figures_width[column.name]
+            if left < 0:
+                break
+            chosen.add(column.name)
+        self.shown = [column for column in there if column.name in chosen]
+        self.left_out = [column for column in there if column.name not in chosen]
+        shown_width = sum(figures_width[column.name] for column in self.shown)
+        self.shortens, most = next(  # words as they are, where that leaves the room
+            (
+                (shortens, most)
+                for shortens, most in ((False, None), (True, None), (False, WORDS_WIDTH))
+                if self._words(most, shortens=shortens) + shown_width <= width
+            ),
+            (True, WORDS_WIDTH),
+        )
+        self._most: int | None = most
+        self.shortens = self.shortens and any(row.solver in SHORT for row in rows)
+
+    def table(self, name: str) -> Table:
+        """Return the rows as a table."""
+        table = Table(
+            box=box.SIMPLE_HEAD,
+            title=name,
+            title_justify="left",
+            title_style="bold",
+            pad_edge=False,
+            padding=(0, GAP - 1, 0, 0),
+        )
+        for title, texts in self._texts(shortens=self.shortens):
+            width = max(map(len, (title, *texts)))
+            table.add_column(title, width=width if self._most is None else min(width, self._most))
+        for column in self.shown:
+            table.add_column(column.head, justify="right", no_wrap=True, width=self._width(column) - GAP)
+        words = list(zip(*(texts for _, texts in self._texts(shortens=self.shortens)), strict=True))
+        following = [row.condition for row in self._rows[1:]]
+        for row, own, condition in zip(self._rows, words, [*following, None], strict=True):
+            figures = (column.cell(row) for column in self.shown)
+            table.add_row(
+                *map(Text, own),
+                *(Text("-", style="dim") if text is None else Text(text) for text in figures),
+                style="bold" if row.subject == ALL and self._has_subjects else "",
+                end_section=condition != row.condition,
+            )
+        return table
+
+    def _width(self, column: _Column) -> int:
+        cells = (column.cell(row) for row in self._rows)
+        return GAP + max(len(text) for text in (column.head, *(text or "-" for text in cells)))
+
+    def _texts(self, *, shortens: bool) -> list[tuple[str, list[str]]]:
+        """Return the columns that are words, each with its title."""
+        columns = [("condition", [row.condition for row in self._rows])]
+        if self._has_subjects:
+            columns.append(("subject", [row.subject for row in self._rows]))
+        solvers = [SHORT.get(row.solver, row.solver) if shortens else row.solver for row in self._rows]
+        return [*columns, ("solver", solvers)]
+
+    def _words(self, most: int | None, *, shortens: bool) -> int:
+        widths = [max(map(len, (title, *texts))) for title, texts in self._texts(shortens=shortens)]
+        shown = sum(width if most is None else min(width, most) for width in widths)
+        return shown + GAP * len(widths) + EDGES

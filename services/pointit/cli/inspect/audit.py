@@ -1,0 +1,122 @@
+"""`pointit audit`: who selected what, when and how surely, from the selector's journal."""
+
+import datetime as dt
+import re
+import sqlite3
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.common.output import Section, json_option, show
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import site_folder
+from pointit.schemas import NS_PER_S
+from pointit.schemas.topics import check_name
+from pointit.services.selector.outputs import Record
+from pointit.services.selector.store.journal_table import FILE, audit
+
+DEFAULT_SITE = "lab"
+MOST = 1_000_000_000
+"""Nobody has more events."""
+
+AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)")
+UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+@click.command("audit")
+@click.option("--site", default=DEFAULT_SITE, show_default=True, help="name of the site")
+@click.option("--user", default="", metavar="NAME", help="what they did, or what happened to what is theirs")
+@click.option("--object", "object_id", default="", metavar="ID", help="one object only")
+@click.option(
+    "--since", default="", metavar="WHEN", help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30"
+)
+@click.option("--last", type=click.IntRange(1, MOST), metavar="N", help="the last N events only")
+@json_option
+def command(*, site: str, user: str, object_id: str, since: str, last: int | None, as_json: bool) -> None:
+    """Show who selected what and when, how surely it was meant, and what became of it.
+
+    It is read from the journal of the selector that runs, or ran, on this machine: the running one is not
+    disturbed. A confidence of - means that it is not known. A machine reads --json, with stamps in ns.
+
+    Example: pointit audit --user anna --since 2h
+    """
+    check_name(site, "site")
+    path = site_folder(site, "selector") / FILE
+    records = _read(path, site, user=user, object_id=object_id, since_ns=since_ns(since, time.time_ns()))
+    kept = deque(records, maxlen=last)
+    rows = tuple(_plain(record) if as_json else _row(record) for record in kept)
+    if not rows and not as_json:
+        click.echo(f"nothing of that kind is in {path}")
+        return
+    show([Section(name="events", about=f"of site {site}, the latest last", rows=rows)], as_json=as_json)
+
+
+def since_ns(text: str, now_ns: int) -> int:
+    """Return the time that `text` means: so long ago, or a date with or without time of day; Unix ns.
+
+    Raises:
+        ConfigError: it means none.
+    """
+    if not text:
+        return 0
+    ago = AGO.fullmatch(text.strip())
+    try:
+        if ago:
+            return max(0, now_ns - int(float(ago[1]) * UNITS_S[ago[2]] * NS_PER_S))
+        when = dt.datetime.fromisoformat(text.strip())
+        return max(0, int(when.timestamp() * NS_PER_S))
+    except (ValueError, OverflowError, OSError) as error:
+        raise ConfigError(
+            f"--since {text!r}: is no time; write how long ago (30min, 2h, 7d) or a date (2026-03-01T14:30)"
+        ) from error
+
+
+def _read(path: Path, site: str, *, user: str, object_id: str, since_ns: int) -> list[Record]:
+    if not path.exists():
+        raise ConfigError(
+            f"{path}: there is none; no selector of site {site} has kept a journal on this machine, run it "
+            "here or name its site with --site"
+        )
+    try:
+        return list(audit(path, user=user, since_ns=since_ns, object_id=object_id))
+    except sqlite3.Error as error:
+        raise ConfigError(
+            f"{path}: cannot be read ({error}); restart the selector, which moves a damaged one aside"
+        ) from error
+
+
+def _row(record: Record) -> dict[str, Any]:
+    """Return what a person wants to know."""
+    when = dt.datetime.fromtimestamp(record.stamp_ns / NS_PER_S).astimezone()
+    return {
+        "when": when.strftime("%Y-%m-%d %H:%M:%S.") + f"{when.microsecond // 1000:03d}",
+        "who": record.user,
+        "event": record.event,
+        "what": record.kind,
+        "object": record.object_id,
+        "by": record.cause,
+        "method": record.method,
+        "confidence": record.confidence,
+        "whose": record.owner,
+        "reason": record.reason,
+    }
+
+
+def _plain(record: Record) -> dict[str, Any]:
+    return {
+        "stamp_ns": record.stamp_ns,
+        "event": record.event,
+        "object_id": record.object_id,
+        "kind": record.kind,
+        "user": record.user,
+        "owner": record.owner,
+        "since_ns": record.since_ns or None,
+        "cause": record.cause,
+        "method": record.method,
+        "confidence": record.confidence,
+        "reason": record.reason,
+        "seq": record.seq,
+    }

@@ -1,0 +1,199 @@
+"""`pointit call KEY FIELD=VALUE…`: any request of the topic table."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import click
+from pydantic import ValidationError
+
+from pointit.cli.common.lazy import Mistake, nearest
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
+from pointit.cli.common.site_link import joined, quiet, site_options, untold_address
+from pointit.cli.common.topic_names import filled
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
+from pointit.runtime.config.config import Layers
+from pointit.runtime.config.parameters import Leaf, leaves
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.shutdown import run_async
+from pointit.schemas import Query, Reply, explain
+from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
+
+AnyRequest = Request[Any, Any]
+
+UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s"}
+"""Suffixes of fields."""
+
+BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
+"""What pydantic calls them, and how people do."""
+
+
+@click.command("call", params=site_options())
+@click.argument("key", required=False)
+@click.argument("values", nargs=-1, metavar="[FIELD=VALUE]...")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=Finite(min=0.1, max=600),
+    default=REQUEST_TIMEOUT_S,
+    show_default=True,
+    help="how long to wait for the answer, s",
+)
+@json_option
+def command(
+    key: str | None,
+    values: tuple[str, ...],
+    *,
+    timeout_s: float,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Ask for what KEY stands for, and print the answer; without KEY, list what can be asked.
+
+    VALUE is YAML: conveyor/set_speed speed_mps=0.5, or localizer/anna/set_pose 'position_m=[1, 2, 0]'; a list
+    needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 when the
+    service refuses or nobody answers.
+    """
+    if key is None:
+        show([requests()], as_json=as_json)
+        return 0
+    request, name = resolve(key)
+    query = build(request, values)
+    quiet()
+    return run_async(_call(request, query, name, timeout_s, as_json=as_json, site=site, connect=connect))
+
+
+async def _call(
+    request: AnyRequest,
+    query: Query,
+    name: str,
+    timeout_s: float,
+    *,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    async with joined(site, connect) as bus:
+        reply: Reply = await bus.call(request, query, name, timeout_s=timeout_s)
+    fields = reply.model_dump()
+    if as_json:
+        print_json({"key": request.at(name), **fields})
+        return 0
+    message = fields.pop("message")
+    say((message or "done") + untold_address(site, connect))
+    if fields:
+        click.echo(to_line(fields))
+    return 0
+
+
+def resolve(typed: str) -> tuple[AnyRequest, str]:
+    """Return the request that `typed` stands for, and what stands for its placeholder.
+
+    Raises:
+        Mistake: there is none; names similar ones.
+    """
+    for request in REQUESTS:
+        name = request.name_in(typed)
+        if typed != request.key and not (name and "/" not in name):
+            continue
+        if request.placeholder:
+            try:
+                check_name(name, request.placeholder)
+            except ValueError as error:
+                raise Mistake(f"key {typed!r}: {error}") from error
+        return request, name
+    topic = topic_of(typed)
+    if topic is not None:
+        raise Mistake(
+            f"{typed} is a topic ({topic.about}), not something to ask for; see `pointit echo {typed}`"
+        )
+    known = [filled(request.key, typed.split("/")) for request in REQUESTS]
+    near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
+    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit call` lists what can be asked"
+    raise Mistake(f"nothing to ask for has the key {typed!r}; {advice}")
+
+
+def build(request: AnyRequest, values: Iterable[str]) -> Query:
+    """Return the query of `request` with `values`, each `FIELD=VALUE`.
+
+    Raises:
+        Mistake: names the field, the value and what is wrong with it.
+    """
+    layers = Layers()
+    known: Sequence[str] = list(request.query.model_fields)
+    lists = {leaf.path[-1] for leaf in leaves(request.query) if leaf.type_name.startswith("list of ")}
+    for value in values:
+        field, separator, text = value.partition("=")
+        if not separator:
+            raise Mistake(f"{request.key}: {value!r}: write FIELD=VALUE, such as {_example(request)}")
+        if field not in known:
+            advice = nearest(field, known) if known else "it takes none"
+            raise Mistake(f"{request.key}: no field {field!r}; {advice}")
+        if field in layers.values:
+            raise Mistake(f"{request.key}: {field} is given twice")
+        if field in lists and not text.lstrip().startswith("["):  # as people write it: belts=part_e,part_f
+            text = f"[{text}]"
+        try:
+            layers.add_text([field], text, f"{request.key}: {value}")
+        except ConfigError as error:
+            raise Mistake(str(error)) from error
+    try:
+        query: Query = request.query.model_validate(layers.values, strict=False)
+    except ValidationError as error:
+        raise Mistake(f"{request.key}: {_complaint(request, error)}") from error
+    return query
+
+
+def requests() -> Section:
+    """Return every request with its fields."""
+    return Section(
+        name="requests",
+        about="ask with `pointit call KEY FIELD=VALUE...`",
+        rows=tuple(row for request in REQUESTS for row in _rows(request)),
+        roomy=frozenset({"type", "unit", "range", "default"}),
+        whole=frozenset({"key", "field"}),
+    )
+
+
+def _rows(request: AnyRequest) -> list[Row]:
+    fields: list[Leaf | None] = [*leaves(request.query)]
+    return [
+        {
+            "key": request.key,
+            "field": "" if leaf is None else leaf.path[-1],
+            "type": "" if leaf is None else leaf.type_name,
+            "unit": "" if leaf is None else UNITS.get(leaf.path[-1].rpartition("_")[2], ""),
+            "range": "" if leaf is None else _range(leaf),
+            "default": "" if leaf is None else leaf.default,
+            "about": (leaf.field.description if leaf is not None else "") or request.about,
+        }
+        for leaf in fields or [None]
+    ]
+
+
+def _range(leaf: Leaf) -> str:
+    limits = {
+        word: getattr(limit, name)
+        for name, word in BOUNDS
+        for limit in leaf.field.metadata
+        if hasattr(limit, name)
+    }
+    return " ".join(f"{word} {value:g}" for word, value in limits.items())
+
+
+def _example(request: AnyRequest) -> str:
+    fields = list(leaves(request.query))
+    if not fields:
+        return "no field at all: it takes none"
+    return f"{fields[0].path[-1]}=VALUE"
+
+
+def _complaint(request: AnyRequest, error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    for leaf in leaves(request.query):
+        if first["type"] == "missing" and first["loc"] == leaf.path:
+            field = leaf.path[-1]
+            return f"{field} is missing: write {field}=VALUE, {leaf.type_name}"
+    return explain(error)

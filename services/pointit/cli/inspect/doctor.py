@@ -1,0 +1,314 @@
+"""`pointit doctor`: what runs, what is stale, what is wrong, what to do."""
+
+import asyncio
+import datetime as dt
+import socket
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.text import Text
+
+from pointit.cli.common.identities_table import ending, section, seen_from
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
+from pointit.cli.common.site_link import PATIENCE_S, address, joined, quiet, site_options, telling
+from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.diagnosis.finding_filter import is_about, narrowed
+from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
+from pointit.diagnosis.writers import split
+from pointit.runtime.errors import ConnectError
+from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.link.options import given_credentials
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.runtime.zenoh.sites import sites_at
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
+from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
+
+LEAST_S = 1.2
+"""Listen at least so long: whoever reports once a second is heard."""
+
+LONGEST_S = SILENT_S + 0.4
+"""Listen no longer: whoever was not heard by then is silent."""
+
+STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
+
+
+@click.command("doctor", params=site_options())
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=Finite(min=0),
+    default=PATIENCE_S,
+    show_default=True,
+    help="how long to look for somebody who answers, s",
+)
+@click.option("--only", default="", metavar="NAME", help="look at this service or person only")
+@click.option(
+    "--site-folder",
+    "folder",
+    type=click.Path(path_type=Path),
+    help="tell how long everybody's certificates of this site's folder last  [default: the folder that holds "
+    "the credentials, if one does; else they alone]",
+)
+@json_option
+def command(
+    *,
+    timeout_s: float,
+    only: str,
+    folder: Path | None,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Say what runs on a site, what is stale, what is wrong and what to do.
+
+    It listens for one to three seconds. The exit code is 0 when all is well, 1 when something is wrong (notes
+    about what was wrong once do not count), 130 when Ctrl-C ended it before it knew. With --only it is 1 too
+    when nothing of that name runs. On a secured site it shows until when certificates last.
+
+    Example: pointit doctor --only pui
+    """
+    quiet()
+    credentials = given_credentials()
+    known = seen_from(credentials, folder, dt.datetime.now(dt.UTC))
+    known = [row for row in known if not only or row["name"] == only]
+    look = _Look(only)
+    try:
+        run_async(_listen(look, site, connect, timeout_s))
+    except ConnectError:
+        finding = Finding(
+            severity="error",
+            code="unreachable",
+            service="",
+            sentence=f"nothing runs at {', '.join(connect)}",
+            remedy="start its router with `pointit router`, or say with --connect where it is"
+            if credentials
+            else "start with `pointit run`, say with --connect where it runs, or, on a secured site, with "
+            "--credentials who you are",
+        )
+        return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
+    if look.seen is None:
+        return INTERRUPTED
+    findings = diagnose(look.seen)
+    if only:
+        findings = narrowed(findings, look.seen, only)
+    return _show(look.seen, findings, known, site, only=only, as_json=as_json)
+
+
+def _options(link: Link) -> str:
+    """Return the options by which another command reaches the same site; "" if the defaults do."""
+    site = "" if link.site == DEFAULT_SITE else f" --site {link.site}"
+    return site + "".join(f" --connect {each}" for each in link.connect if each != DEFAULT_ENDPOINT)
+
+
+class _Look:
+    """Gathers what the bus shows until every service was heard twice, or all that there are of a name."""
+
+    def __init__(self, only: str = "") -> None:
+        self._only = only
+        self.seen: Observation | None = None
+        self._began_s = time.monotonic()
+        self._news = asyncio.Event()
+        self._present: set[str] = set()
+        self._ever: set[str] = set()
+        self._reports: dict[str, list[Report]] = {}
+        self._deployments: dict[str, Deployment] = {}
+        self._speed = 1.0
+
+    async def watch(self, bus: ZenohBus) -> None:
+        """Look until there is enough to tell; then `seen` holds it."""
+        self._began_s = time.monotonic()
+        bus.subscribe(CLOCK, self._on_clock)
+        bus.subscribe(DEPLOYMENT, self._on_deployment)
+        bus.subscribe(HEALTH, self._on_health)
+        bus.watch(SERVICE_ALIVE, self._on_presence)
+        await asyncio.sleep(LEAST_S)
+        end_s = self._began_s + LONGEST_S
+        while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:
+            self._news.clear()
+            try:
+                await asyncio.wait_for(self._news.wait(), left_s)
+            except TimeoutError:
+                break
+        sees_nobody = not self._present and not self._deployments
+        is_open = sees_nobody and bus.link.credentials is None  # who has credentials has a site
+        self.seen = Observation(
+            began_s=self._began_s,
+            now_s=time.monotonic(),
+            present=frozenset(self._present),
+            left=frozenset(self._ever - self._present),
+            reports=self._reports,
+            deployments=self._deployments,
+            host=socket.gethostname(),
+            speed=self._speed,
+            other_sites=await sites_at(bus.link) if is_open else (),
+            denied=await bus.denies("reads", HEALTH, ANY) if sees_nobody else "",
+            options=_options(bus.link),
+        )
+
+    def _is_enough(self) -> bool:
+        wanted = {each for each in self._present if not self._only or is_about(each, self._only)}
+        heard = all(len(self._reports.get(instance, ())) >= 2 for instance in wanted)
+        return heard and (bool(wanted) or not self._only)
+
+    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self._present.add if present else self._present.discard)(instance)
+        self._ever.add(instance)
+        self._news.set()
+
+    def _on_health(self, health: Health, instance: str) -> None:
+        self._reports.setdefault(instance, []).append(
+            Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+        )
+        self._news.set()
+
+    def _on_deployment(self, deployment: Deployment, name: str) -> None:
+        believed = deployment.believed(name)
+        if believed.services:
+            self._deployments[name] = believed
+        else:  # ended on purpose
+            self._deployments.pop(name, None)
+
+    def _on_clock(self, tick: ClockTick, _name: str) -> None:
+        self._speed = tick.speed
+
+
+async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
+    async with joined(site, connect, patience_s=timeout_s) as bus:
+        with telling(f"listening to {address(site, connect)} …"):
+            await look.watch(bus)
+    return 0
+
+
+ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
+"""What a narrow terminal does without."""
+
+
+def _show(
+    seen: Observation,
+    findings: list[Finding],
+    known: Sequence[Row],
+    site: str,
+    *,
+    only: str = "",
+    as_json: bool,
+) -> int:
+    healthy = is_healthy(findings)
+    there = seen.present | seen.expected.keys()
+    instances = sorted(each for each in there if not only or is_about(each, only))
+    if as_json:
+        print_json(
+            {
+                "site": site,
+                "healthy": healthy,
+                "services": [_record(seen, instance) for instance in instances],
+                "findings": [asdict(finding) for finding in findings],
+                "identities": known,
+                "deployments": {
+                    name: item.model_dump(exclude={"services": {"__all__": {"command"}}})  # others' commands
+                    for name, item in seen.deployments.items()
+                },
+            }
+        )
+        return 0 if healthy else EXIT_FAILED
+    screen = console()
+    if instances:
+        rows = tuple(_row(seen, instance, findings) for instance in instances)
+        print_table(screen, Section(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS))
+    figures = tuple(
+        {"service": service, "user": user, "figures": _figures(health)}
+        for instance in instances
+        if (health := seen.newest(instance)) is not None and health.figures
+        for service, user in [split(instance)]
+    )
+    if figures:
+        print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
+    if known:
+        print_table(screen, section(known))
+    if others := ending(row for row in known if not row["own"]):  # of its own it was warned when it began
+        click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
+    for finding in findings:
+        who = f"{finding.service}: " if finding.service else ""
+        screen.print(
+            Text.assemble(
+                (f"{finding.severity}: ", STYLES[finding.severity]),
+                f"{who}{finding.sentence}" + (f"\n    -> {finding.remedy}" if finding.remedy else ""),
+            )
+        )
+    if healthy:
+        many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
+        screen.print(Text(f"all is well: {many}", style="green"))
+    return 0 if healthy else EXIT_FAILED
+
+
+def _record(seen: Observation, instance: str) -> Row:
+    health = seen.newest(instance)
+    service, user = split(instance)
+    return {
+        "instance": instance,
+        "service": service,
+        "user": user,
+        "present": instance in seen.present,
+        "expected": instance in seen.expected,
+        "health": health.model_dump() if health is not None else None,
+    }
+
+
+def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
+    health = seen.newest(instance) if instance in seen.present else None
+    service, user = split(instance)
+    return {
+        "service": service,
+        "user": user,
+        "pid": health.pid if health else None,
+        "host": health.host if health else None,
+        "up": _span(health.uptime_s) if health else None,
+        "in_hz": _rates(health, "in"),
+        "out_hz": _rates(health, "out"),
+        "step_ms": _quantiles(health.step) if health else None,
+        "latency_ms": _quantiles(health.latency) if health else None,
+        "status": _status(instance, findings),
+    }
+
+
+def _status(instance: str, findings: Sequence[Finding]) -> Text:
+    """Return the worst that was found about `instance`, in a word."""
+    for finding in findings:
+        if finding.service == instance and finding.severity != "note":
+            return Text(finding.code, style=STYLES[finding.severity])
+    return Text("ok", style="green")
+
+
+def _rates(health: Health | None, direction: str) -> str:
+    """Return what flows, `imu 50, ray 50`, by the last part of the keys."""
+    keys: list[KeyHealth] = [
+        key for key in (health.keys if health else ()) if key.direction == direction and key.rate_hz > 0
+    ]
+    return ", ".join(f"{key.key.rpartition('/')[2]} {key.rate_hz:.0f}" for key in keys)
+
+
+def _figures(health: Health) -> str:
+    """Return a service's own numbers, `drift 3.1 °/min, anchor age 12 s`."""
+    return ", ".join(
+        f"{shown.name} {shown.value:.3g}" + ("" if shown.unit in ("", "°") else " ") + shown.unit
+        for shown in health.figures
+    )
+
+
+def _quantiles(times: Quantiles | None) -> str:
+    """Return median and 99th percentile in ms."""
+    return "" if times is None else f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
+
+
+def _span(seconds: float) -> str:
+    """Return a duration as people say it: `12 s`, `3 min`, `5 h`."""
+    value: Any
+    for value, unit in ((seconds / 3600, "h"), (seconds / 60, "min")):
+        if value >= 1:
+            return f"{value:.0f} {unit}"
+    return f"{seconds:.0f} s"

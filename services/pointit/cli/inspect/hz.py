@@ -1,0 +1,209 @@
+"""`pointit hz`: rates against the nominal ones."""
+
+import asyncio
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import click
+
+from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
+from pointit.cli.common.site_link import joined, quiet, site_options
+from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
+from pointit.runtime.bus.contract import AnyTopic, Subscription
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import Message, encode
+from pointit.schemas.topics import ANY, IMU
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate:
+    """One key over one window."""
+
+    key: str
+    messages: int
+    rate_hz: float | None
+    """From the first to the last message; none for fewer than two."""
+    nominal_hz: float | None
+    """As in the topic table; none where messages come on change."""
+    period_min_s: float | None
+    period_max_s: float | None
+    """The silence at the end counts, when it is the longest."""
+    jitter_s: float | None
+    """Standard deviation of the periods."""
+    bytes_per_s: float
+
+
+class RateMeter:
+    """Counts one key; keeps sums, not messages."""
+
+    def __init__(self, key: str, nominal_hz: float | None = None) -> None:
+        self._key = key
+        self._nominal_hz = nominal_hz
+        self._last_s: float | None = None
+        self._reset()
+
+    def _reset(self) -> None:
+        self._messages = self._bytes = self._periods = 0
+        self._mean_s = self._squares_s2 = 0.0
+        self._min_s, self._max_s = math.inf, 0.0
+
+    def add(self, now_s: float, size: int) -> None:
+        """Count a message of `size` bytes that came at `now_s`."""
+        if self._last_s is not None:
+            period_s = now_s - self._last_s
+            self._periods += 1
+            self._min_s = min(self._min_s, period_s)
+            self._max_s = max(self._max_s, period_s)
+            step_s = period_s - self._mean_s  # Welford's running variance
+            self._mean_s += step_s / self._periods
+            self._squares_s2 += step_s * (period_s - self._mean_s)
+        self._last_s = now_s
+        self._messages += 1
+        self._bytes += size
+
+    def take(self, now_s: float, window_s: float) -> Rate:
+        """Return the account of the last `window_s` until `now_s`, and begin the next."""
+        known = self._periods > 0
+        silence_s = 0.0 if self._last_s is None else now_s - self._last_s
+        rate = Rate(
+            key=self._key,
+            messages=self._messages,
+            rate_hz=1.0 / self._mean_s if known and self._mean_s > 0 else None,
+            nominal_hz=self._nominal_hz,
+            period_min_s=self._min_s if known else None,
+            period_max_s=max(self._max_s, silence_s) if known else None,
+            jitter_s=math.sqrt(self._squares_s2 / self._periods) if known else None,
+            bytes_per_s=self._bytes / window_s,
+        )
+        self._reset()
+        return rate
+
+
+@click.command("hz", params=site_options())
+@click.argument("keys", nargs=-1, metavar="[KEY]...")
+@click.option("--all", "everything", is_flag=True, help="every topic")
+@click.option(
+    "--window",
+    type=Finite(min=0.1),
+    default=5.0,
+    show_default=True,
+    help="how long to measure, s",
+)
+@click.option("--watch", is_flag=True, help="go on, one table a window, until Ctrl-C")
+@json_option
+def command(
+    keys: tuple[str, ...],
+    *,
+    everything: bool,
+    window: float,
+    watch: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Measure how often messages come on each KEY, how regularly, and how many bytes.
+
+    KEY is as for `pointit echo`. The exit code is 1 when nothing came at all; Ctrl-C ends it with 0.
+    With --json each window is one object on one line.
+    """
+    if not keys and not everything:
+        raise Mistake(f"which KEY? Name one, such as '{IMU.at(ANY)}', or measure every topic with --all")
+    wanted = resolve_all([EVERYTHING] if everything else keys)
+    named = resolve_all(key for key in keys if ANY not in key)
+    quiet()
+    return run_async(
+        _measure(wanted, named, window, watch=watch, as_json=as_json, site=site, connect=connect)
+    )
+
+
+async def _measure(
+    wanted: list[Wanted],
+    named: list[Wanted],
+    window_s: float,
+    *,
+    watch: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    loop = asyncio.get_running_loop()
+    async with joined(site, connect) as bus:
+        counter = _Counter(bus, wanted, named)
+        while True:
+            await asyncio.sleep(window_s)
+            rates = counter.take(loop.time(), window_s)
+            read_on = _show(rates, window_s, counter.take_conflated(), as_json=as_json)
+            if not (watch and read_on):
+                return 0 if any(rate.messages for rate in rates) else EXIT_FAILED
+
+
+class _Counter:
+    """A meter for each key that was named, and for each that turns up."""
+
+    def __init__(self, bus: ZenohBus, wanted: list[Wanted], named: list[Wanted]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._meters: dict[str, RateMeter] = {}
+        self._conflated = 0
+        self._subscriptions: list[Subscription] = []
+        for topic, name in named:
+            if name != ANY:
+                self._meter(topic, name)
+        for topic, name in wanted:
+            self._subscriptions.append(bus.subscribe(topic, self._handler(topic), name or ANY))
+
+    def take(self, now_s: float, window_s: float) -> list[Rate]:
+        return [self._meters[key].take(now_s, window_s) for key in sorted(self._meters)]
+
+    def take_conflated(self) -> int:
+        """Return how many messages gave way to newer ones uncounted since the last call."""
+        total = sum(subscription.traffic.dropped for subscription in self._subscriptions)
+        fresh, self._conflated = total - self._conflated, total
+        return fresh
+
+    def _handler(self, topic: AnyTopic) -> Any:
+        def on_message(message: Message, name: str) -> None:
+            self._meter(topic, name).add(self._loop.time(), len(encode(message)))
+
+        return on_message
+
+    def _meter(self, topic: AnyTopic, name: str) -> RateMeter:
+        key = topic.at(name)
+        if key not in self._meters:
+            self._meters[key] = RateMeter(key, topic.rate_hz)
+        return self._meters[key]
+
+
+def _show(rates: list[Rate], window_s: float, conflated: int, *, as_json: bool) -> bool:
+    """Print one window; false when nobody reads any more."""
+    if conflated:
+        click.echo(
+            f"{conflated} messages came faster than they could be counted: rates are too low", err=True
+        )
+    if as_json:
+        return write_line(to_json({"window_s": window_s, "keys": [asdict(rate) for rate in rates]}))
+    rows = tuple(
+        {
+            "key": rate.key,
+            "messages": rate.messages,
+            "rate_hz": rate.rate_hz,
+            "nominal_hz": rate.nominal_hz,
+            "min_ms": _ms(rate.period_min_s),
+            "max_ms": _ms(rate.period_max_s),
+            "jitter_ms": _ms(rate.jitter_s),
+            "bytes/s": round(rate.bytes_per_s),
+        }
+        for rate in rates
+    )
+    if rows:
+        print_table(console(), Section(name="rates", about=f"over {window_s:g} s", rows=rows))
+    else:
+        click.echo(f"nothing came within {window_s:g} s; who runs? See `pointit doctor`", err=True)
+    return True
+
+
+def _ms(value_s: float | None) -> float | None:
+    return None if value_s is None else value_s * 1e3

@@ -1,0 +1,65 @@
+"""`pointit topics`: the topic table, requests and presence."""
+
+import click
+
+from pointit.cli.common.output import Section, json_option, show
+from pointit.schemas import topics as table
+
+
+def topics() -> Section:
+    """Return the topics."""
+    return Section(
+        name="topics",
+        about="keys below pointit/<site>, see them with `pointit echo KEY`",
+        rows=tuple(
+            {
+                "key": topic.key,
+                "message": topic.message.schema_name(),
+                "delivery": topic.delivery.value,
+                "rate_hz": topic.rate_hz,
+                "writers": topic.writers,
+                "about": topic.about,
+            }
+            for topic in table.TOPICS
+        ),
+        roomy=frozenset({"message", "writers"}),
+    )
+
+
+def requests() -> Section:
+    """Return what can be asked."""
+    return Section(
+        name="requests",
+        about="what can be asked, and who answers",
+        rows=tuple(
+            {
+                "key": request.key,
+                "query": request.query.schema_name(),
+                "reply": request.reply.schema_name(),
+                "server": request.server,
+                "about": request.about,
+            }
+            for request in table.REQUESTS
+        ),
+        roomy=frozenset({"query", "reply"}),
+    )
+
+
+def presence() -> Section:
+    """Return the tokens that exist as long as their owners."""
+    return Section(
+        name="presence",
+        about="tokens that exist as long as their owners",
+        rows=tuple({"key": token.key, "about": token.about} for token in table.PRESENCES),
+    )
+
+
+@click.command("topics")
+@json_option
+def command(*, as_json: bool) -> None:
+    """Show the topic table: every key, its message, how it is delivered, how often, who writes it.
+
+    latest: the newest wins; event: in order, none lost silently; state: late joiners get the last value.
+    A rate of - means on change.
+    """
+    show([topics(), requests(), presence()], as_json=as_json)

@@ -1,0 +1,78 @@
+"""What a load test runs, and in which processes: people, the services of each, those of the site."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pointit.cli.loadtest.rig import Group
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.service.service import Launch
+
+Layout = Literal["one", "users", "services"]
+
+SCENARIO = "scenario_3"
+WITHOUT = ("user-sim", "supervisor", "imu-bridge")
+"""The person is driven from here; nobody presses a button."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """What was asked for."""
+
+    users: int
+    rate_hz: float
+    duration_s: float
+    layout: Layout
+    shards: int
+    router: bool
+    secured: bool
+    """The router wants certificates, and encrypts."""
+    site: str
+    connect: tuple[str, ...]
+    """Of a running site; empty: one of its own."""
+
+    @property
+    def name(self) -> str:
+        """Return the layout in words."""
+        words = {
+            "one": "one process",
+            "users": f"users in {self.shards} processes",
+            "services": "a process a service",
+        }
+        through = " through a secured router" if self.secured else " through a router" if self.router else ""
+        return words[self.layout] + through
+
+
+def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
+    """Return what runs in this process and what in others, for `count` people."""
+    scenario = read_scenario(SCENARIO)
+    choices = Choices()
+    site = [] if load.connect else site_launches(scenario, choices)
+    names = [f"load{index}" for index in range(count)]
+    people: list[list[Launch]] = [
+        [
+            launch
+            for launch in user_launches(scenario, choices, name, index)
+            if launch.service.NAME not in WITHOUT
+        ]
+        for index, name in enumerate(names)
+    ]
+    if load.layout == "one":
+        own = [launch for person in people for launch in person]
+        return Group(name="all", launches=[*site, *own], wrists=names), []
+    if load.layout == "users":
+        shards = min(load.shards, count)
+        parts = [
+            Group(
+                name=f"users {part + 1}",
+                launches=[launch for person in people[part::shards] for launch in person],
+                wrists=names[part::shards],
+            )
+            for part in range(shards)
+        ]
+        return Group(name="site" if site else "onlooker", launches=site), parts
+    by_service: dict[str, list[Launch]] = {}
+    for launch in (*site, *(launch for person in people for launch in person)):
+        by_service.setdefault(launch.service.NAME, []).append(launch)
+    each = [Group(name=name, launches=launches) for name, launches in by_service.items()]
+    return Group(name="wrists", wrists=names), each

@@ -1,0 +1,267 @@
+"""A site under load: its services in one process or several, wrists, and somebody who looks on."""
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import AsyncGenerator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pointit.cli.loadtest.figures import Measured, Usage
+from pointit.cli.loadtest.worker import taken, told
+from pointit.cli.loadtest.wrist import Wrist, beat
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import NS_PER_S, Cursor, Hover, Message, StripsFrame, UserPose
+from pointit.schemas.topics import CURSOR, HOVER, IMU, POSE, STRIPS_FRAME
+
+READY_S = 60.0
+"""Until all poses are known, which is when all services run: of many processes on a busy machine."""
+
+DRAIN_S = 0.3
+STOP_S = 2.0
+
+
+@dataclass(kw_only=True)
+class Group:
+    """What runs together in one process, and whose wrists it drives."""
+
+    name: str
+    launches: Sequence[Launch] = ()
+    wrists: Sequence[str] = ()
+
+
+@dataclass
+class _Sight:
+    """What came, from when to when."""
+
+    users: frozenset[str]
+    cursors: int = 0
+    hovers: int = 0
+    stamps: set[int] = field(default_factory=set[int])
+    cursor_s: list[float] = field(default_factory=list[float])
+    frames: dict[int, float] = field(default_factory=dict[int, float])
+    """Age of each frame as it came, by stamp."""
+    poses: set[str] = field(default_factory=set[str])
+
+    def on_cursor(self, cursor: Cursor, user: str) -> None:
+        if user in self.users:
+            self.cursors += 1
+            self.stamps.add(cursor.stamp_ns)
+            self.cursor_s.append(_age_s(cursor))
+
+    def on_hover(self, _hover: Hover, user: str) -> None:
+        self.hovers += user in self.users
+
+    def on_frame(self, frame: StripsFrame, _name: str) -> None:
+        self.frames.setdefault(frame.stamp_ns, _age_s(frame))
+
+    def on_pose(self, _pose: UserPose, user: str) -> None:
+        self.poses.add(user)
+
+    def clear(self) -> None:
+        self.cursors = self.hovers = 0
+        for kept in (self.stamps, self.cursor_s, self.frames):
+            kept.clear()
+
+    def light_s(self) -> list[float]:
+        """Return the ages of the frames that show a sample of ours: others are drawn for other reasons."""
+        return [age_s for stamp_ns, age_s in self.frames.items() if stamp_ns in self.stamps]
+
+
+def _age_s(message: Message) -> float:
+    return (time.time_ns() - message.stamp_ns) / NS_PER_S
+
+
+class Worker:
+    """A group in a process of its own."""
+
+    def __init__(self, group: Group, process: asyncio.subprocess.Process) -> None:
+        self.group = group
+        self.process = process
+
+    @classmethod
+    async def start(cls, group: Group, site: str, connect: str) -> "Worker":
+        """Start it, and tell it what to run."""
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "pointit.cli.loadtest.worker",
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            process_group=0,  # a terminal's Ctrl-C is for the parent, which ends its children
+        )
+        worker = cls(group, process)
+        worker.tell(
+            {"site": site, "connect": connect, "launches": told(group.launches), "wrists": list(group.wrists)}
+        )
+        return worker
+
+    def tell(self, what: dict[str, Any]) -> None:
+        """Send it a line."""
+        if self.process.stdin is not None:
+            self.process.stdin.write((json.dumps(what) + "\n").encode())
+
+    async def answer(self) -> dict[str, Any]:
+        """Return its next line.
+
+        Raises:
+            ConfigError: it has ended.
+        """
+        line = b"" if self.process.stdout is None else await self.process.stdout.readline()
+        if not line:
+            raise ConfigError(f"the process of {self.group.name} has ended: what it said stands above")
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    async def end(self) -> None:
+        """End it."""
+        if self.process.stdin is not None:
+            self.process.stdin.close()
+        try:
+            async with asyncio.timeout(STOP_S):
+                await self.process.wait()
+        except TimeoutError:
+            self.process.kill()
+            await self.process.wait()
+
+
+class Rig:
+    """A site under load, ready to be measured."""
+
+    def __init__(self, bus: ZenohBus, here: Group, workers: Sequence[Worker], router: int | None) -> None:
+        self._bus = bus
+        self._workers = workers
+        self._router = router
+        self._here = here
+        self._users = [
+            user for group in (here, *(worker.group for worker in workers)) for user in group.wrists
+        ]
+        self._sight = _Sight(frozenset(self._users))
+        self._wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(here.wrists)]
+        bus.subscribe(POSE, self._sight.on_pose)
+        bus.subscribe(CURSOR, self._sight.on_cursor)
+        bus.subscribe(HOVER, self._sight.on_hover)
+        bus.subscribe(STRIPS_FRAME, self._sight.on_frame)
+
+    async def until_ready(self, services: "asyncio.Task[None] | None") -> None:
+        """Wait until everybody's pose is known.
+
+        Raises:
+            ConfigError: it takes too long.
+        """
+        end_s = time.monotonic() + READY_S
+        while not self._sight.users <= self._sight.poses:
+            if services is not None and services.done():
+                services.result()
+            missing = self._sight.users - self._sight.poses
+            for worker in self._workers:
+                if worker.process.returncode is not None:
+                    await worker.answer()  # raises
+            if time.monotonic() > end_s:
+                raise ConfigError(
+                    f"{len(missing)} of {len(self._users)} people were not ready within {READY_S:g} s; "
+                    "try fewer --users, or another --layout"
+                )
+            await asyncio.sleep(0.05)
+
+    async def measure(self, rate_hz: float, duration_s: float, layout: str) -> Measured:
+        """Drive all wrists for `duration_s` and return what came of it."""
+        self._sight.clear()
+        before, sent = taken(), sum(wrist.sent for wrist in self._wrists)
+        router = taken(self._router) if self._router else None
+        began_s = time.monotonic()
+        for worker in self._workers:
+            worker.tell({"rate_hz": rate_hz, "duration_s": duration_s})
+        await beat(self._wrists, rate_hz, duration_s)
+        answers = [await worker.answer() for worker in self._workers]
+        lasted_s = time.monotonic() - began_s
+        after = taken()
+        await asyncio.sleep(DRAIN_S)
+        sent = sum(wrist.sent for wrist in self._wrists) - sent + sum(answer["sent"] for answer in answers)
+        processes: list[Usage] = []
+        if before is not None and after is not None:
+            cpu = (after.cpu_s - before.cpu_s) / lasted_s
+            processes.append(Usage(name=self._here.name, cpu=cpu, memory_mb=after.memory_mb))
+        processes += [
+            Usage(name=worker.group.name, cpu=answer["cpu_s"] / lasted_s, memory_mb=answer["memory_mb"])
+            for worker, answer in zip(self._workers, answers, strict=True)
+        ]
+        if router is not None and (now := taken(self._router)) is not None:
+            cpu = (now.cpu_s - router.cpu_s) / lasted_s
+            processes.append(Usage(name="router", cpu=cpu, memory_mb=now.memory_mb))
+        return Measured(
+            users=len(self._users),
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            layout=layout,
+            sent=sent,
+            pointed=self._sight.cursors,
+            hovered=self._sight.hovers,
+            light_s=self._sight.light_s(),
+            cursor_s=list(self._sight.cursor_s),
+            processes=processes,
+            load_average=round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+        )
+
+
+@contextlib.asynccontextmanager
+async def rigged(
+    bus: ZenohBus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
+) -> AsyncGenerator[Rig]:
+    """Yield a site with all services running; `connect` is where the processes join.
+
+    Raises:
+        ConfigError: a process ended, or it took too long.
+    """
+    async with contextlib.AsyncExitStack() as stack:
+        services: asyncio.Task[None] | None = None
+        if here.launches:
+            services = asyncio.create_task(run_services(here.launches, bus, WallClock()))
+            stack.push_async_callback(_ended, services)
+        workers: list[Worker] = []
+        stack.push_async_callback(_end_all, workers)
+        for group in elsewhere:
+            worker = await Worker.start(group, bus.site, connect)
+            workers.append(worker)  # one by one: who has begun is ended, whatever happens to the next
+        rig = Rig(bus, here, workers, router)
+        await rig.until_ready(services)
+        yield rig
+
+
+async def _ended(services: "asyncio.Task[None]") -> None:
+    services.cancel()
+    await asyncio.wait({services})
+
+
+async def _end_all(workers: Sequence[Worker]) -> None:
+    await asyncio.gather(*(worker.end() for worker in workers))
+
+
+@contextlib.asynccontextmanager
+async def router_process(options: Sequence[str]) -> AsyncGenerator[int]:
+    """Yield the process id of a `pointit router` with these options, which listens."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "pointit.cli",
+        "router",
+        *options,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        process_group=0,
+    )
+    try:
+        if process.stdout is None or not await process.stdout.readline():
+            raise ConfigError("the router has ended: what it said stands above")
+        yield process.pid
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.send_signal(signal.SIGTERM)
+        await process.wait()

@@ -1,0 +1,136 @@
+"""A process of a load test: runs the services that it is told of, and drives wrists when asked to.
+
+It is told in lines of JSON on its standard input, answers in lines of JSON, and ends with its input.
+"""
+
+import asyncio
+import json
+import os
+import resource
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.loadtest.wrist import Wrist, beat
+from pointit.runtime.clock import WallClock
+from pointit.runtime.config.config import Layers
+from pointit.runtime.link.credentials import VARIABLE, read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import run_program
+from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import IMU
+from pointit.services import registry
+
+PATIENCE_S = 10.0
+
+
+def told(launches: Sequence[Launch]) -> list[dict[str, Any]]:
+    """Return launches as a worker is told them."""
+    return [
+        {
+            "service": launch.service.NAME,
+            "user": launch.user,
+            "config": launch.config.model_dump(mode="json"),
+        }
+        for launch in launches
+    ]
+
+
+def _launch(one: Mapping[str, Any]) -> Launch:
+    service = registry.process(one["service"]).load()
+    layers = Layers()
+    layers.add(one["config"], "load test")
+    return Launch(service=service, config=layers.build(service.CONFIG), user=one["user"])
+
+
+def _say(what: Mapping[str, Any]) -> None:
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
+
+
+async def _work() -> int:
+    reader = asyncio.StreamReader(limit=64 * 1024 * 1024)
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
+    task = json.loads(await reader.readline())
+    credentials = os.environ.get(VARIABLE)
+    link = Link(
+        site=task["site"],
+        connect=(task["connect"],),
+        credentials=None if not credentials else read_credentials(Path(credentials), _now()),
+    )
+    bus = await ZenohBus.open(link, patience_s=PATIENCE_S)
+    services = asyncio.create_task(run_services([_launch(one) for one in task["launches"]], bus, WallClock()))
+    services.add_done_callback(lambda _: reader.feed_eof())
+    try:
+        wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
+        while line := await reader.readline():
+            order = json.loads(line)
+            before, sent = taken(), sum(wrist.sent for wrist in wrists)
+            await beat(wrists, order["rate_hz"], order["duration_s"])
+            after = taken()
+            _say(
+                {
+                    "sent": sum(wrist.sent for wrist in wrists) - sent,
+                    "cpu_s": after.cpu_s - before.cpu_s if before and after else 0.0,
+                    "memory_mb": after.memory_mb if after else 0.0,
+                }
+            )
+        if services.done():
+            services.result()
+    finally:
+        services.cancel()
+        await asyncio.wait({services})
+        await bus.close()
+    return 0
+
+
+def _now() -> Any:
+    import datetime as dt  # noqa: PLC0415 - only where there are credentials
+
+    return dt.datetime.now(dt.UTC)
+
+
+@click.command()
+def command() -> int:
+    """Take part in a load test; started by `pointit load`."""
+    setup_logging("warning")
+    return run_async(_work())
+
+
+if __name__ == "__main__":
+    run_program(command)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taken:
+    """So far."""
+
+    cpu_s: float
+    memory_mb: float
+
+
+def taken(pid: int | None = None) -> Taken | None:
+    """Return what the process `pid` has taken, or this one; none when the system does not say."""
+    folder = Path("/proc") / str(os.getpid() if pid is None else pid)
+    try:
+        fields = (folder / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        pages = int((folder / "statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError, ValueError):
+        return _own() if pid is None else None
+    ticks = int(fields[11]) + int(fields[12])  # utime and stime, proc(5)
+    return Taken(cpu_s=ticks / os.sysconf("SC_CLK_TCK"), memory_mb=pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+
+
+def _own() -> Taken:
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    unit = 1 if sys.platform == "darwin" else 1024  # getrusage(2): the peak, in bytes or in KiB
+    return Taken(cpu_s=usage.ru_utime + usage.ru_stime, memory_mb=usage.ru_maxrss * unit / 1e6)

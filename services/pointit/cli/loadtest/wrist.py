@@ -1,0 +1,56 @@
+"""Simulated wrists: samples at a steady rate, spread evenly over the period."""
+
+import asyncio
+import math
+import time
+from collections.abc import Sequence
+
+from pointit.geometry import rotation
+from pointit.runtime.bus.contract import Publisher
+from pointit.schemas import ImuSample
+
+SWEEP_RAD = 0.3
+"""How far the arm goes to either side."""
+
+ELEVATION_RAD = -0.02
+
+
+class Wrist:
+    """Puts samples of an arm that sweeps to and fro."""
+
+    def __init__(self, publisher: Publisher[ImuSample], phase_rad: float = 0.0) -> None:
+        self._publisher = publisher
+        self._phase_rad = phase_rad
+        self.sent = 0
+
+    def put(self) -> None:
+        """Put one sample, captured now."""
+        self.sent += 1
+        azimuth_rad = SWEEP_RAD * math.sin(self.sent / 50 + self._phase_rad)
+        self._publisher.put(
+            ImuSample(
+                stamp_ns=time.time_ns(),
+                seq=self.sent,
+                orientation_xyzw=rotation.from_azimuth_elevation(azimuth_rad, ELEVATION_RAD),
+            )
+        )
+
+
+async def beat(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
+    """Have every wrist put `rate_hz` samples a second for `duration_s`.
+
+    What could not be put within a period is left out and so missing from `sent`: put in a burst, samples
+    would take each other's place, and the drops would be this generator's.
+    """
+    if not wrists:
+        await asyncio.sleep(duration_s)
+        return
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    per_s = rate_hz * len(wrists)
+    for turn in range(round(per_s * duration_s)):
+        wait_s = began_s + turn / per_s - loop.time()
+        if wait_s > 0 or turn % len(wrists) == 0:
+            await asyncio.sleep(max(0.0, wait_s))
+        if wait_s > -1.0 / rate_hz:
+            wrists[turn % len(wrists)].put()

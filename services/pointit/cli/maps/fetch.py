@@ -1,0 +1,171 @@
+"""`pointit map fetch`: a map that sits in the parameters of a ROS node."""
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+
+from pointit.bridges.ros2.config import NAME, BackendConfig
+from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import INTERRUPTED
+from pointit.cli.common.site_link import quiet, telling
+from pointit.cli.maps.check import examined, print_findings
+from pointit.launch.plan.extras import has_extra, remedy
+from pointit.maps.file import parse_map_file
+from pointit.runtime.config.config import Layers
+from pointit.runtime.config.parameters import Leaf, leaves
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import put
+from pointit.runtime.service.shutdown import run_async
+
+PARAMETER = "map"
+"""What a parameter with the text or the path of a map is called, unless it is said."""
+OUR_NODE = "/pointit_map"
+"""Who we are in the graph: not the bridge, which may be there too."""
+MODE = "client"
+"""A router that is not there is said at once; nobody is to take us for it."""
+ANSWER_S = 5.0
+STANDARD = Path("-")
+"""As elsewhere: standard output."""
+
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""The one in C where PyYAML has it, as for reading."""
+
+
+def _leaves() -> list[Leaf]:
+    """Return the parameters of the bridge's backend that are options here too."""
+    return [leaf for leaf in leaves(BackendConfig, ("backend",)) if leaf.path[-1] != "node"]
+
+
+def _parameter(leaf: Leaf) -> str:
+    return "__".join(leaf.path)
+
+
+def _options() -> list[click.Parameter]:
+    return [
+        click.Option(
+            [_parameter(leaf), leaf.option],
+            metavar=f"<{leaf.type_name}>",
+            help=f"{leaf.field.description}  [default: {MODE if leaf.path[-1] == 'mode' else leaf.default}]",
+        )
+        for leaf in _leaves()
+    ]
+
+
+@click.command("fetch", params=_options())
+@click.argument("node")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="where to write it; left out: standard output",
+)
+@click.option(
+    "--parameter",
+    metavar="NAME",
+    help=f"the parameter that holds the map's text or its path  [default: {PARAMETER}, if there is one]",
+)
+@click.option(
+    "--prefix",
+    metavar="NAME",
+    help="what stands before leds., strips., belts. where each has parameters of its own: site.map",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=Finite(min=0.1, max=600),
+    default=ANSWER_S,
+    show_default=True,
+    help="how long the node may take to be found, on DDS, and to answer, s",
+)
+def command(
+    *,
+    node: str,
+    output: Path | None,
+    parameter: str | None,
+    prefix: str | None,
+    timeout_s: float,
+    **backend: str | None,
+) -> int:
+    """Take the map that sits in the parameters of the ROS 2 node NODE, check it and write it as a file.
+
+    Either one parameter holds its text or its path, or each of its values is one, as ROS nests them:
+    leds.door.position [x, y, z], strips.1.line [x, y, z, x, y, z], strips.1.pixels 25. A map with an error
+    is not written; the exit code is 1 then. It needs no ROS here: it joins as `pointit service ros2` does.
+
+    Example: pointit map fetch /pui_node -o site.yaml && pointit run scenario_4 --set pui.map=./site.yaml
+    """
+    name = node if node.startswith("/") else f"/{node}"
+    if not NAME.fullmatch(name):
+        raise Mistake(f"NODE {node!r}: is no node's full name; write one like /pui_node or /site1/pui_node")
+    if parameter is not None and prefix is not None:
+        raise Mistake("--parameter and --prefix: the map is in one parameter or in many; give one of them")
+    config = _config(backend)
+    if not has_extra("ros2"):
+        raise ConfigError(f"map fetch needs {remedy('ros2')}")
+    from pointit.bridges.ros2.parameters.map_of_node import Wish, fetched  # noqa: PLC0415 - takes half a second and an extra
+
+    quiet()
+    wish = Wish(node=name, parameter=parameter, usual=PARAMETER, prefix=prefix, timeout_s=timeout_s)
+    found: list[Mapping[str, Any]] = []
+
+    async def fetch() -> int:
+        found.append(await fetched(config, wish, say=_say, telling=telling))
+        return 0
+
+    bridge = logging.getLogger("pointit.bridges.ros2")
+    bridge.setLevel(logging.ERROR)  # the error at the end says it
+    try:
+        run_async(fetch())
+    finally:
+        bridge.setLevel(logging.NOTSET)
+    if not found:
+        return INTERRUPTED
+    _write(name, found[0], output)
+    return 0
+
+
+def _say(sentence: str) -> None:
+    click.echo(sentence, err=True)
+
+
+def _config(options: Mapping[str, str | None]) -> BackendConfig:
+    layers = Layers()
+    layers.add({"mode": MODE, "node": OUR_NODE}, "defaults")
+    for leaf in _leaves():
+        text = options[_parameter(leaf)]
+        if text is not None:
+            layers.add_text(leaf.path[1:], text, leaf.option)
+    return layers.build(BackendConfig)
+
+
+def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
+    """Write the map if its check finds no error, else end with exit code 1."""
+    if output == STANDARD:
+        output = None
+    text = f"# The map of the ROS node {node}, from its parameters.\n"
+    text += yaml.dump(dict(tree), Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+    content = text.encode()
+    name = f"the map of {node}" if output is None else str(output)
+    path = Path("map.yaml") if output is None else output
+    has, findings = examined(name, path, lambda: parse_map_file(content, path))
+    has_errors = any(each.severity == "error" for each in findings)
+    if not has_errors:
+        if output is None:
+            click.echo(text, nl=False)
+        elif output.exists() and not output.is_file():
+            try:
+                output.write_bytes(content)  # /dev/null, a pipe: a file in its place is what nobody wants
+            except OSError as error:
+                raise ConfigError(f"{output}: cannot be written ({error.strerror or error})") from error
+        else:
+            put(output.resolve(), content, mode=0o644)
+    print_findings(name, has, findings, err=output is None or has_errors)
+    if has_errors:
+        click.echo(f"{name}: was not written, as it has errors; correct the parameters of {node}", err=True)
+        raise SystemExit(1)

@@ -1,0 +1,1 @@
+"""Commands about people: their pose, calibration and button."""

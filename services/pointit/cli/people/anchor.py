@@ -1,0 +1,126 @@
+"""`pointit anchor USER [LAMP]`: point at one lamp, to set the pose right."""
+
+import asyncio
+import math
+
+import click
+
+from pointit.cli.common.keyboard import changing_line
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.site_link import Newest, joined, quiet, site_options, untold_address
+from pointit.cli.people import pose_text
+from pointit.cli.people.anchoring import LATE_S, Anchoring
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.schemas import Anchor, UserPose
+from pointit.schemas.topics import POSE, check_name
+
+SHORT_S = 0.2
+"""How long to wait for the pose of before."""
+LESS_M = 0.01
+"""A sigma that grew by less need not be told."""
+
+
+def timeout_option(default_s: float = 30.0) -> click.Option:
+    """Return the option that says how long one pointing may take."""
+    return click.Option(
+        ["--timeout", "timeout_s"],
+        type=Finite(min=1, max=600),
+        default=default_s,
+        show_default=True,
+        help="how long one pointing may take, s",
+    )
+
+
+@click.command("anchor", params=[timeout_option(), *site_options()])
+@click.argument("user")
+@click.argument("lamp", default="")
+@json_option
+def command(
+    user: str, lamp: str, *, timeout_s: float, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    """Have the person USER point at LAMP, without a cursor, and set their pose right by it.
+
+    The lamp lights up; USER points at it with a straight arm until it goes dark. Without LAMP the localizer
+    takes the one that tells most. Prints how far the direction was off (the drift of the IMU), and how well
+    the pose is known before and after.
+
+    Example: pointit anchor anna led_1
+
+    The exit code is 1 when it was not accepted.
+    """
+    check_name(user, "user")
+    quiet()
+    return run_async(_anchor(user, lamp, timeout_s, as_json=as_json, site=site, connect=connect))
+
+
+async def _anchor(
+    user: str, lamp: str, timeout_s: float, *, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    async with joined(site, connect) as bus:
+        poses = Newest(bus, POSE, user)
+        anchoring = Anchoring(bus, user)
+        before = await poses.wait(SHORT_S)
+        try:
+            with changing_line() as show:
+                anchor = await anchoring.point(lamp, timeout_s, lambda text: show(f"{user}: {text}"))
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        after = poses.value
+        if anchor.accepted:
+            after = await poses.wait(LATE_S, lambda pose: is_after(pose, anchor, before)) or poses.value
+    if as_json:
+        print_json(_fields(user, anchor, before, after))
+    else:
+        say(f"{user}: {sentence(anchor, before, after)}{untold_address(site, connect)}")
+    return 0 if anchor.accepted else EXIT_FAILED
+
+
+def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:
+    """Return whether `anchor` is in `pose` already."""
+    return pose.anchored_ns >= anchor.stamp_ns or (
+        before is not None and pose.anchored_ns > before.anchored_ns
+    )
+
+
+def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) -> str:
+    """Return in one sentence what an anchor told and what became of the pose."""
+    lamp = anchor.target_id or "the direction"
+    if not anchor.accepted:
+        return f"{lamp}: not accepted, the pose is as before: {anchor.reason or 'no reason is given'}"
+    off_deg = math.degrees(anchor.azimuth_error_rad)
+    text = f"{lamp}: the direction was {abs(off_deg):.1f}° too far {'right' if off_deg > 0 else 'left'}"
+    if after is not None:
+        sigma_radps = after.yaw_rate_sigma_radps
+        if sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps:  # else it may be none
+            text += f" (the IMU's drift turns the pose by {pose_text.drift_degpmin(after):.1f} °/min)"
+        text += " and is set right; " + _certainty(anchor, before, after)
+    return f"{text}."
+
+
+def _certainty(anchor: Anchor, before: UserPose | None, after: UserPose) -> str:
+    """Return how well the pose is known, and why the place may be known less well than before."""
+    text = f"the pose is known {pose_text.sigma_text(after)} now"
+    if before is None:
+        return text
+    (place_before_m, yaw_before_rad), (place_m, _) = pose_text.sigmas(before), pose_text.sigmas(after)
+    if place_before_m == yaw_before_rad == 0.0:
+        return f"{text}; before, it was taken as exact, as it was given"
+    text += f", before {pose_text.sigma_text(before)}"
+    if place_m > place_before_m + LESS_M:
+        why = anchor.reason or "the direction did not fit it"
+        text += f"; the place is known less well than before, {why}: localize anew if the person has moved"
+    return text
+
+
+def _fields(user: str, anchor: Anchor, before: UserPose | None, after: UserPose | None) -> dict[str, object]:
+    return {
+        "user": user,
+        "lamp": anchor.target_id,
+        "accepted": anchor.accepted,
+        "reason": anchor.reason,
+        "azimuth_error_deg": math.degrees(anchor.azimuth_error_rad),
+        "elevation_error_deg": math.degrees(anchor.elevation_error_rad),
+        "before": None if before is None else pose_text.fields(before, anchor.stamp_ns),
+        "after": None if after is None else pose_text.fields(after, anchor.stamp_ns),
+    }

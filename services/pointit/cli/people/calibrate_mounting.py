@@ -1,0 +1,301 @@
+"""`pointit calibrate mounting USER`: two poses tell how the sensor sits on the arm."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from pointit.cli.common.keyboard import changing_line, enter
+from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.site_link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
+from pointit.cli.people.anchoring import LISTEN_S
+from pointit.cli.people.stored_calibration import erase_here, kept_here, reached
+from pointit.diagnosis.writers import instance_of, why_silent
+from pointit.geometry.rotation import IDENTITY, Quaternion
+from pointit.runtime.bus.contract import Bus, present
+from pointit.runtime.errors import NoAnswerError, PointItError
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.shutdown import run_async
+from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
+from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
+from pointit.services.imu_bridge.mounting import (
+    APART_RAD,
+    Hold,
+    Mounting,
+    MountingError,
+    Stillness,
+    angle_between,
+    solve_mounting,
+)
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings
+
+POSES = (
+    ("ahead", "point level straight ahead, with the arm stretched and the palm down"),
+    ("up", "point straight up, with the arm stretched"),
+)
+NOTICEABLE_RAD = math.radians(2.0)
+"""A change of direction by less need not be told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How the person is led."""
+
+    rest_s: float
+    timeout_s: float
+    waits: bool
+    """For Enter before each pose."""
+    asks: bool
+    """Before the result is used."""
+
+
+@click.command("mounting", params=site_options())
+@click.argument("user")
+@click.option(
+    "--seconds",
+    "rest_s",
+    type=Finite(min=0.3, max=30),
+    default=2.0,
+    show_default=True,
+    help="how long the arm rests in each pose, s",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=Finite(min=1, max=600),
+    default=30.0,
+    show_default=True,
+    help="how long to wait for each rest, s",
+)
+@click.option("--yes", is_flag=True, help="use the result without asking")
+@click.option(
+    "--non-interactive",
+    is_flag=True,
+    help="no keyboard: take each pose as soon as the arm rests in it, and use the result",
+)
+@click.option("--show", is_flag=True, help="only show what is in use, or kept on this machine")
+@click.option("--erase", is_flag=True, help="forget what was measured: back to what is configured")
+@json_option
+def command(
+    user: str,
+    *,
+    rest_s: float,
+    timeout_s: float,
+    yes: bool,
+    non_interactive: bool,
+    show: bool,
+    erase: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Measure how the sensor of the person USER sits on the arm, and keep it.
+
+    USER points level ahead with the palm down, then straight up, and rests for two seconds in each. Neither
+    the direction nor the twist of the arm on its way up matters. imu-bridge uses the result at once, and at
+    every start with the same source and mounting; mounting_xyzw and mounting_rpy_deg in its configuration win
+    over it. Example: pointit calibrate mounting anna
+    """
+    check_name(user, "user")
+    if show and erase:
+        raise Mistake("--show and --erase exclude each other")
+    quiet()
+    if show or erase:
+        return run_async(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+    way = Way(
+        rest_s=rest_s,
+        timeout_s=timeout_s,
+        waits=not non_interactive,
+        asks=not (yes or non_interactive or as_json),
+    )
+    return run_async(_measure(user, way, as_json=as_json, site=site, connect=connect))
+
+
+async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    async with joined(site, connect) as bus:
+        try:
+            found = await measure(bus, user, way)
+            if not as_json:
+                for sentence in account(found):
+                    say(f"{user}: {sentence}")
+            if way.asks:
+                await enter("Press Enter to use it, Ctrl-C to leave everything as it is.", "--yes")
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        query = SetMounting(sensor_from_arm_xyzw=found.arm_from_true, is_relative=True)
+        reply = await bus.call(SET_MOUNTING, query, user)
+    if as_json:
+        print_json({"user": user, **fields(found), **_reply_fields(reply)})
+        return 0
+    say(f"{user}: {reply.message}{untold_address(site, connect)}")
+    if abs(found.heading_change_rad) > NOTICEABLE_RAD:
+        click.echo(
+            f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: set the "
+            f"pose right, with `pointit anchor {user}` or `pointit pose {user} --facing DEG`"
+        )
+    return 0
+
+
+async def measure(bus: Bus, user: str, way: Way) -> Mounting:
+    """Lead the person through the two poses and return what they tell.
+
+    Raises:
+        NoAnswerError: no samples come, or not from imu-bridge, or the arm never rests.
+        PointItError: the poses tell no mounting; says why.
+    """
+    wrist = _Wrist(bus, user)
+    await wrist.check()
+    holds: list[Hold] = []
+    for name, what in POSES:
+        text = f"{user}: {what}"
+        if way.waits:
+            await enter(f"{text}, then press Enter and rest for {way.rest_s:g} s", "--non-interactive")
+        else:
+            click.echo(f"{text}, and rest for {way.rest_s:g} s", err=True)
+        # without Enter, the next pose is one that is far from the one before
+        last = holds[-1].mean_xyzw if holds and not way.waits else None
+        with changing_line() as show:
+            holds.append(await wrist.rest(name, way, show, last))
+        click.echo(f"{user}: good, the arm rested {name}", err=True)
+    try:
+        return solve_mounting(*holds)
+    except MountingError as error:
+        raise PointItError(f"{user}: {error}") from error
+
+
+class _Wrist:
+    """A person's samples, as they come."""
+
+    def __init__(self, bus: Bus, user: str) -> None:
+        self._bus = bus
+        self._user = user
+        self._sample: ImuSample | None = None
+        self._fresh = asyncio.Event()
+        bus.subscribe(IMU, self._on_sample, user)
+
+    async def check(self) -> None:
+        """Make sure that samples come, from a service that has a mounting."""
+        there = await present(self._bus, SERVICE_ALIVE, LISTEN_S)
+        bridge = instance_of(SET_MOUNTING.server, self._user)
+        if bridge not in there:
+            raise NoAnswerError(
+                f"{bridge} is not there, so there is no sensor to measure (a simulated person wears none): "
+                f"start it, as in `pointit user {self._user} --imu serial:PORT`"
+            )
+        try:
+            with telling(f"waiting for the wrist of {self._user} …"):
+                async with asyncio.timeout(PATIENCE_S):
+                    await self._next()
+        except TimeoutError:
+            why = why_silent(IMU, self._user, there)
+            raise NoAnswerError(f"nothing comes from the wrist of {self._user}: {why}") from None
+
+    async def rest(
+        self, name: str, way: Way, show: Callable[[str], None], apart_from: Quaternion | None
+    ) -> Hold:
+        """Return the next pose in which the arm rests, not before it is far from `apart_from`."""
+        stillness = Stillness(way.rest_s)
+        try:
+            async with asyncio.timeout(way.timeout_s):
+                while True:
+                    sample = await self._next()
+                    turned_rad = math.pi
+                    if apart_from is not None:
+                        turned_rad = angle_between(apart_from, sample.orientation_xyzw)
+                    if turned_rad < APART_RAD:
+                        show(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
+                        continue
+                    hold = stillness.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
+                    if hold is not None:
+                        return hold
+                    moved_deg = math.degrees(stillness.moved_rad)
+                    show(
+                        f"{self._user}: at rest for {stillness.rested_s:.1f} of {way.rest_s:g} s, "
+                        f"moves by {moved_deg:.1f}°"
+                    )
+        except TimeoutError:
+            raise NoAnswerError(
+                f"the arm of {self._user} did not rest {name} within {way.timeout_s:g} s; take your time and "
+                "begin again, or wait longer with --timeout"
+            ) from None
+
+    async def _next(self) -> ImuSample:
+        self._fresh.clear()
+        await self._fresh.wait()
+        assert self._sample is not None  # noqa: S101 - it is what was waited for
+        return self._sample
+
+    def _on_sample(self, sample: ImuSample, _user: str) -> None:
+        self._sample = sample
+        self._fresh.set()
+
+
+def account(found: Mounting) -> list[str]:
+    """Return what was found, in words."""
+    about_deg, off_deg = math.degrees(found.about_arm_rad), math.degrees(found.off_axis_rad)
+    way = "clockwise" if about_deg > 0 else "counter-clockwise"
+    seat = (
+        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({way}, seen from the elbow), and "
+        f"what was taken for the arm's axis is {off_deg:.0f}° off it"
+    )
+    errors = (
+        f"elevation of the level arm: {_deg(found.forward_before_rad)} before, "
+        f"{_deg(found.forward_after_rad)} with this mounting; of the raised arm, less 90°: "
+        f"{_deg(found.up_before_rad)} before, {_deg(found.up_after_rad)} with it"
+    )
+    return [seat, errors]
+
+
+def _deg(angle_rad: float) -> str:
+    return f"{round(math.degrees(angle_rad), 1) + 0.0:+.1f}°"
+
+
+def fields(found: Mounting) -> dict[str, Any]:
+    """Return what was found, for programs."""
+    return {
+        "about_arm_deg": math.degrees(found.about_arm_rad),
+        "off_axis_deg": math.degrees(found.off_axis_rad),
+        "forward_error_deg": {
+            "before": math.degrees(found.forward_before_rad),
+            "after": math.degrees(found.forward_after_rad),
+        },
+        "up_error_deg": {
+            "before": math.degrees(found.up_before_rad),
+            "after": math.degrees(found.up_after_rad),
+        },
+        "heading_change_deg": math.degrees(found.heading_change_rad),
+    }
+
+
+def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
+    return {"sensor_from_arm_xyzw": reply.sensor_from_arm_xyzw, "message": reply.message}
+
+
+async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    """Show or forget: by who runs, else in the file on this machine."""
+    # a relative rotation that turns nothing asks what is in use
+    query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
+    reply = await reached(site, connect, lambda bus: bus.call(SET_MOUNTING, query, user))
+    if reply is not None:
+        if as_json:
+            print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
+        else:
+            say(f"{user}: {reply.message}{untold_address(site, connect) if erase else ''}")
+        return 0
+    file = StateFile(KeptMountings, user, PURPOSE)
+    if erase:
+        return erase_here(user, file, "mounting", as_json=as_json)
+    kept = kept_here(user, file, "mounting", as_json=as_json)
+    if kept is not None:
+        for source, own in sorted(kept.by_source.items()):
+            x, y, z, w = own.sensor_from_arm_xyzw
+            click.echo(
+                f"{user}: source {source}, measured with mounting={own.configured}: sensor_from_arm "
+                f"x {x:.3f}, y {y:.3f}, z {z:.3f}, w {w:.3f}"
+            )
+    return 0

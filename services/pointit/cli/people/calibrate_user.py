@@ -1,0 +1,255 @@
+"""`pointit calibrate user USER`: pointing at lamps without a cursor tells how a person's pointing is off."""
+
+import asyncio
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from pointit.cli.common.keyboard import ChangingLine, changing_line
+from pointit.cli.common.lazy import Mistake, nearest
+from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    Newest,
+    joined,
+    quiet,
+    site_options,
+    telling,
+    untold_address,
+)
+from pointit.cli.people.anchor import timeout_option
+from pointit.cli.people.anchoring import LISTEN_S, Anchoring, NotBegunError
+from pointit.cli.people.offset_report import Pointing, assess, describe, doubt, shown_row, table_row
+from pointit.cli.people.pose import found
+from pointit.cli.people.stored_calibration import erase_here, kept_here, reached
+from pointit.diagnosis.writers import why_silent
+from pointit.runtime.bus.contract import AnyTopic, Bus, present
+from pointit.runtime.clock import SiteClock
+from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.shutdown import run_async
+from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
+from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
+from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What to do."""
+
+    lamps: Sequence[str]
+    """In this order; none: all of the map."""
+    count: int | None
+    """Of pointings; none: one a lamp."""
+    timeout_s: float
+    keeps: bool
+
+
+@click.command("user", params=[timeout_option(), *site_options()])
+@click.argument("user")
+@click.option(
+    "--lamps",
+    multiple=True,
+    metavar="LAMP[,LAMP...]",
+    help="point at these, in this order  [default: all of the map]",
+)
+@click.option(
+    "--anchors",
+    "count",
+    type=click.IntRange(1, 200),
+    help="how many pointings, round after round; with 8 the error may bend with the direction  "
+    "[default: one a lamp]",
+)
+@click.option("--dry-run", is_flag=True, help="only show the result, change nothing")
+@click.option("--show", is_flag=True, help="only show what is in use, or kept on this machine")
+@click.option("--erase", is_flag=True, help="forget it: nothing is corrected any more")
+@json_option
+def command(
+    user: str,
+    *,
+    lamps: tuple[str, ...],
+    count: int | None,
+    timeout_s: float,
+    dry_run: bool,
+    show: bool,
+    erase: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Measure how the pointing of the person USER is off, and keep it.
+
+    Lamp after lamp lights up, and USER points at each with a straight arm, as if there were no cursor, until
+    it goes dark. USER must have a known place (`pointit pose USER`). The elevation that most pointings are
+    off is corrected from then on, with enough of them also how it changes with the direction; an azimuth that
+    all are off is the heading of the pose, which the pointings set right as well. The supervisor keeps it for
+    the next start. Nothing is kept when the pose looks wrong: when the pointings do not fit to each other.
+
+    Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
+    """
+    check_name(user, "user")
+    if show and erase:
+        raise Mistake("--show and --erase exclude each other")
+    quiet()
+    if show or erase:
+        return run_async(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+    names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
+    wanted = Wanted(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
+    return run_async(_measure(user, wanted, as_json=as_json, site=site, connect=connect))
+
+
+async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    async with joined(site, connect) as bus:
+        clock = SiteClock(bus)
+        anchoring = Anchoring(bus, user)
+        lamps = await _lamps(bus, user, wanted.lamps)
+        count = wanted.count or len(lamps)
+        lights = "a lamp will light up" if count == 1 else f"{count} times a lamp will light up"
+        click.echo(
+            f"{user}: {lights}; point at it with a straight arm, as if there were no cursor, until it "
+            "goes dark",
+            err=True,
+        )
+        try:
+            order = list(itertools.islice(itertools.cycle(lamps), count))
+            anchors, missed = await _point(anchoring, user, order, wanted.timeout_s)
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        fitted, rows = assess(anchors, clock.now_ns())
+        worry = doubt(rows)
+        if worry:
+            worry = (
+                f"the pose looks wrong, {worry}: localize first, or `pointit pose {user} X Y`, then "
+                "calibrate again"
+            )
+        if not wanted.keeps and not as_json:
+            _show(user, rows)
+        if worry and wanted.keeps:
+            raise PointItError(f"{user}: nothing is kept: {worry}")
+        if fitted.offset is None:
+            why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
+            raise PointItError(f"{user}: no pointing was of use, everything is as before: {why}")
+        said = ". ".join(filter(None, (worry, "nothing is changed (--dry-run)")))
+        if wanted.keeps:
+            reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
+            said = reply.message + untold_address(site, connect)
+    if as_json:
+        offset = fitted.offset.model_dump(mode="json")
+        told = [table_row(row) for row in rows]
+        print_json({"user": user, "offset": offset, "doubt": worry, "anchors": told, "missed": missed})
+    else:
+        if wanted.keeps:
+            _show(user, rows)
+        click.echo(f"{user}: {describe(fitted.offset)}")
+        say(f"{user}: {said}")
+    return 0
+
+
+async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
+    """Return the lamps to point at; the person's place must be known as well."""
+    room, pose, news = Newest(bus, MAP), Newest(bus, POSE, user), Newest(bus, LOCALIZATION, user)
+    with telling("waiting for the map …"):
+        environment = await room.wait(PATIENCE_S)
+    if environment is None:
+        raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
+    await found(bus, user, pose, news)
+    known = [lamp.id for lamp in environment.lamps]
+    if not known:
+        raise PointItError(f"map {environment.name!r} has no lamps to point at; add `leds` to it")
+    for name in wanted:
+        if name not in known:
+            raise Mistake(f"--lamps: no lamp {name!r} on map {environment.name!r}; {nearest(name, known)}")
+    return list(wanted) or known
+
+
+async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
+    return why_silent(topic, user, await present(bus, SERVICE_ALIVE, LISTEN_S))
+
+
+async def _point(
+    anchoring: Anchoring, user: str, lamps: Sequence[str], timeout_s: float
+) -> tuple[list[Anchor], list[str]]:
+    """Return the anchors, and why others came to nothing.
+
+    Raises:
+        NotBegunError: the localizer does not let the person point, and waiting did not help.
+    """
+    anchors: list[Anchor] = []
+    missed: list[str] = []
+    with changing_line() as line:
+        for number, lamp in enumerate(lamps, start=1):
+            which = f"{user}: {number} of {len(lamps)}"
+            try:
+                anchor = await _begun(anchoring, lamp, timeout_s, which, line)
+            except NotBegunError as error:
+                raise NotBegunError(f"{user}: everything is as before: {error}") from error
+            except RefusedError as error:
+                missed.append(f"{lamp}: {error}")
+                line.say(f"{which}: {lamp}: {error}")
+            else:
+                anchors.append(anchor)
+                line.say(f"{which}: pointed at {lamp}")
+    return anchors, missed
+
+
+async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, line: ChangingLine) -> Anchor:
+    """Return what came of pointing at `lamp`; wait once while somebody else has the lamps."""
+
+    def tell(text: str) -> None:
+        line(f"{which}: {text}")
+
+    try:
+        return await anchoring.point(lamp, timeout_s, tell)
+    except NotBegunError as error:
+        if not error.is_busy:
+            raise
+        line.say(f"{which}: {error}; waiting for up to {timeout_s:g} s")
+    await anchoring.free(timeout_s)
+    return await anchoring.point(lamp, timeout_s, tell)
+
+
+def _show(user: str, rows: Sequence[Pointing]) -> None:
+    about = (
+        f"how far {user} pointed too far right and too low, each as it was and corrected; a turn that all "
+        "have in common is the pose's and left out"
+    )
+    section = Section(name="pointings", about=about, rows=tuple(map(shown_row, rows)))
+    print_table(console(), section)
+
+
+async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    """Show or forget: by who runs, else in the file on this machine."""
+    file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
+    if erase:
+        reply = await reached(site, connect, lambda bus: bus.call(SET_OFFSET, SetOffset(), user))
+        if reply is None:
+            return erase_here(user, file, "offset", as_json=as_json)
+        if as_json:
+            print_json({"user": user, "from": "supervisor", "message": reply.message})
+        else:
+            say(f"{user}: {reply.message}{untold_address(site, connect)}")
+        return 0
+    profile = await reached(site, connect, lambda bus: _profile(bus, user))
+    if profile is not None:
+        offset = profile.offset
+        if as_json:
+            shown: Any = None if offset is None else offset.model_dump(mode="json")
+            print_json({"user": user, "from": "supervisor", "offset": shown})
+        else:
+            click.echo(f"{user}: {'no offset is in use' if offset is None else describe(offset)}")
+        return 0
+    offset = kept_here(user, file, "offset", as_json=as_json)
+    if offset is not None:
+        click.echo(f"{user}: {describe(offset)}")
+    return 0
+
+
+async def _profile(bus: Bus, user: str) -> UserProfile:
+    with telling(f"waiting for the profile of {user} …"):
+        profile = await Newest(bus, PROFILE, user).wait(PATIENCE_S)
+    if profile is None:
+        raise NoAnswerError(f"no profile of {user} came")
+    return profile

@@ -1,0 +1,241 @@
+"""`pointit pose USER`: show where a person stands, or say it."""
+
+import asyncio
+import math
+
+import click
+
+from pointit.cli.common.keyboard import check_keyboard, enter
+from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    Newest,
+    joined,
+    quiet,
+    site_options,
+    telling,
+    untold_address,
+)
+from pointit.cli.people import pose_text
+from pointit.cli.people.anchoring import LISTEN_S
+from pointit.cli.people.pose_messages import localizing, missing, outside, people
+from pointit.runtime.bus.contract import Bus, present
+from pointit.runtime.clock import SiteClock
+from pointit.runtime.errors import NoAnswerError
+from pointit.runtime.service.shutdown import run_async
+from pointit.schemas import Localization, SetHeading, SetPose, UserPose
+from pointit.schemas.base import FARTHEST
+from pointit.schemas.text import plain
+from pointit.schemas.topics import (
+    LOCALIZATION,
+    MAP,
+    POSE,
+    SERVICE_ALIVE,
+    SET_HEADING,
+    SET_POSE,
+    check_name,
+)
+
+TYPED_SIGMA_M = 0.05
+"""How exactly people know the place that they type, beside a yaw that is uncertain itself."""
+CLOCK_PATIENCE_S = 0.3
+MAP_PATIENCE_S = 0.3
+"""How long to wait for the map that a place is checked against; it is a state, so it comes at once."""
+YAW_PATIENCE_S = 0.5
+"""How long to wait for the yaw that is to be kept; nobody may know one yet."""
+SHORT_S = 0.3
+"""How long to wait for a pose that is known, before somebody is asked who is busy finding it."""
+WITHOUT_KEYBOARD = "--now while the person points"
+"""Option of --facing that does without a keyboard."""
+
+HELP = """Show where the person USER stands and how sure that is, or say it.
+
+\b
+pointit pose anna                  show it: position, yaw, drift, how sure
+pointit pose anna 2.0 0.5          anna stands there, in metres; the yaw stays
+pointit pose anna 2 0.5 --yaw 20   the yaw, too
+pointit pose anna --facing 90      set the yaw: anna points level along y
+
+How sure is 1 sigma. X Y alone corrects the place of a pose that was found by
+pointing: it counts as known to 5 cm, the yaw stays as uncertain as it was, and
+the drift of the IMU goes on being followed. With --yaw, or where the pose was
+given before, all of it is taken as exact.
+
+The exit code is 1 when nobody knows where USER stands, or the localizer refuses.
+"""
+
+_DEGREES = Finite(-360, 360)
+
+
+@click.command(
+    "pose",
+    params=site_options(),
+    help=HELP,
+    # a place may be negative, which looks like an option
+    context_settings={"ignore_unknown_options": True},
+)
+@click.argument("user")
+@click.argument("place", nargs=-1, metavar="[X Y [Z]]")
+@click.option(
+    "--yaw",
+    "yaw_deg",
+    type=_DEGREES,
+    help="with X Y: azimuth in the room of the direction where the IMU's yaw is 0, °  [default: as it is]",
+)
+@click.option(
+    "--facing",
+    "facing_deg",
+    type=_DEGREES,
+    help="the person points level towards this azimuth in the room, °: 0 along x, 90 along y",
+)
+@click.option("--now", is_flag=True, help="with --facing: they point already, do not wait for Enter")
+@json_option
+def command(
+    user: str,
+    place: tuple[str, ...],
+    *,
+    yaw_deg: float | None,
+    facing_deg: float | None,
+    now: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Show where a person stands and how sure that is, or say it."""
+    check_name(user, "user")
+    query = _place(place, yaw_deg)
+    if yaw_deg is not None and (query is None or facing_deg is not None):
+        raise Mistake(
+            "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"
+        )
+    if now and facing_deg is None:
+        raise Mistake("--now belongs to --facing")
+    quiet()
+    if facing_deg is not None and not now:
+        check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
+    asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
+    return run_async(_pose(user, asked, as_json=as_json, site=site, connect=connect))
+
+
+class _Asked:
+    """What was asked for."""
+
+    def __init__(
+        self, place: SetPose | None, *, keeps_yaw: bool, facing_deg: float | None, now: bool
+    ) -> None:
+        self.place = place
+        self.keeps_yaw = keeps_yaw
+        self.facing_deg = facing_deg
+        self.now = now
+
+
+def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
+    if not words:
+        return None
+    numbers: list[float] = []
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            number = math.nan
+        if not abs(number) <= FARTHEST:
+            raise Mistake(f"{word!r} is no place in metres and no option; write X Y, or X Y Z")
+        numbers.append(number)
+    if len(numbers) not in (2, 3):
+        raise Mistake(f"a place has two or three numbers, X Y and perhaps Z, got {len(numbers)}")
+    x, y, z = (*numbers, 0.0)[:3]
+    return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
+
+
+async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    async with joined(site, connect) as bus:
+        clock = SiteClock(bus)
+        poses, news = Newest(bus, POSE, user), Newest(bus, LOCALIZATION, user)
+        try:
+            said = await _say(bus, user, asked, poses)
+        except asyncio.CancelledError:
+            return INTERRUPTED
+        if said and not as_json:
+            for sentence in said:
+                say(f"{user}: {sentence}{untold_address(site, connect)}")
+            return 0
+        pose = await found(bus, user, poses, news)
+        await clock.found(CLOCK_PATIENCE_S)
+        shown = pose_text.fields(pose, clock.now_ns())
+    if as_json:
+        print_json({"user": user, **shown})
+    else:
+        for line in pose_text.lines(shown):
+            click.echo(plain(line))
+    return 0
+
+
+async def found(bus: Bus, user: str, poses: Newest[UserPose], progress: Newest[Localization]) -> UserPose:
+    """Return where a person stands.
+
+    Raises:
+        NoAnswerError: nobody knows it yet, or there is no such person; says what to do.
+    """
+    with telling(f"waiting for the pose of {user} …"):
+        pose = await poses.wait(SHORT_S)
+        if pose is None and not localizing(user, progress.value):
+            pose = await poses.wait(PATIENCE_S - SHORT_S)
+        if pose is not None:
+            return pose
+        if busy := localizing(user, progress.value):
+            raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
+        there = await present(bus, SERVICE_ALIVE, LISTEN_S)
+    why = missing(POSE, user, there)
+    say_it = f"; or say it: pointit pose {user} X Y" if user in people(there) else ""
+    raise NoAnswerError(f"where {user} stands is not known: {why}{say_it}")
+
+
+def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
+    """Return `query` with the yaw of the pose in use; what was found by pointing goes on being followed."""
+    if before.method not in ("static_targets", "moving_target"):
+        return query.model_copy(update={"yaw_rad": before.yaw_rad})
+    square = TYPED_SIGMA_M**2
+    return SetPose(
+        position_m=query.position_m,
+        yaw_rad=before.yaw_rad,
+        method=before.method,
+        covariance=(square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, before.covariance[8]),
+        elevation_bias_rad=before.elevation_bias_rad,
+    )
+
+
+async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> list[str]:
+    """Ask the localizer for what was asked for, and return what it says."""
+    said: list[str] = []
+    before = poses.value
+    if asked.place is not None:
+        before = await poses.wait(YAW_PATIENCE_S)
+        query = asked.place
+        room = await Newest(bus, MAP).wait(MAP_PATIENCE_S)
+        if room is not None and (far := outside(query.position_m, room)):
+            click.echo(f"warning: {far}", err=True)
+        more = ""
+        if asked.keeps_yaw and before is None:
+            more = "; no yaw was known, so it is 0°: say it with --yaw"
+        elif asked.keeps_yaw and before is not None:
+            query = with_yaw_of(query, before)
+            if query.method != "fixed":
+                more = "; the yaw stays, and its drift goes on being followed"
+        said.append(((await bus.call(SET_POSE, query, user)).message or "the pose is set") + more)
+    if asked.facing_deg is not None:
+        direction = f"{asked.facing_deg:g}°"
+        if not asked.now:
+            await enter(
+                f"{user}: point level with a straight arm towards {direction} (0° is along x of the room, "
+                "90° along y), such as at the wall there, and hold; then press Enter",
+                WITHOUT_KEYBOARD,
+            )
+        heading = SetHeading(azimuth_rad=math.radians(asked.facing_deg))
+        reply = await bus.call(SET_HEADING, heading, user)
+        said.append(reply.message or f"the direction pointed in is {direction} now")
+    if said:
+        changed_from = before.stamp_ns if before is not None else -1
+        await poses.wait(YAW_PATIENCE_S, lambda pose: pose.stamp_ns > changed_from)
+    return said

@@ -1,0 +1,51 @@
+"""What was calibrated: asked of who runs, else looked up in the state directory of this machine."""
+
+from collections.abc import Awaitable, Callable, Sequence
+from typing import TypeVar
+
+import click
+from pydantic import BaseModel
+
+from pointit.cli.common.output import print_json
+from pointit.cli.common.site_link import joined
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.errors import ConnectError, NoAnswerError
+from pointit.runtime.host.state_file import StateFile
+
+R = TypeVar("R")
+K = TypeVar("K", bound=BaseModel)
+
+
+async def reached(site: str, connect: Sequence[str], ask: Callable[[Bus], Awaitable[R]]) -> R | None:
+    """Return what `ask` gets on a site; none when there is no site, or nobody on it who answers."""
+    try:
+        async with joined(site, connect) as bus:
+            return await ask(bus)
+    except (ConnectError, NoAnswerError):
+        return None
+
+
+def erase_here(user: str, file: StateFile[K], what: str, *, as_json: bool) -> int:
+    """Forget what is kept on this machine, and say so; return the exit code."""
+    was_kept = file.erase()
+    if as_json:
+        print_json({"user": user, "from": str(file.path), "erased": was_kept})
+    elif was_kept:
+        click.echo(f"{user}: nobody runs; the {what} kept on this machine ({file.path}) is forgotten")
+    else:
+        click.echo(f"{user}: nobody runs, and no {what} is kept on this machine ({file.path})")
+    return 0
+
+
+def kept_here(user: str, file: StateFile[K], what: str, *, as_json: bool) -> K | None:
+    """Return what is kept on this machine when it is to be shown to people, having said where it is from."""
+    kept = file.read()
+    if as_json:
+        shown = None if kept is None else kept.model_dump(mode="json")
+        print_json({"user": user, "from": str(file.path), what: shown})
+        return None
+    if kept is None:
+        click.echo(f"{user}: nobody runs, and no {what} is kept on this machine ({file.path})")
+        return None
+    click.echo(f"{user}: nobody runs; on this machine is kept ({file.path}):")
+    return kept

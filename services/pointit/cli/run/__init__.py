@@ -1,0 +1,1 @@
+"""Commands that start something: run, user, dashboard, service, replay."""

@@ -1,0 +1,79 @@
+"""Opens the page in the person's browser, once it is there and where there is a desktop."""
+
+import logging
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Mapping
+from pathlib import Path
+
+from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import put
+from pointit.schemas.topics import SERVICE_ALIVE
+
+log = logging.getLogger(__name__)
+
+SNAPS = Path("/snap")
+"""Where a system has browsers that read no hidden folder of their person."""
+
+
+def has_desktop(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
+    """Return whether a browser can show itself: always on macOS and Windows, elsewhere with a display."""
+    if platform in {"darwin", "win32"}:
+        return True
+    return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
+
+
+def is_wanted() -> bool:
+    """Return whether somebody sits there: a terminal, and a desktop beside it."""
+    return sys.stderr.isatty() and has_desktop()
+
+
+class Opening:
+    """Opens `file` as soon as `instance` is present; once, in a thread that nobody waits for.
+
+    Not the link itself: the arguments of a browser's process are to be read by every user of the machine.
+    """
+
+    def __init__(self, bus: Bus, instance: str, file: Path) -> None:
+        self._instance = instance
+        self._file = file
+        self._copy = Path.home() / f"pointit-{file.name}" if SNAPS.is_dir() else None
+        self._is_open = False
+        self._lock = threading.Lock()
+        """Held while the copy is written or removed."""
+        self._is_closed = False
+        self._watching = bus.watch(SERVICE_ALIVE, self._look)
+
+    def close(self) -> None:
+        """Open nothing any more; remove what was made for the browser."""
+        self._watching.close()
+        with self._lock:
+            self._is_closed = True
+            if self._copy is not None and self._is_open:
+                self._copy.unlink(missing_ok=True)
+
+    def _look(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if name == self._instance and present and not self._is_open:
+            self._is_open = True
+            threading.Thread(target=self._open, name="browser", daemon=True).start()
+
+    def _open(self) -> None:
+        try:
+            with self._lock:
+                if self._is_closed:
+                    return
+                if self._copy is not None:
+                    put(self._copy, self._file.read_bytes())
+            is_open = webbrowser.open((self._copy or self._file).absolute().as_uri())
+        except (OSError, webbrowser.Error, ConfigError):
+            is_open = False
+        if not is_open:
+            log.warning("no browser could be opened: open the address of the page yourself")
+
+
+def open_when_there(bus: Bus, instance: str, file: Path) -> Closable:
+    """Open `file`, which leads to the page, as soon as `instance` is present; see `Opening`."""
+    return Opening(bus, instance, file)

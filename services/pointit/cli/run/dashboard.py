@@ -1,0 +1,127 @@
+"""`pointit dashboard`: the page for a site that runs elsewhere."""
+
+import contextlib
+import ipaddress
+import sys
+from typing import Any
+
+import click
+
+from pointit.cli.common.site_link import site_options
+from pointit.cli.run import browser
+from pointit.cli.run.run_options import NEW_LINK
+from pointit.launch.plan.page import EVERYWHERE, PORT, Page, can_be, kept_link, missing, page_of, where
+from pointit.launch.plan.page_tokens import kept_tokens
+from pointit.launch.plan.settings import Settings
+from pointit.launch.run.run_bus import CLOCK_PATIENCE_S
+from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
+from pointit.runtime.bus.contract import present
+from pointit.runtime.clock import SiteClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.link import Link
+from pointit.runtime.link.options import link_of
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import log_option
+from pointit.runtime.service.service import check_launches, run_service
+from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import SERVICE_ALIVE
+
+
+@click.command("dashboard", params=[*site_options(), log_option()])
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help=f"where the page is on this machine, 0: at any that is free  [default: {PORT} or the next free one]",
+)
+@click.option(
+    "--host", default="", help="address to listen at  [default: this machine only; with --lan, all it has]"
+)
+@click.option("--lan", is_flag=True, help="open the page to the local network too, by HTTPS")
+@click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+@click.option("--new-link", is_flag=True, help=NEW_LINK)
+@click.option(
+    "--view-only", is_flag=True, help="print the link for who may look on, and none that may control"
+)
+def command(
+    *,
+    port: int | None,
+    host: str,
+    lan: bool,
+    no_browser: bool,
+    new_link: bool,
+    view_only: bool,
+    site: str,
+    connect: tuple[str, ...],
+    log_level: str,
+) -> int:
+    """Open the page of a site that runs elsewhere: a `pointit run` on another machine, or on this one.
+
+    It joins the site, as soon as somebody answers there, prints the address of the page, and serves it until
+    Ctrl-C. The site goes on when the page ends, and the page waits for the site when that ends.
+
+    Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
+    """
+    setup_logging("warning" if log_level == "info" else log_level)
+    if not can_be():
+        raise missing("pointit dashboard")
+    asked = _asked(port, host, is_lan=lan)
+    tokens, notes = kept_tokens(site, renew=new_link)
+    for note in notes:
+        click.echo(note, err=True)
+    page = page_of(Settings(), asked=asked, tokens=tokens, option="--port")
+    check_launches([page.launch()])
+    return run_async(_serve(page, link_of(site, connect), is_open=not no_browser, view_only=view_only))
+
+
+def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
+    """Return the page's parameters that the options ask for.
+
+    Raises:
+        ConfigError: the host would open the page to a network without encryption.
+    """
+    asked: dict[str, Any] = {} if port is None else {"port": port}
+    if is_lan:
+        asked["lan"] = True
+    if host and not is_loopback(host):
+        if not is_lan:
+            raise ConfigError(
+                f"--host {host}: a page on a network needs HTTPS, or its token could be read on the way; "
+                "use --lan, which opens it so"
+            )
+        asked["lan_address"] = "" if host in EVERYWHERE else host
+    elif host:
+        asked["host"] = host
+    return asked
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine itself reaches `host`."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:
+    """Serve the page on the site, as soon as somebody answers there, until it is cancelled."""
+    bus = await ZenohBus.open(link)
+    try:
+        clock = SiteClock(bus)
+        await clock.found(CLOCK_PATIENCE_S)
+        there = await present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S)
+        launches = (page.launch(number) for number in range(1, len(there) + 2))
+        launch = next(launch for launch in launches if launch.instance not in there)
+        url = page.viewer_url if view_only else page.url
+        lan_url = page.viewer_lan_url if view_only else page.lan_url
+        with contextlib.ExitStack() as stack:
+            file = stack.enter_context(kept_link(bus.site, url, lan_url))
+            click.echo(f"page: {where(url, file, sys.stdout)}")
+            if lan_url:
+                click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")
+            if file is not None and is_open and browser.is_wanted():
+                stack.callback(browser.open_when_there(bus, launch.instance, file).close)
+            await run_service(launch, bus, clock)
+    finally:
+        await bus.close()
+    return 0

@@ -1,0 +1,235 @@
+"""A run from its plan to its summary: bus, clock, services, wishes for another scenario, view, score."""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import AsyncGenerator, Generator
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from pointit.cli.common.output import say
+from pointit.cli.display.screen import on_screen
+from pointit.cli.display.summary import sum_up
+from pointit.cli.display.view import figures
+from pointit.cli.run import browser
+from pointit.launch.plan.page import Onlookers, Page, kept_link, where
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
+from pointit.launch.run.run_bus import beside_others, clock_of, open_bus
+from pointit.launch.run.running_scenario import Stage
+from pointit.launch.run.scenario_requests import Wishes
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock, keep_time
+from pointit.runtime.service.console import PlainConsole
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.service import check_launches
+from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import Health
+from pointit.schemas.topics import HEALTH, RUN_SCENARIO
+
+log = logging.getLogger(__name__)
+
+FIGURES_S = 10.0
+"""How often a run without a view logs its figures."""
+
+
+def execute(plan: Plan, log_level: str) -> int:
+    """Run the plan; return the exit code: 0 well, 1 when it failed or no cursor ever appeared.
+
+    What people selected or missed is in the summary and does not make the run itself a failure.
+
+    Raises:
+        ConfigError: a service cannot work as configured; nothing was started.
+    """
+    check_launches(plan.launches, plan.link.addresses)
+    if plan.page is not None and not plan.page.is_usual:
+        check_launches([plan.page.launch()])
+    console = PlainConsole(stderr=True)
+    drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
+    setup_logging(log_level if not drawn else "warning", console if drawn else None)
+    notes = [*plan.notes, *kept_mountings(plan.launches)]
+    if drawn:  # else the supervisors log their own
+        notes += kept_offsets(plan.launches)
+    for note in notes:
+        _tell(note, console if drawn else None)
+    return run_async(_run(plan, console if drawn else None))
+
+
+def _tell(sentence: str, console: Console | None) -> None:
+    """Say it above the view, or in the log."""
+    if console is not None:
+        console.print(Text(sentence))
+    else:
+        log.info("%s", sentence)
+
+
+async def _run(plan: Plan, console: Console | None) -> int:
+    """Run the plan to its end; sum it up even when it is cut short."""
+    bus = await open_bus(plan)
+    try:
+        run = _Run(await beside_others(plan, bus), bus, console)
+        failed = True
+        try:
+            await run.live(await clock_of(plan, bus))
+            failed = False
+        except asyncio.CancelledError:  # asked to end: what was reached counts
+            failed = False
+            raise
+        finally:
+            if run.stage is not None and (not failed or run.stage.monitor.first_cursor_unix_s is not None):
+                sum_up(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed)
+    finally:
+        await bus.close()
+    return 0 if run.stage is None else _verdict(run.stage)
+
+
+def _verdict(stage: Stage) -> int:
+    if stage.plan.scored and stage.monitor.first_cursor_unix_s is None and not stage.saw_cursor:
+        advice = "; ".join(stage.monitor.complaints()) or "`pointit doctor` during a run says what is missing"
+        log.error("no cursor ever appeared; %s", advice)
+        return 1
+    return 0
+
+
+class _Run:
+    """One run on its bus, until it is over."""
+
+    def __init__(self, plan: Plan, bus: ZenohBus, console: Console | None) -> None:
+        self.stage: Stage | None = None
+        self.lasted_s = 0.0
+        """How long the scenario that ran last took, of the wall."""
+        self._plan = plan
+        self._bus = bus
+        self._console = console
+        self._link: Path | None = None
+        """The file that holds the page's link."""
+        self._news = asyncio.Event()
+        """Something happened that may end or change the run."""
+        self._wishes = Wishes(self._news.set)
+        self._onlookers = Onlookers()
+        self._limit_s: float | None = None
+        """When it ends whoever looks on, monotonic; none: it goes on for who does."""
+
+    async def live(self, clock: Clock) -> None:
+        """Run until it is over: by its duration, unless somebody looks on, or because services have ended."""
+        is_drawn = self._console is not None
+        stage = self.stage = Stage(
+            self._plan,
+            self._bus,
+            clock,
+            tell=lambda sentence: _tell(sentence, self._console),
+            news=None if is_drawn else log.info,
+            on_end=self._news.set,
+            on_page=self._announce,
+        )
+        async with _told(stage, is_drawn=is_drawn):
+            try:
+                with self._listening() as listening:
+                    await stage.begin()
+                    if self._plan.is_limited:
+                        self._limit_s = stage.end_s
+                    if self._plan.scenario:
+                        listening.callback(self._bus.serve(RUN_SCENARIO, self._wishes.serve).close)
+                    with on_screen(stage, self._console, self._end_s, self._is_looked_on):
+                        await self._until_over(stage)
+            finally:
+                self.lasted_s = self._lasted_s(stage)
+                await stage.end()
+
+    @contextlib.contextmanager
+    def _listening(self) -> Generator[contextlib.ExitStack]:
+        """Hear who looks on; open the browser as soon as there is something to look at."""
+        page = self._plan.page
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
+            if page is not None:
+                self._link = stack.enter_context(kept_link(self._bus.site, page.url, page.lan_url))
+                if self._link is not None and self._plan.browser and browser.is_wanted():
+                    opening = browser.open_when_there(self._bus, page.instance, self._link)
+                    stack.callback(opening.close)
+            yield stack
+
+    def _announce(self, page: Page) -> None:
+        """Say where the page is; where there is a view, it shows that itself."""
+        if self._console is None:
+            _say(f"page: {where(page.url, self._link)}")
+        if page.lan_url:
+            address = where(page.lan_url, self._link)
+            sentence = f"--lan: the page is open to the local network, at {address}"
+            if self._console is None:
+                _say(sentence)
+            else:
+                _tell(sentence, self._console)
+
+    async def _until_over(self, stage: Stage) -> None:
+        while not stage.has_ended:
+            self._news.clear()
+            if self._wishes:
+                await self._wishes.grant(stage)
+                continue
+            left_s = self._left_s()
+            if left_s is not None and left_s <= 0.0:
+                return
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), left_s)
+
+    def _on_health(self, health: Health, _instance: str) -> None:
+        if self._onlookers.on_health(health, time.monotonic()):
+            self._news.set()
+
+    def _is_looked_on(self) -> bool:
+        return self._limit_s is None and self._onlookers.are_there(time.monotonic())
+
+    def _end_s(self) -> float | None:
+        """Return when it is over if nobody looks on, monotonic."""
+        if self._limit_s is not None or self.stage is None:
+            return self._limit_s
+        return self.stage.end_s
+
+    def _left_s(self) -> float | None:
+        end_s = self._end_s()
+        if end_s is None:
+            return None
+        until_s = end_s if self._limit_s is not None else max(end_s, self._onlookers.until_s)
+        return until_s - time.monotonic()
+
+    def _lasted_s(self, stage: Stage) -> float:
+        """Return how long what is on stage has run: its duration, if that ended it."""
+        now_s, end_s = time.monotonic(), self._end_s()
+        is_prolonged = self._limit_s is None and end_s is not None and self._onlookers.until_s > end_s
+        if end_s is not None and not is_prolonged:
+            now_s = min(now_s, end_s)
+        return now_s - stage.began_s
+
+
+def _say(sentence: str) -> None:
+    """Log it, or print it where nothing so unimportant is logged."""
+    if log.isEnabledFor(logging.INFO):
+        log.info("%s", sentence)
+    else:
+        say(sentence, err=True)
+
+
+@contextlib.asynccontextmanager
+async def _told(stage: Stage, *, is_drawn: bool) -> AsyncGenerator[None]:
+    """Tell the site what time it is, and without a view the log the figures, now and then."""
+
+    async def tell_figures() -> None:
+        while True:
+            await asyncio.sleep(FIGURES_S)
+            log.info("%s", figures(stage.monitor).plain)
+
+    tasks: list[asyncio.Task[None]] = []
+    if isinstance(stage.clock, WallClock | SimulatedClock):  # whoever joins has this time, not its own
+        tasks.append(asyncio.create_task(keep_time(stage.clock, stage.bus), name="clock"))
+    if not is_drawn:
+        tasks.append(asyncio.create_task(tell_figures(), name="figures"))
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,0 +1,84 @@
+"""`pointit list`: what there is to run."""
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from pointit.cli.common.lazy import Mistake, nearest
+from pointit.cli.common.output import Section, json_option, show
+from pointit.services.registry import PROCESSES
+
+
+def services() -> Section:
+    """Return the process table."""
+    return Section(
+        name="services",
+        about="run one with `pointit service NAME`",
+        rows=tuple(
+            {
+                "name": row.name,
+                "scope": row.scope,
+                "about": row.about,
+                "extra": row.extra,
+                "reads": [topic.key for topic in row.reads],
+                "writes": [topic.key for topic in row.writes],
+                "serves": [request.key for request in row.serves],
+            }
+            for row in PROCESSES
+        ),
+        roomy=frozenset({"extra", "reads", "writes", "serves"}),
+    )
+
+
+def scenarios() -> Section:
+    """Return the shipped scenarios."""
+    from pointit.launch.plan.scenario import read_scenario, scenario_names  # noqa: PLC0415 - only when asked for
+
+    rows: list[dict[str, Any]] = []
+    for name in scenario_names():
+        scenario = read_scenario(name)
+        rows.append({"name": name, "about": scenario.about, "services": [*scenario.site, *scenario.user]})
+    replay = {
+        "name": "replay",
+        "about": "a recorded arm and robot, compared with motion capture (--recording FILE.csv)",
+        "services": ["imu-bridge", "pointing", "localizer", "robot-replay"],
+    }
+    return Section(name="scenarios", about="run one with `pointit run NAME`", rows=(*rows, replay))
+
+
+def maps() -> Section:
+    """Return the shipped maps."""
+    from pointit.maps.file import load_map, shipped_maps  # noqa: PLC0415 - only when asked for
+
+    rows: list[dict[str, Any]] = []
+    for name in shipped_maps():
+        room = load_map(name, 0)
+        rows.append(
+            {
+                "name": name,
+                "strips": len(room.strips),
+                "pixels": sum(strip.pixels for strip in room.strips),
+                "belts": len(room.belts),
+                "links": len(room.links),
+                "bays": len(room.bays),
+                "lamps": len(room.lamps),
+            }
+        )
+    return Section(
+        name="maps", about="use one, or your own file, with `--set pui.map=NAME`", rows=tuple(rows)
+    )
+
+
+SECTIONS: dict[str, Callable[[], Section]] = {"scenarios": scenarios, "maps": maps, "services": services}
+"""By name, in the order shown; a further section is a further row."""
+
+
+@click.command("list")
+@click.argument("section", required=False)
+@json_option
+def command(section: str | None, *, as_json: bool) -> None:
+    """List what there is to run, or one SECTION of it."""
+    if section is not None and section not in SECTIONS:
+        raise Mistake(f"no section {section!r}; {nearest(section, SECTIONS)}")
+    show([SECTIONS[name]() for name in ([section] if section else SECTIONS)], as_json=as_json)

@@ -1,0 +1,236 @@
+"""`pointit run`: a whole scenario."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.common.option_types import Finite
+from pointit.cli.display.summary import check_writable
+from pointit.cli.run.execution import execute
+from pointit.cli.run.run_options import BESIDE_ROS, choices_of, joining, page_options, shared_options
+from pointit.launch.plan.launches import PAGE, Choices
+from pointit.launch.plan.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
+from pointit.launch.plan.page_tokens import kept_tokens
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
+from pointit.launch.plan.scenario_catalog import Program, places, staged
+from pointit.launch.plan.settings import check_settings
+from pointit.launch.plan.startup_notices import assumed_places
+from pointit.launch.run.surroundings import USUAL
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.link import DEFAULT_ENDPOINT
+from pointit.runtime.link.options import given_credentials, link_options
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import log_option
+from pointit.runtime.service.shutdown import run_async
+
+
+def _check_people(choices: Choices, people: int) -> None:
+    """Make sure that nothing is said of people that there are not.
+
+    Raises:
+        ConfigError: something is.
+    """
+    for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
+        if len(given) > people:
+            raise ConfigError(f"{option} is given for {len(given)} people, but there are {people} (--users)")
+
+
+def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:  # noqa: FBT001 - click's
+    if not wanted or context.resilient_parsing:
+        return
+    for name in scenario_names():
+        scenario = read_scenario(name)
+        click.echo(f"{name}: {scenario.about}")
+        if scenario.explained:
+            click.echo(click.wrap_text(scenario.explained, 100, "    ", "    "))
+        click.echo(f"    pointit run {name}\n")
+    click.echo(
+        "replay: a recorded arm and robot, compared with motion capture\n"
+        "    pointit run replay --recording FILE.csv"
+    )
+    context.exit()
+
+
+@click.command("run")
+@click.argument("scenario", default=USUAL)
+@click.option(
+    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
+)
+@shared_options
+@click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="how many people")
+@click.option(
+    "--method",
+    type=click.Choice(["hold", "fraction", "gauge"]),
+    help="how staying on an object selects it. hold: at every timestep of a window; fraction: at "
+    "most of them; gauge: a gauge fills while one points steadily, and drains when one leaves  "
+    "[default: the scenario's]",
+)
+@click.option("--leds", default="", metavar="OUTPUT", help="expander:PORT drives real strips")
+@click.option(
+    "--ros2",
+    is_flag=True,
+    help="join a ROS 2 graph too, or begin one: every topic under the names and types that ROS nodes know; "
+    "`--set ros2.backend.distro=kilted`, domain and more: `pointit service ros2 --help`",
+)
+@click.option("--site-only", is_flag=True, help="only what all people share; add people with `pointit user`")
+@click.option(
+    "--speed",
+    default=1.0,
+    show_default=True,
+    type=Finite(0.1, 20),
+    help="simulated time runs this many times as fast",
+)
+@page_options
+@click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
+@click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")
+@click.option("--recording", type=click.Path(path_type=Path), help="for `replay`: a person's recorded IMU")
+@click.option("--mounting", default="minus_x", show_default=True, help="for `replay`: the sensor on the arm")
+@click.option("--connect", multiple=True, help="join this address instead of listening")
+@click.option(
+    "--listen", multiple=True, help=f"listen here  [default: {DEFAULT_ENDPOINT} or the next free port]"
+)
+def run(
+    scenario: str,
+    users: int,
+    leds: str,
+    recording: Path | None,
+    mounting: str,
+    *,
+    site_only: bool,
+    speed: float,
+    summary: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Run SCENARIO, in which simulated people or yours point at things.
+
+    scenario_1: lamps show how near one points. scenario_2: a cursor on the strips. scenario_3: select
+    moving segments. scenario_4 (default): packages on a conveyor, sent to bays. send_a_robot: goals on the
+    floor. `--list` explains them.
+
+    `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
+    your own.
+
+    A page opens in the browser: there you look on, and point yourself with the mouse or a phone; its
+    address is printed. It ends by itself with a summary, unless a page is open or --duration says when;
+    Ctrl-C ends it at once.
+
+    Example: pointit run scenario_4 --users 2 --method gauge
+    """
+    if summary is not None:
+        check_writable(summary)
+    if scenario == "replay":
+        if recording is None:
+            raise ConfigError("replay needs --recording FILE.csv, a person's recorded IMU")
+        from pointit.cli.run.replay import replay  # noqa: PLC0415 - only what is needed is loaded
+
+        setup_logging(options["log_level"])
+        return run_async(
+            replay(
+                recording,
+                speed=speed,
+                duration_s=options["duration"],
+                mounting=mounting,
+                summary=summary,
+                as_json=as_json,
+            )
+        )
+    if recording is not None:
+        raise ConfigError(
+            f"--recording {recording}: only `pointit run replay` takes it; here --imu replay:FILE"
+        )
+    if options["listen"] and options["connect"]:
+        raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
+    chosen = read_scenario(scenario)
+    choices = choices_of(options, leds)
+    people = 0 if site_only else users
+    _check_people(choices, people)
+    page, notes = _page(chosen, choices, options)
+    choices = dataclasses.replace(choices, page=page is not None)
+    launches = staged(chosen, choices, people)
+    check_settings({*(launch.service.NAME for launch in launches), *([PAGE] if page else [])}, choices)
+    duration_s = options["duration"]
+    if duration_s is None and not site_only:
+        duration_s = chosen.duration_s
+    name = Path(scenario).stem
+    program = None if site_only else Program.beginning_with(name, scenario, chosen, choices)
+    plan = Plan(
+        name=name,
+        launches=launches,
+        link=joining(options),
+        target_kinds=chosen.target_kinds,
+        seed=choices.seed,
+        duration_s=duration_s,
+        is_limited=options["duration"] is not None,
+        speed=speed,
+        processes=options["processes"],
+        notes=(*notes, *_ros2_notes(options), *assumed_places(launches, choices)),
+        afterword=f"There was no page: {REMEDY}." if page is None and notes else "",
+        may_move=not options["listen"] and not options["connect"],
+        scored=not site_only,
+        view=not options["no_view"],
+        summary=summary,
+        as_json=as_json,
+        page=page,
+        browser=not options["no_browser"],
+        scenario=name,
+        scenarios=() if program is None else program.offered,
+        localizes=choices.localize,
+        another=None if program is None else program.plan,
+    )
+    return execute(plan, options["log_level"])
+
+
+def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
+    if not options["ros2"] or options["listen"] or options["connect"] or given_credentials() is not None:
+        return ()
+    return (
+        f"7447 is the ROS router's port: tell other commands with --connect {BESIDE_ROS} where this run is",
+    )
+
+
+def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, Sequence[str]]:
+    """Return the page of a run, if it has one, and what is to be said of it.
+
+    Raises:
+        ConfigError: something is asked of a page that there is not.
+        ListenError: its port is taken.
+    """
+    port: int | None = options["web_port"]
+    asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
+    if options["no_web"]:
+        for option, is_given in asked.items():
+            if is_given:
+                raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
+        return None, []
+    if not can_be():
+        asked["--set web."] = is_asked_of_page(choices.settings)
+        for option, is_given in asked.items():
+            if is_given:
+                raise missing(option)
+        return None, [f"{REMEDY}; --no-web runs without it and without this note"]
+    said = {"port": port} if port is not None else {}
+    tokens, notes = kept_tokens(options["site"], renew=options["new_link"])
+    page = page_of(
+        choices,
+        below=scenario.site.get(PAGE, {}),
+        asked=said | ({"lan": True} if options["lan"] else {}),
+        places=places(scenario, choices),
+        tokens=tokens,
+    )
+    if options["new_link"] and page.config.operator_token != tokens.operator:
+        notes = (
+            *notes,
+            "--new-link changes nothing of the link to control: its token is set by hand",
+        )
+    return page, notes
+
+
+for _parameter in link_options():
+    if _parameter.name not in {known.name for known in run.params}:
+        run.params.append(_parameter)
+run.params.append(log_option())

@@ -1,0 +1,145 @@
+"""Options that several of the commands that start services share, and what is chosen by them."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.common.option_types import Finite
+from pointit.cli.run.person_options import PERSON_OPTIONS
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.page import PORT
+from pointit.runtime.config.environment import check_environment
+from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
+from pointit.runtime.link.options import given_credentials, link_of
+from pointit.services.registry import PROCESSES
+
+BESIDE_ROS = "tcp/127.0.0.1:7448"
+"""Where a run listens that is in a ROS graph too: ROS nodes take whoever listens at 7447 for their router."""
+
+NEW_LINK = (
+    "give the page new links; those from before open nothing any more  [default: the site's links, which "
+    "stay the same, so that an open page comes back after a new start at the same port]"
+)
+
+
+def shared_options(function: Any) -> Any:
+    """Add the options that `run` and `user` share."""
+    for option in reversed(
+        [
+            click.option(
+                "--localize",
+                is_flag=True,
+                help="find out where people stand by pointing at lamps  [default: they stand at --pose, "
+                "or at the scenario's places]",
+            ),
+            *PERSON_OPTIONS,
+            click.option(
+                "--seed",
+                default=0,
+                show_default=True,
+                type=click.IntRange(min=0),
+                help="seed of all random number generators: people, packages, simulated devices",
+            ),
+            click.option(
+                "--imu",
+                multiple=True,
+                metavar="SOURCE",
+                help="where orientations come from. sim (default): a simulated person, who wants "
+                "something, points at it and presses the button. page: only a page's mouse or phone, or ROS. "
+                "simulated: only a simulated sensor, on an "
+                "arm that sweeps to and fro, to try what a device goes through. serial:PORT or "
+                "replay:FILE.csv: a device, or its recording. Once for each person",
+            ),
+            click.option(
+                "--config",
+                "files",
+                multiple=True,
+                type=click.Path(path_type=Path),
+                help="YAML file that maps services to parameters",
+            ),
+            click.option(
+                "--set",
+                "settings",
+                multiple=True,
+                metavar="SERVICE.PARAMETER=VALUE",
+                help="change one parameter; `pointit service NAME --help` shows them",
+            ),
+            click.option(
+                "--duration",
+                type=Finite(min=0.1),
+                help="seconds until it ends by itself  [default: as the scenario has it, or never]",
+            ),
+            click.option(
+                "--processes", is_flag=True, help="a process for each service  [default: all in one process]"
+            ),
+            click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
+        ]
+    ):
+        function = option(function)
+    return function
+
+
+def page_options(function: Any) -> Any:
+    """Add the options of `run` that are about its page."""
+    options: tuple[Callable[[Any], Any], ...] = (
+        click.option("--no-web", is_flag=True, help="no page for browsers"),
+        click.option(
+            "--web-port",
+            type=click.IntRange(0, 65535),
+            metavar="PORT",
+            help="where the page is on this machine, 0: at any that is free  "
+            f"[default: {PORT} or the next free one]",
+        ),
+        click.option(
+            "--lan",
+            is_flag=True,
+            help="open the page to the local network too, by HTTPS, which phones need",
+        ),
+        click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
+        click.option("--new-link", is_flag=True, help=NEW_LINK),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
+    """Return what `run` or `user` is to start differently, by its options and `--leds`.
+
+    Raises:
+        ConfigError: a variable of the environment is meant for a service, but for none that there is.
+    """
+    check_environment(os.environ, [row.name for row in PROCESSES])
+    return Choices(
+        seed=options["seed"],
+        localize=options["localize"],
+        targets=options["targets"],
+        poses=options["poses"],
+        method=options.get("method"),
+        hand=options["hand"] or "",
+        stature_m=options["stature_m"],
+        imu=options["imu"],
+        leds=leds,
+        ros2=options.get("ros2", False),
+        files=options["files"],
+        settings=options["settings"],
+    )
+
+
+def joining(options: dict[str, Any]) -> Link:
+    """Return how `run` or `user` joins the network, by its options or the credentials that are given.
+
+    Raises:
+        ConfigError: as `link_of`.
+    """
+    listen, connect = tuple(options["listen"]), tuple(options["connect"])
+    if not listen and not connect:
+        credentials = given_credentials()
+        if credentials is None:
+            listen = (BESIDE_ROS if options.get("ros2") else DEFAULT_ENDPOINT,)
+        else:
+            connect = credentials.link.endpoints
+    return link_of(options["site"], () if listen else connect, listen)

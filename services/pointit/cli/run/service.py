@@ -1,0 +1,48 @@
+"""`pointit service NAME`: the same as `python -m` with its module."""
+
+from collections.abc import Callable
+
+import click
+
+from pointit.cli.common.lazy import Entry, LazyGroup
+from pointit.cli.common.output import Section, json_option, show
+from pointit.cli.run.list import services
+from pointit.launch.plan.extras import load
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.process import absent_command, service_command
+from pointit.services.registry import PROCESSES, Process
+
+
+def _loader(row: Process) -> Callable[[], click.Command]:
+    def loaded() -> click.Command:
+        try:
+            return service_command(load(row))
+        except ConfigError as error:  # its help can be read before what it needs is installed
+            return absent_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
+
+    return loaded
+
+
+@click.command(
+    "service",
+    cls=LazyGroup,
+    kind="service",
+    entries=[
+        Entry(name=row.name, about=f"({row.scope}) {row.about}", load=_loader(row)) for row in PROCESSES
+    ],
+    invoke_without_command=True,
+    subcommand_metavar="NAME [OPTIONS]...",
+)
+@json_option
+@click.pass_context
+def command(ctx: click.Context, *, as_json: bool) -> None:
+    """Run one service by itself; without a NAME, list the services.
+
+    Services of a person (scope user) take --user; those of scope site are shared by all. Every parameter
+    of a service, with its unit and default: pointit service NAME --help
+    """
+    if ctx.invoked_subcommand is not None:
+        return
+    full = services()
+    rows = tuple({key: row[key] for key in ("name", "scope", "about")} for row in full.rows)
+    show([Section(name=full.name, about=full.about, rows=rows)], as_json=as_json)

@@ -1,0 +1,75 @@
+"""`pointit user`: one person's part of a scenario, on a site that runs."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.run.execution import execute
+from pointit.cli.run.run_options import choices_of, joining, shared_options
+from pointit.cli.run.site_inspection import check_person, look_round
+from pointit.launch.plan.launches import user_launches
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import Scenario, read_scenario
+from pointit.launch.plan.settings import check_settings
+from pointit.launch.plan.startup_notices import assumed_places
+from pointit.launch.run.surroundings import USUAL
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.options import link_options
+from pointit.runtime.service.process import log_option
+from pointit.schemas.system import check_user
+
+
+@click.command("user")
+@click.argument("name")
+@shared_options
+@click.option("--scenario", help=f"whose parameters to use  [default: the one that runs there, or {USUAL}]")
+@click.option(
+    "--place",
+    type=click.IntRange(min=1),
+    help="which of its places, colours and patterns is theirs  [default: the first that is free]",
+)
+def command(name: str, scenario: str | None, place: int | None, **options: Any) -> int:
+    """Add the person NAME to a site that runs: their IMU, pointing, localizer and supervisor.
+
+    Works from any machine (--connect) and for any number of people; each has keys of their own. Ctrl-C ends
+    it; who vanishes otherwise is missed by `pointit doctor`: for a day, or until started again and ended by
+    Ctrl-C.
+
+    Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
+    """
+    check_user(name)
+    check_person(name)
+    if scenario is None or place is None:
+        link = joining(options)
+        found = (USUAL, 1) if not link.connect else look_round(link.site, link.connect)
+        if found is None:
+            return 0
+        scenario, place = scenario or found[0], place or found[1]
+    chosen: Scenario = read_scenario(scenario)
+    choices = dataclasses.replace(choices_of(options), page=True)
+    for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
+        if len(given) > 1:
+            raise ConfigError(f"{option} is given {len(given)} times for one person")
+    launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
+    check_settings({launch.service.NAME for launch in launches}, choices)
+    plan = Plan(
+        name=name,
+        launches=launches,
+        link=joining(options),
+        duration_s=options["duration"],
+        is_limited=True,
+        processes=options["processes"],
+        scored=False,
+        view=not options["no_view"],
+        person=name,
+        notes=(
+            f"{name} takes part in {Path(scenario).stem}, place {place}; --scenario, --place say otherwise",
+            *assumed_places(launches, choices.of_one(place - 1), place - 1),
+        ),
+    )
+    return execute(plan, options["log_level"])
+
+
+command.params += [*link_options(), log_option()]

@@ -1,0 +1,176 @@
+"""`pointit router`: where several machines meet."""
+
+import asyncio
+import json
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+from click.core import ParameterSource
+
+from pointit.access.denied_operations import FILTER, MARKS, Refused
+from pointit.access.limits import MOST_CONNECTIONS, Connection, Limits
+from pointit.access.recent_denials import Recent
+from pointit.access.router_configuration import configuration
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.link import DEFAULT_ENDPOINT
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import log_option
+from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.zenoh.router.router import Router, raise_file_limit, routing
+from pointit.runtime.zenoh.router.router_log import listening
+
+log = logging.getLogger(__name__)
+
+TELL_S = 1.0
+"""How often it is said who was refused what."""
+BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
+"""Files that a configuration of `pointit site` names in its own folder."""
+
+
+@click.command("router", params=[log_option()])
+@click.option(
+    "--listen",
+    multiple=True,
+    default=(DEFAULT_ENDPOINT,),
+    show_default=True,
+    help="address to listen on; tcp/0.0.0.0:7447 lets other machines in, whoever they are",
+)
+@click.option(
+    "--site-folder",
+    "folders",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="route for the site that `pointit site init` has put there, by its access rules; once for each site",
+)
+@click.option(
+    "--config",
+    "file",
+    type=click.Path(path_type=Path),
+    help="go by this configuration of Zenoh, as a site's router/router.json5",
+)
+@click.option(
+    "--uplink",
+    "uplinks",
+    multiple=True,
+    metavar="ADDRESS",
+    help="join another router of the same site too, as tls/building:7447; with --site-folder",
+)
+@click.option(
+    "--most-connections",
+    type=click.IntRange(1, 1000),
+    default=MOST_CONNECTIONS,
+    show_default=True,
+    help="connections of one person or dashboard at a time; the newest of more are cut",
+)
+def command(
+    *,
+    listen: tuple[str, ...],
+    folders: tuple[Path, ...],
+    file: Path | None,
+    uplinks: tuple[str, ...],
+    most_connections: int,
+    log_level: str,
+) -> int:
+    """Run a router, to which the processes of any number of sites connect.
+
+    `pointit run` alone needs none. Without --site-folder or --config, anyone who reaches the address may
+    join: other machines should reach it only through a trusted network.
+
+    With them it lets in only whom the site knows, and everybody may do only what their role needs. Changes by
+    `pointit site` take effect within a second, without a restart. Who is refused something is logged, and
+    told to `pointit doctor`.
+
+    Example: pointit site init lab --host 192.168.1.5 && pointit router --site-folder lab
+    """
+    setup_logging(log_level)
+    is_given = click.get_current_context().get_parameter_source("listen") is not ParameterSource.DEFAULT
+    if sum((bool(folders), file is not None, is_given)) > 1:
+        raise ConfigError(
+            "--listen, --site-folder and --config exclude each other: each says where to listen"
+        )
+    if uplinks and not folders:
+        raise ConfigError(
+            "--uplink needs --site-folder: the router proves with the site's certificate who it is"
+        )
+    raise_file_limit()
+    if folders:
+        return run_async(_guard(_of_sites(folders, uplinks), most_connections))
+    if file is not None:
+        return run_async(_guard(_of_file(file), most_connections))
+    return run_async(_route(listen))
+
+
+def _of_file(path: Path) -> Router:
+    def make() -> str:
+        try:
+            return path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "it is no text"
+            raise ConfigError(f"{path}: cannot be read ({reason})") from error
+
+    return Router(make, path.parent, [path, *(path.parent / name for name in BESIDE)])
+
+
+def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
+    sites = [SiteFolder(folder) for folder in folders]
+
+    def make() -> str:
+        return json.dumps(configuration([site.routed(uplinks=uplinks) for site in sites]))
+
+    return Router(make, Path(), [file for site in sites for file in site.router_files()])
+
+
+async def _guard(router: Router, most_connections: int = MOST_CONNECTIONS) -> int:
+    refused, limits = Refused(), Limits(most_connections)
+    with listening(FILTER, refused.take, MARKS):
+        await router.open()
+        try:
+            click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
+            async with asyncio.TaskGroup() as group:
+                group.create_task(_tell(router, refused, limits), name="refused")
+                group.create_task(router.follow(), name="router")
+        finally:
+            await router.close()
+    return 0
+
+
+async def _tell(router: Router, refused: Refused, limits: Limits) -> None:
+    """Say who was refused what, soon and not more often than anybody reads: in the log, and to doctor.
+
+    Who takes more than one identity may is cut off.
+    """
+    loop, recent = asyncio.get_running_loop(), Recent()
+    before_s = loop.time()
+    while True:
+        await asyncio.sleep(TELL_S)
+        now_s = loop.time()
+        sentences = refused.take_sentences(now_s - before_s)
+        before_s = now_s
+        connections = [
+            Connection(
+                identity=name.rpartition("/")[0] or refused.identity(session),
+                session=session,
+                address=address,
+            )
+            for session, name, address in router.links()
+        ]
+        excess, exceeding = limits.excess(connections, router.roles, refused.rates_hz, now_s, refused.keys)
+        router.cut(each.address for each in excess)
+        by_address = {each.address: each for each in connections}
+        waiting = router.unread(by_address)
+        stuck = limits.stuck({by_address[address]: count for address, count in waiting.items()})
+        for kind, told in {"refused": sentences, "excess": exceeding, "stuck": stuck}.items():
+            for sentence in told.values():
+                log.warning("%s", sentence)
+            recent.add(told, now_s, kind)
+        router.report(recent.of, refused.total)
+
+
+async def _route(listen: tuple[str, ...]) -> int:
+    async with routing(listen):
+        click.echo(f"router listens on {', '.join(listen)}; Ctrl-C ends it")
+        await asyncio.Event().wait()
+    return 0

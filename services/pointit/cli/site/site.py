@@ -1,0 +1,296 @@
+"""`pointit site`: who may do what on a site: certificates, access rules, the router's configuration."""
+
+import datetime as dt
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from pointit.access.rights import Role
+from pointit.access.site_folder import ROUTER, SiteFolder
+from pointit.access.site_state import SiteState
+from pointit.cli.common import identities_table
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import json_option, print_json
+from pointit.runtime.errors import ConfigError
+from pointit.schemas.system import check_user
+from pointit.schemas.topics import check_name
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+DEFAULT_DAYS = 365.0
+DEFAULT_PORT = 7447
+DASHBOARD_HZ = 20.0
+STANDING: dict[str, Role] = {
+    "services": "services",
+    "web": "web",
+    "ros2": "ros2",
+    "operator": "operator",
+    "supervisor": "supervisor",
+}
+"""Identities that every site has."""
+MOST = 256
+
+folder_option = click.option(
+    "--folder",
+    "--site-folder",  # as `router` and `doctor` call it
+    type=click.Path(path_type=Path),
+    default=Path(),
+    help="the site's folder  [default: this one; for init, ./NAME]",
+)
+
+
+HELP = """Say who may join a site, and what each may do there.
+
+A site's folder holds a small certificate authority, the router's files, and a folder for each identity,
+to be carried to its machine and named there by --credentials (or POINTIT_CREDENTIALS). A person may write
+only under their own name; dashboards only look on. Nobody else gets in.
+
+\b
+Example:
+  pointit site init lab --host 192.168.1.5 --users anna,ben
+  pointit router --site-folder lab
+  pointit user anna --credentials lab/identities/anna
+"""
+
+
+@click.group("site", help=HELP)
+def command() -> None:
+    """Say who may join a site, and what each may do there."""
+
+
+@command.command("init")
+@click.argument("name")
+@folder_option
+@click.option("--users", default="", help="names of people, anna,ben, or how many: user1, user2, …")
+@click.option(
+    "--guests",
+    default=4,
+    show_default=True,
+    type=click.IntRange(0, MOST),
+    help="places guest1, guest2, … that can be given to anybody at any time",
+)
+@click.option(
+    "--dashboards", default=1, show_default=True, type=click.IntRange(0, MOST), help="who only looks on"
+)
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    help="name or address by which the router is reached; several when it has several  [default: 127.0.0.1]",
+)
+@click.option("--port", default=DEFAULT_PORT, show_default=True, type=click.IntRange(1, 65535))
+@click.option(
+    "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="how long certificates last"
+)
+@click.option(
+    "--password",
+    is_flag=True,
+    help="all but the router prove who they are by passwords, which do not end, instead of by certificates; "
+    "keeps strangers out less well (deploy/README.md)",
+)
+@click.option(
+    "--dashboard-rate",
+    default=DASHBOARD_HZ,
+    show_default=True,
+    type=Finite(0, 1000),
+    help="what dashboards get at most, Hz of each key; 0: everything. Other than 0 they come by UDP (QUIC)",
+)
+@json_option
+def init(
+    name: str,
+    *,
+    folder: Path,
+    users: str,
+    guests: int,
+    dashboards: int,
+    hosts: tuple[str, ...],
+    port: int,
+    days: float,
+    dashboard_rate: float,
+    password: bool,
+    as_json: bool,
+) -> None:
+    """Make the site NAME: its authority, its router's files, an identity for each who takes part.
+
+    Besides people, guests and dashboards there are `services` (what all share), `web` (the page's server),
+    `operator` (may ask services for anything) and `supervisor` (may do everything).
+
+    Example: pointit site init lab --host 192.168.1.5 --users anna,ben --guests 4
+    """
+    check_name(name, "site")
+    people = [f"user{number}" for number in range(1, _count(users) + 1)] if users.isdigit() else _names(users)
+    roles: dict[str, Role] = dict(STANDING)
+    for person in (*people, *(f"guest{number}" for number in range(1, guests + 1))):
+        _refuse_taken(person, roles)
+        roles[person] = "user"
+    roles |= {f"dashboard{number}": "dashboard" for number in range(1, dashboards + 1)}
+    path = folder if folder != Path() else Path(name)
+    site = SiteFolder(path)
+    state = SiteState(
+        site=name,
+        hosts=hosts or ("127.0.0.1",),
+        port=port,
+        days=days,
+        password=password,
+        dashboard_rate_hz=dashboard_rate,
+        identities={},
+    )
+    made = site.found(state, roles, _now())
+    if as_json:
+        print_json({"site": name, "folder": str(path), "identities": sorted(made.identities)})
+        return
+    click.echo(f"site {name} is in {path}: {len(roles)} identities and the router's")
+    click.echo(f"1. run its router: pointit router --site-folder {path}")
+    click.echo(f"2. carry {path / 'identities'}/NAME to where NAME runs, and there: --credentials NAME")
+    click.echo(f"3. keep {path / 'authority'} to yourself: who has it can be anybody on this site")
+
+
+@command.group("user")
+def user() -> None:
+    """Add people to a site, remove them, list them; the router follows within a second."""
+
+
+@user.command("add")
+@click.argument("names", nargs=-1, required=True)
+@folder_option
+def add(names: tuple[str, ...], folder: Path) -> None:
+    """Add the people NAMES.
+
+    Example: pointit site user add carla --folder lab
+    """
+    site = SiteFolder(folder)
+    roles: dict[str, Role] = {}
+    for name in names:
+        check_user(name)
+        _refuse_taken(name, roles)
+        roles[name] = "user"
+    site.add(roles, _now())
+    for name in names:
+        click.echo(f"{name} may join with the credentials in {site.identity_folder(name)}")
+
+
+@user.command("remove")
+@click.argument("names", nargs=-1, required=True)
+@folder_option
+def remove(names: tuple[str, ...], folder: Path) -> None:
+    """Remove the people NAMES and their certificates; what they have elsewhere is worth nothing then.
+
+    Example: pointit site user remove carla --folder lab
+    """
+    site = SiteFolder(folder)
+    for name in names:
+        known = site.state().identities.get(name)
+        if known is not None and known.role != "user":
+            raise ConfigError(
+                f"{name} is no person but the site's {known.role}; `pointit site revoke {name}`"
+            )
+        site.remove(name)
+        click.echo(f"{name} is removed")
+
+
+@user.command("list")
+@folder_option
+@json_option
+def list_people(folder: Path, *, as_json: bool) -> None:
+    """List the people of a site.
+
+    Example: pointit site user list --folder lab
+    """
+    state = SiteFolder(folder).state()
+    people = [name for name, one in state.identities.items() if one.role == "user"]
+    _tell(people, state, as_json=as_json)
+
+
+@command.command("renew")
+@click.argument("names", nargs=-1)
+@folder_option
+@click.option("--host", "hosts", multiple=True, help="one more name or address of the router")
+def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
+    """Make new certificates for NAMES, or for all that end within 30 days; carry them to their machines.
+
+    What they replace is worth nothing from then on; a revoked identity comes back. Where people have
+    passwords, which do not end, those who are named get new ones.
+
+    Example: pointit site renew anna --folder lab
+    """
+    site = SiteFolder(folder)
+    now = _now()
+    state = site.state()
+    if not names:
+        names = tuple(
+            identities_table.ending(identities_table.rows_of(state, identities_table.present(state), now))
+        )
+        if hosts:
+            names = tuple(dict.fromkeys((ROUTER, *names)))
+    if not names:
+        click.echo("every certificate is valid for 30 days and more; name those to renew all the same")
+        return
+    site.renew(names, now, hosts)
+    for name in names:
+        proof = "password" if state.password and name != ROUTER else "certificate"
+        click.echo(f"{name} has a new {proof}: carry {site.identity_folder(name)} to its machine")
+
+
+@command.command("revoke")
+@click.argument("name")
+@folder_option
+def revoke(name: str, folder: Path) -> None:
+    """Take every right from NAME, from now on: a machine was lost, a person left.
+
+    Example: pointit site revoke guest2 --folder lab
+    """
+    SiteFolder(folder).revoke(name)
+    click.echo(f"{name} may do nothing any more; `pointit site renew {name}` lets them in again")
+
+
+@command.command("show")
+@folder_option
+@json_option
+def show(folder: Path, *, as_json: bool) -> None:
+    """Show who there is, in which role, and when certificates end; exit code 1 when one ends within 30 days.
+
+    Example: pointit site show --folder lab
+    """
+    state = SiteFolder(folder).state()
+    click.get_current_context().exit(_tell(identities_table.present(state), state, as_json=as_json))
+
+
+def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
+    rows = identities_table.rows_of(state, names, _now())
+    ending = identities_table.ending(rows)
+    if as_json:
+        print_json({"site": state.site, "identities": rows})
+    else:
+        for row in rows:
+            click.echo(
+                f"{row['name']:<16} {row['role']:<11} {row['state']:<10} "
+                f"{'until ' + row['until'] if row['until'] else 'by password'}"
+                f"{'' if row['generation'] == 1 else '  no. ' + str(row['generation'])}"
+            )
+        if ending:
+            click.echo(f"Warning: {', '.join(ending)}: renew with `pointit site renew`", err=True)
+    return 1 if ending else 0
+
+
+def _refuse_taken(name: str, roles: dict[str, Role]) -> None:
+    if name in {*STANDING, ROUTER} or name.startswith("dashboard"):
+        raise ConfigError(f"{name} is a name of the site's own; choose another for a person")
+    if name in roles:
+        raise ConfigError(f"{name} is named twice; name each person once, guest1, guest2, … are the guests")
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count > MOST:
+        raise ConfigError(f"--users {count}: at most {MOST} can be made at once")
+    return count
+
+
+def _names(text: str) -> list[str]:
+    return [check_user(name.strip()) for name in text.split(",") if name.strip()]
+
+
+def _now() -> dt.datetime:
+    return dt.datetime.now(dt.UTC)

@@ -1,0 +1,1 @@
+"""Localization by pointing, compared with baselines and bounds."""

@@ -1,0 +1,157 @@
+"""Solvers beside each other on recorded people: where they stand, how sure that is, what it takes."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from pointit.evaluation.localization.baselines import Guess, mean_angle_4dof, mean_angle_z0
+from pointit.evaluation.localization.cramer_rao import median_bounds_m
+from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit.evaluation.localization.trial import Trial
+from pointit.evaluation.recordings.parallel import spread
+from pointit.evaluation.recordings.row import Row
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+
+OURS = "pointit"
+
+Solver = Callable[[Pointings], Solution | Refusal | Guess]
+
+STATED = Trust(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+"""The localizer's own, but every pose is taken that states its sigma, however large: an error that is only
+met by poses that are sure would flatter."""
+
+ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
+"""Takes whatever fits best, as the baselines do."""
+
+ACCEPTED = Trust()
+"""The localizer's own limits."""
+
+
+def ours(pointings: Pointings) -> Solution | Refusal:
+    """Return what the localizer's solver finds."""
+    return solve(pointings, STATED)
+
+
+SOLVERS: dict[str, Solver] = {
+    OURS: ours,
+    "mean-angle-4dof": mean_angle_4dof,
+    "mean-angle-z0": mean_angle_z0,
+}
+"""By name; a further solver is a further row."""
+
+CHUNK = 12
+"""Trials solved in one piece of work, by all solvers in turn: what disturbs one then disturbs all."""
+
+FARTHEST_M = 1e6
+"""Errors of a solver that ran away are cut here, for sums and JSON."""
+
+
+BASELINE_TRIALS = 400
+"""Of more trials of a set and condition, the baselines solve each second, third, …: they are slow."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A trial, and who solves it."""
+
+    trial: Trial
+    bound_m: float
+    solvers: tuple[str, ...]
+
+
+def localization_rows(
+    trials: Sequence[Trial], *, baselines: bool, jobs: int, tick: Callable[[int, int], None]
+) -> list[Row]:
+    """Return how well each solver does on `trials`.
+
+    Args:
+        trials: as read by `pointit.evaluation.datasets`.
+        baselines: whether the others solve them too.
+        jobs: processes to use.
+        tick: called with the number of trials that are done and of all.
+
+    Raises:
+        PointItError: a process came to an end by itself.
+    """
+    tasks = list(_tasks(trials, baselines=baselines))
+    pieces = [tasks[start : start + CHUNK] for start in range(0, len(tasks), CHUNK)]
+    results: dict[int, list[Outcome]] = {}
+    done = 0
+    tick(done, len(tasks))
+    for number, outcomes in spread(solved, pieces, jobs):
+        results[number] = outcomes
+        done += len(pieces[number])
+        tick(done, len(tasks))
+    return rows_of([outcome for _, outcomes in sorted(results.items()) for outcome in outcomes])
+
+
+def solved(tasks: Sequence[Task]) -> list[Outcome]:
+    """Return what each solver makes of each trial; for other processes."""
+    return [_outcome(task.trial, task.bound_m, name) for task in tasks for name in task.solvers]
+
+
+def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
+    sizes = Counter((trial.set, trial.condition) for trial in trials)
+    seen: Counter[tuple[str, str]] = Counter()
+    for trial, bound_m in zip(trials, _bounds(trials), strict=True):
+        group = (trial.set, trial.condition)
+        with_others = baselines and seen[group] % math.ceil(sizes[group] / BASELINE_TRIALS) == 0
+        seen[group] += 1
+        yield Task(trial=trial, bound_m=bound_m, solvers=tuple(SOLVERS) if with_others else (OURS,))
+
+
+def _bounds(trials: Sequence[Trial]) -> list[float]:
+    """Return the bound of each trial; a subject's scatter is that in a set and condition."""
+    groups: dict[Key, list[int]] = {}
+    for number, trial in enumerate(trials):
+        groups.setdefault(Key.of(trial), []).append(number)
+    bounds = [math.nan] * len(trials)
+    for numbers in groups.values():
+        for number, bound_m in zip(numbers, median_bounds_m([trials[i] for i in numbers]), strict=True):
+            bounds[number] = bound_m
+    return bounds
+
+
+def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
+    began_ns = time.process_time_ns()
+    found = SOLVERS[name](trial.pointings)
+    solve_ms = (time.process_time_ns() - began_ns) / 1e6
+    key = Key.of(trial)
+    if isinstance(found, Refusal):
+        best = solve(trial.pointings, ANY)
+        return Outcome(
+            key=key,
+            solver=name,
+            solve_ms=solve_ms,
+            refused=found.reason,
+            position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
+            bound_m=bound_m,
+        )
+    yaw_deg = math.nan
+    if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
+        yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
+    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
+    if isinstance(found, Solution):
+        is_sure = (
+            found.position_sigma_m <= ACCEPTED.max_position_sigma_m
+            and found.yaw_sigma_rad <= ACCEPTED.max_yaw_sigma_rad
+        )
+        sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
+    return Outcome(
+        key=key,
+        solver=name,
+        solve_ms=solve_ms,
+        position_m=_off_m(found, trial),
+        yaw_deg=yaw_deg,
+        position_sigma_m=sigma_m,
+        yaw_sigma_deg=yaw_sigma_deg,
+        is_sure=is_sure,
+        bound_m=bound_m,
+    )
+
+
+def _off_m(found: Solution | Guess, trial: Trial) -> float:
+    off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
+    return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M

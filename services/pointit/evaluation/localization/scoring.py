@@ -1,0 +1,99 @@
+"""From solved trials to rows of the table."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.evaluation.localization.trial import Trial
+from pointit.evaluation.recordings.row import ALL, Row, Spread, arranged
+
+WRONG_M = 1.0
+"""A place further off than this is the wrong one."""
+
+SURE_M = 0.5
+"""Who states a smaller sigma and is off by more than `WRONG_M` misleads."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """Where an outcome belongs."""
+
+    set: str
+    subject: str
+    condition: str
+
+    @classmethod
+    def of(cls, trial: Trial) -> "Key":
+        """Return where the outcomes of `trial` belong."""
+        return cls(set=trial.set, subject=trial.subject, condition=trial.condition)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a solver made of one trial."""
+
+    key: Key
+    solver: str
+    solve_ms: float
+    """Processor time."""
+    refused: str = ""
+    """Why, where it was."""
+    position_m: float = math.nan
+    """Error, horizontal; of what was refused, that of the pose that fits best, if there is one."""
+    yaw_deg: float = math.nan
+    """Error, signed; NaN where the truth is not known."""
+    position_sigma_m: float = math.nan
+    """One sigma as stated, along the worse direction; NaN where none is stated."""
+    yaw_sigma_deg: float = math.nan
+    is_sure: bool = True
+    """Whether the localizer would take it, with the sigma that is stated."""
+    bound_m: float = math.nan
+
+
+def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
+    """Return a row for each set, condition, subject and solver, and for all subjects of a set together."""
+    groups: dict[tuple[str, str, str, str], list[Outcome]] = {}
+    for outcome in outcomes:
+        key = outcome.key
+        for subject in (ALL, key.subject):
+            groups.setdefault((key.set, key.condition, subject, outcome.solver), []).append(outcome)
+    return arranged(_row(*names, group) for names, group in groups.items())
+
+
+def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
+    accepted = [outcome for outcome in outcomes if not outcome.refused]
+    errors = np.array([outcome.position_m for outcome in accepted])
+    everything = np.array([outcome.position_m for outcome in outcomes])
+    sigmas = np.array([outcome.position_sigma_m for outcome in accepted])
+    turned = np.array([outcome.yaw_deg for outcome in accepted])
+    yaw_sigmas = np.array([outcome.yaw_sigma_deg for outcome in accepted])
+    bounds = np.array([outcome.bound_m for outcome in outcomes])
+    bounds = bounds[np.isfinite(bounds)]
+    states = len(accepted) > 0 and bool(np.all(np.isfinite(sigmas)))
+    return Row(
+        set=name,
+        subject=subject,
+        condition=condition,
+        solver=solver,
+        n=len(outcomes),
+        position_m=Spread.of(errors),
+        every_m=Spread.of(everything[np.isfinite(everything)]),
+        yaw_deg=Spread.of(turned[np.isfinite(turned)]),
+        share_above_1m=_share(errors > WRONG_M),
+        misled=float(np.sum((errors > WRONG_M) & (sigmas < SURE_M))) / len(accepted) if states else None,
+        within_2_sigma=_share(errors <= 2.0 * sigmas) if states else None,
+        yaw_within_2_sigma=_share(np.abs(turned) <= 2.0 * yaw_sigmas)
+        if states and np.all(np.isfinite(turned))
+        else None,
+        refused=len(outcomes) - len(accepted),
+        unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
+        solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes),
+        bound_m=float(np.median(bounds)) if len(bounds) else None,
+    )
+
+
+def _share(hits: NDArray[np.bool_]) -> float | None:
+    return float(np.mean(hits)) if len(hits) else None

@@ -1,0 +1,1 @@
+"""Systematic pointing errors and drift."""

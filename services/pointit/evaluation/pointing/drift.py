@@ -1,0 +1,113 @@
+"""How far the yaw is off while the IMU drifts and the person points at a known place once in a while.
+
+Recorded: `proximity_feedback`. Its people point at three places in turn, one every 45 s, and their heading
+was taken anew before each such run. Only holds without a cursor count, as anchors and as truth: the yaw that
+a hold tells is the azimuth of its target less that of the ray, so that the person's own scatter is in every
+error (row `scatter of one hold`). For longer times the runs of one person are chained in every order: the
+next run goes on, in time and in yaw, where the last one ended, and what lay between them is left out; such
+chains are not independent of each other. `3 min, 1 anchor/min` comes from such chains only, those of four
+people who have three runs, in each order, so that its n counts chains and not people; its anchors are the
+holds nearest to 0, 1 and 2 minutes, the last of them mostly 45 s before the hold that is told. The places
+always came in the same order, so a compressed sense of azimuth would look like drift here; that the yaw moves
+within single holds too speaks for drift.
+
+Simulated: seeded people with a drifting IMU, whose true yaw is known.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pointit.evaluation.datasets import proximity_feedback
+from pointit.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
+from pointit.evaluation.pointing.drift_courses import Course, chained, courses, hold_sigma_rad
+from pointit.evaluation.pointing.drift_simulated import normal_row, simulated_rows
+from pointit.evaluation.pointing.drift_solvers import SOLVERS
+from pointit.evaluation.recordings.row import ALL, Row, Spread
+
+PEOPLE = 300
+
+CHAINED = "3 min, 1 anchor/min"
+"""Condition for which a person's runs are chained."""
+
+CHAINS_REMARK = (
+    f"`{CHAINED}` of {proximity_feedback.NAME}: the runs of each of four people chained in every order, n "
+    "counts chains; the last anchor is mostly 45 s before the hold that is told."
+)
+
+
+def drift_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
+    """Return what the yaw's error is after some time, recorded where the recordings are, and simulated.
+
+    Args:
+        data: holds one folder a set.
+        tick: told what is being done, in a few words.
+
+    Raises:
+        ConfigError: a recording is damaged.
+    """
+    rows: list[Row] = []
+    folder = data / proximity_feedback.NAME
+    if folder.is_dir():
+        tick("drift: reading recordings")
+        rows += recorded_rows(read_floor_trials(folder), tick)
+    tick(f"drift: {PEOPLE} simulated people")
+    return rows + simulated_rows(PEOPLE)
+
+
+def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> list[Row]:
+    """Return the rows of recorded people: within the runs, and with a person's runs chained."""
+    runs = courses(trials)
+    chains = list(chained(runs))
+    sigma_rad = hold_sigma_rad(runs)
+    rows: list[Row] = []
+    for condition, some, anchors_s, told_s in (
+        ("45 s, 1 anchor", runs, (0.0,), 45.0),
+        ("90 s, 1 anchor", runs, (0.0,), 90.0),
+        ("90 s, 2 anchors", runs, (0.0, 45.0), 90.0),
+        (CHAINED, chains, (0.0, 60.0, 120.0), 180.0),
+    ):
+        tick(f"drift: {condition}")
+        rows += _rows(condition, some, anchors_s, told_s, sigma_rad)
+    return rows
+
+
+def _rows(
+    condition: str, some: Sequence[Course], anchors_s: Sequence[float], told_s: float, sigma_rad: float
+) -> list[Row]:
+    """Return a row for each person and solver, and those over all."""
+    trials: list[tuple[Course, list[int], int]] = []
+    for course in some:
+        told = course.nearest(told_s)
+        anchors = sorted({course.nearest(at_s) for at_s in anchors_s})
+        away_s = course.holds[told].at_s - course.holds[0].at_s - told_s
+        if anchors[-1] < told and abs(away_s) <= 0.25 * told_s:
+            trials.append((course, anchors, told))
+    rows: list[Row] = []
+    for name, solver in SOLVERS.items():
+        errors: list[tuple[str, float, float | None]] = []
+        for course, anchors, told in trials:
+            guess = solver(course, anchors, told)
+            error = math.remainder(guess.yaw_rad - course.holds[told].yaw_rad, math.tau)
+            errors.append((course.subject, error, guess.sigma_rad))
+        for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
+            mine = [one for one in errors if subject in (one[0], ALL)]
+            inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
+            rows.append(
+                Row(
+                    set=proximity_feedback.NAME,
+                    subject=subject,
+                    condition=condition,
+                    solver=name,
+                    n=len(mine),
+                    yaw_deg=Spread.of(math.degrees(e) for _, e, _ in mine),
+                    yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
+                )
+            )
+    if trials:
+        rows.append(
+            normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)
+        )
+    return rows

@@ -1,0 +1,147 @@
+"""Recorded runs as courses of holds: what each hold tells of the yaw, and chains of a person's runs."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from scipy.stats import linregress
+
+from pointit.evaluation.datasets.proximity_feedback import FloorTrial
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer.drift.rest_detection import Stillness, StillRate
+
+EYE_M = 1.64
+"""Assumed height of the eyes: the recordings do not tell it, and azimuths hardly depend on it."""
+
+MAD_TO_SIGMA = 1.4826
+
+MOST_CHAINED = 4
+"""Runs of one person; their orders are 24, those of all would be endless."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """Somebody points steadily at a known place without a cursor."""
+
+    at_s: float
+    target_m: Vec3
+    direction_h: Vec3
+    """Mean of the rays, unit."""
+    spread_rad: float
+    samples: int
+    rate_radps: float
+    """At which the yaw changes within the hold, by least squares."""
+    rest: StillRate | None
+    """What `Stillness` made of it, its time as the hold's."""
+
+    @property
+    def yaw_rad(self) -> float:
+        """Return the yaw of {H} that it tells of somebody who stands at 0."""
+        return vector.azimuth(self.target_m) - vector.azimuth(self.direction_h)
+
+    def turned(self, yaw_rad: float, later_s: float) -> "Hold":
+        """Return the same hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
+        moved = replace(self, at_s=self.at_s + later_s, direction_h=vector.turn(self.direction_h, -yaw_rad))
+        if self.rest is None:
+            return moved
+        stamp_ns = self.rest.stamp_ns + round(later_s * NS_PER_S)
+        return replace(moved, rest=replace(self.rest, stamp_ns=stamp_ns))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """Holds with one heading reference, the first of which sets the heading."""
+
+    subject: str
+    holds: tuple[Hold, ...]
+
+    def nearest(self, at_s: float) -> int:
+        """Return the number of the hold that is nearest to `at_s` after the first one."""
+        start_s = self.holds[0].at_s
+        return min(range(len(self.holds)), key=lambda i: abs(self.holds[i].at_s - start_s - at_s))
+
+
+def courses(trials: Sequence[FloorTrial]) -> list[Course]:
+    """Return the runs: the heading was taken anew whenever the first target came again."""
+    out: list[Course] = []
+    held: list[Hold] = []
+    seen: set[str] = set()
+    subject = ""
+    for trial in trials:
+        if trial.subject != subject or trial.target_id in seen:
+            if held:
+                out.append(Course(subject=subject, holds=tuple(held)))
+            held = []
+            seen.clear()
+            subject = trial.subject
+        seen.add(trial.target_id)
+        hold = _hold(trial)
+        if hold is not None:
+            held.append(hold)
+    if held:
+        out.append(Course(subject=subject, holds=tuple(held)))
+    return out
+
+
+def chained(runs: Iterable[Course]) -> Iterator[Course]:
+    """Return each person's runs as one, in every order of the first few: one goes on where another ended."""
+    people: dict[str, list[Course]] = {}
+    for run in runs:
+        people.setdefault(run.subject, []).append(run)
+    for mine in people.values():
+        for order in permutations(mine[:MOST_CHAINED]):
+            yield _joined(order)
+
+
+def _joined(runs: Sequence[Course]) -> Course:
+    chain = runs[0]
+    for run in runs[1:]:
+        last, first = chain.holds[-1], run.holds[0]
+        turn, later_s = last.yaw_rad - first.yaw_rad, last.at_s - first.at_s
+        chain = replace(chain, holds=chain.holds + tuple(h.turned(turn, later_s) for h in run.holds[1:]))
+    return chain
+
+
+def hold_sigma_rad(runs: Sequence[Course]) -> float:
+    """Return one sigma of the azimuth of one hold, from what three in a row have beside a constant rate."""
+    beside: list[float] = []
+    for run in runs:
+        for a, b, c in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
+            share = (b.at_s - a.at_s) / (c.at_s - a.at_s)
+            step = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
+            bend = step - share * math.remainder(c.yaw_rad - a.yaw_rad, math.tau)
+            beside.append(bend / math.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
+    return MAD_TO_SIGMA * float(np.median(np.abs(beside))) if beside else 0.0
+
+
+def _hold(trial: FloorTrial) -> Hold | None:
+    """Return the trial's hold without a cursor; none where it was not recorded."""
+    stretch = trial.phases.get("open_loop_hold")
+    if stretch is None or len(stretch.times_s) < 10:
+        return None
+    level = np.hypot(stretch.points_m[:, 0], stretch.points_m[:, 1])
+    azimuths = np.unwrap(np.arctan2(stretch.points_m[:, 1], stretch.points_m[:, 0]))
+    elevations = np.arctan2(-EYE_M, level)
+    # the middle of the hold, whatever single samples do
+    azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
+    rate = float(linregress(stretch.times_s, azimuths).slope)
+    stillness = Stillness()
+    rests = [
+        stillness.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
+        for a, e, t in zip(azimuths, elevations, stretch.times_s, strict=True)
+    ]
+    rests.append(stillness.end())
+    about = np.hypot((azimuths - azimuth) * math.cos(elevation), elevations - elevation)
+    return Hold(
+        at_s=float(np.mean(stretch.times_s[[0, -1]])),
+        target_m=(*trial.target_m, 0.0),
+        direction_h=vector.direction(azimuth, elevation),
+        spread_rad=float(np.median(about)),
+        samples=len(azimuths),
+        rate_radps=-rate,
+        rest=next((rest for rest in rests if rest is not None), None),
+    )

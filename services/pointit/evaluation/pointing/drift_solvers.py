@@ -1,0 +1,101 @@
+"""Who tells the yaw of a later hold from the anchors before it: the filter, and simpler ways beside it."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.evaluation.pointing.drift_courses import EYE_M, Course
+from pointit.geometry import vector
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
+
+PLACE_SIGMA_M = 0.05
+"""How exactly the recorded people stood where they should."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a solver says of a later hold's yaw."""
+
+    yaw_rad: float
+    sigma_rad: float | None = None
+
+
+Solver = Callable[[Course, Sequence[int], int], Guess]
+"""Course, holds that are anchors (the first hold among them, all before the last), hold to be told."""
+
+
+def _raw(course: Course, anchors: Sequence[int], told: int) -> Guess:
+    del anchors, told
+    return Guess(course.holds[0].yaw_rad)
+
+
+def _re_anchored(course: Course, anchors: Sequence[int], told: int) -> Guess:
+    del told
+    return Guess(course.holds[anchors[-1]].yaw_rad)
+
+
+def _rate_of_holds(course: Course, anchors: Sequence[int], told: int) -> Guess:
+    last = course.holds[anchors[-1]]
+    rate = float(np.mean([hold.rate_radps for hold in course.holds[:told]]))
+    return Guess(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+
+
+def _constant_rate(course: Course, anchors: Sequence[int], told: int) -> Guess:
+    first, last = course.holds[0], course.holds[anchors[-1]]
+    if first is last:
+        return Guess(last.yaw_rad)
+    rate = math.remainder(last.yaw_rad - first.yaw_rad, math.tau) / (last.at_s - first.at_s)
+    return Guess(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+
+
+def _filter(course: Course, anchors: Sequence[int], told: int) -> Guess:
+    return _filtered(course, anchors, told, rests=False)
+
+
+def _filter_and_rests(course: Course, anchors: Sequence[int], told: int) -> Guess:
+    return _filtered(course, anchors, told, rests=True)
+
+
+def _filtered(course: Course, anchors: Sequence[int], told: int, *, rests: bool) -> Guess:
+    settings = DriftSettings()
+    first = course.holds[0]
+    level = math.cos(vector.elevation(first.direction_h))
+    drift = DriftFilter(
+        Fix(
+            x_m=0.0,
+            y_m=0.0,
+            yaw_rad=first.yaw_rad,
+            covariance=np.diag([PLACE_SIGMA_M, PLACE_SIGMA_M, settings.anchor_sigma_rad / level]) ** 2,
+            stamp_ns=round(first.at_s * NS_PER_S),
+        ),
+        settings,
+    )
+    for number, hold in enumerate(course.holds[:told]):
+        if number in anchors[1:]:
+            drift.anchor(
+                round(hold.at_s * NS_PER_S),
+                hold.target_m,
+                (0.0, 0.0, EYE_M),
+                hold.direction_h,
+                spread_rad=hold.spread_rad,
+                samples=hold.samples,
+            )
+        rest = hold.rest
+        if rests and rest is not None:
+            drift.still(rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps)
+    pose: DriftPose = drift.predict(round(course.holds[told].at_s * NS_PER_S))
+    return Guess(pose.yaw_rad, pose.yaw_sigma_rad)
+
+
+SOLVERS: dict[str, Solver] = {
+    "raw": _raw,
+    "re-anchored": _re_anchored,
+    "re-anchored, rate of holds": _rate_of_holds,
+    "re-anchored, constant rate": _constant_rate,
+    "pointit": _filter,
+    "pointit, rests": _filter_and_rests,
+}
+"""Who tells the yaw; `raw` sets it once at the start."""

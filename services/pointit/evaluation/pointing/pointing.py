@@ -1,0 +1,44 @@
+"""The systematic error of pointing and the drift of the IMU, corrected: all rows of one table."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from pointit.evaluation.datasets import proximity_feedback, vr_eyefinger
+from pointit.evaluation.pointing import drift_simulated
+from pointit.evaluation.pointing.drift import drift_rows
+from pointit.evaluation.pointing.offset import offset_rows
+from pointit.evaluation.recordings.row import Row, arranged
+from pointit.runtime.errors import ConfigError
+
+RECORDED = (vr_eyefinger.NAME, proximity_feedback.NAME)
+"""Folders with people who point without a cursor."""
+
+SETS = (*RECORDED, drift_simulated.NAME)
+
+
+def pointing_rows(
+    recordings: Path, sets: Sequence[str], subjects: Sequence[str], tick: Callable[[str], None]
+) -> list[Row]:
+    """Return how large the errors are that corrections leave.
+
+    Args:
+        recordings: holds one folder a set.
+        sets: of `SETS`, those that are wanted; empty: all.
+        subjects: whose rows are wanted, alone; empty: everybody's, and those over all.
+        tick: told what is being done, in a few words.
+
+    Raises:
+        ConfigError: a file is damaged, no set is there, or nothing is of these subjects.
+    """
+    wanted = tuple(sets) or SETS
+    recorded = [name for name in wanted if name in RECORDED]
+    if recorded and not any((recordings / name).is_dir() for name in recorded):
+        raise ConfigError(f"{recordings}: has none of the folders {', '.join(recorded)}")
+    rows = [
+        row for row in (*offset_rows(recordings, tick), *drift_rows(recordings, tick)) if row.set in wanted
+    ]
+    known = dict.fromkeys(row.subject for row in rows)
+    for subject in subjects:
+        if subject not in known:
+            raise ConfigError(f"{recordings}: has no subject {subject!r}; there are {', '.join(known)}")
+    return arranged(row for row in rows if not subjects or row.subject in subjects)

@@ -1,0 +1,1 @@
+"""Files of recordings and of results, and work over several processes."""

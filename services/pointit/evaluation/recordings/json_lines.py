@@ -1,0 +1,62 @@
+"""Recordings as JSON lines: one object a line, refused with the line where it is wrong."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from pointit.evaluation.recordings.table_file import check_file
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import explain
+
+
+class Line(BaseModel):
+    """What stands in a line; fields that nobody needs are ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+Kind = TypeVar("Kind", bound=Line)
+
+
+def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
+    """Yield the number of each line of `path` and what stands in it; empty lines are passed over.
+
+    Raises:
+        ConfigError: names file, line, field and value: it cannot be read, is too long, has no lines, or one
+            is no object of this `kind`.
+    """
+    check_file(path)
+    number = 0
+    try:
+        with path.open("rb") as file:
+            for line, text in enumerate(file, start=1):
+                if not text.strip():
+                    continue
+                number = line
+                try:
+                    yield line, kind.model_validate_json(text)
+                except ValidationError as error:
+                    raise ConfigError(
+                        f"{path}, line {line}: {explain(error)}; correct the line, or take it out"
+                    ) from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if not number:
+        raise ConfigError(f"{path}: has no lines; one JSON object a line was expected")
+
+
+def check_samples(path: Path, line: int, times_s: tuple[float, ...]) -> None:
+    """Refuse times of samples that go backwards.
+
+    Raises:
+        ConfigError: names the first one.
+    """
+    for before_s, after_s in pairwise(times_s):
+        if after_s < before_s:
+            raise ConfigError(
+                f"{path}, line {line}: t: time goes backwards, {after_s:g} after {before_s:g}; "
+                "take the line out"
+            )

@@ -1,0 +1,1 @@
+"""Selection by simulated and recorded people."""

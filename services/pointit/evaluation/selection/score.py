@@ -1,0 +1,50 @@
+"""What became of one simulated trial, and the figures over many."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from pointit.evaluation.selection.row import Figures, TimeSpread
+
+
+@dataclass(kw_only=True)
+class Score:
+    """What somebody did in one trial; filled while it runs."""
+
+    targets: int
+    """Packages that should be selected."""
+    missed: int = 0
+    """Those that were not, at the end or when they left."""
+    toggles: int = 0
+    wrong: int = 0
+    """Toggles that left their package as it should not be."""
+    right_s: list[float] = field(default_factory=list[float])
+    """When each right toggle of a target was made, from the beginning."""
+    took_s: list[float] = field(default_factory=list[float])
+    """What counts as time, see `Figures`."""
+    simulated_s: float = 0.0
+    cpu_s: float = 0.0
+    """Processor time that it took to simulate."""
+    frames: int = 0
+    """Drawn for somebody's eyes."""
+
+    def toggled(self, at_s: float, *, selected: bool, is_target: bool) -> None:
+        """Note that a package was toggled, to be `selected` or not."""
+        self.toggles += 1
+        self.wrong += selected is not is_target
+        if selected and is_target:
+            self.right_s.append(at_s)
+
+
+def figures_of(scores: Sequence[Score], *, per_package: bool) -> Figures:
+    """Return the figures over `scores`; `per_package`: n counts packages, not runs."""
+    targets, toggles = sum(score.targets for score in scores), sum(score.toggles for score in scores)
+    return Figures(
+        n=targets if per_package else len(scores),
+        time_s=TimeSpread.of(took_s for score in scores for took_s in score.took_s),
+        between_s=TimeSpread.of(
+            after - before for score in scores for before, after in pairwise(sorted(score.right_s))
+        ),
+        wrong_rate=sum(score.wrong for score in scores) / toggles if toggles else None,
+        missed_rate=sum(score.missed for score in scores) / targets if targets else None,
+    )

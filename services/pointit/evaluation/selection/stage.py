@@ -1,0 +1,173 @@
+"""What a condition looks like: the map, what moves on it, who stands where."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from pointit.evaluation.selection.carousel import OTHER, TARGET, Carousel
+from pointit.evaluation.selection.condition import LAB, RING_M, VR, Condition
+from pointit.evaluation.selection.people import person
+from pointit.evaluation.selection.world import START_NS, Movers, Somebody
+from pointit.geometry.polyline import Polyline
+from pointit.maps.file import load_map
+from pointit.schemas import BeltLink, Environment
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, NamedFeederConfig
+from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.pui.surfaces import Surfaces
+
+LAB_LENGTH_M = 0.5
+"""Of a package."""
+LAB_LEAST_M = 0.9
+"""No two packages were nearer to each other, centre to centre."""
+LAB_LIMIT_S = 60.0
+
+VR_BELTS = ("a", "b", "c", "d")
+VR_LENGTH_M = 1.2
+VR_INTERVALS_S = (3.0, 5.0)
+"""From one package to the next of a belt."""
+
+LENGTH_M = 0.4
+"""Of a package on the conveyor."""
+ENTRY = "part_e"
+RIGHT_BAY = "1"
+PLACES_M = ((-1.3, -1.9, 0.0), (1.8, -1.9, 0.0), (-3.0, -1.9, 0.0), (0.0, -2.3, 0.0))
+"""Where people stand at the conveyor, in turn; as in scenario 4."""
+
+REST_S = 10.0
+"""To wait after the last package should have left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A condition, ready to be lived through once."""
+
+    environment: Environment
+    movers: Movers
+    people: Sequence[Somebody]
+    surfaces: Surfaces
+    packages: int
+    limit_s: float
+    """Who is not done by then has missed what is left."""
+    target_kind: str = TARGET
+    right_bay: str = ""
+    """Where selected packages leave; empty: wherever."""
+    ends: frozenset[str] = frozenset({"left"})
+    """Events with which a package is out of reach."""
+
+
+def stage_of(condition: Condition, entropy: Sequence[int]) -> Stage:
+    """Return `condition` with packages and people as drawn from `entropy`."""
+    rng = np.random.default_rng([*entropy, 1])
+    if condition.bench == LAB:
+        return _lab(condition, rng)
+    if condition.bench == VR:
+        return _vr(condition, rng)
+    return _conveyor(condition, rng)
+
+
+def kinds_of(condition: Condition, rng: np.random.Generator) -> list[str]:
+    """Return the kinds of its packages, the targets among them anywhere."""
+    kinds = [TARGET] * condition.targets + [OTHER] * (condition.packages - condition.targets)
+    return [kinds[index] for index in rng.permutation(len(kinds))]
+
+
+@lru_cache(maxsize=4)
+def room(name: str, kind: Literal["strip", "belt"]) -> tuple[Environment, Surfaces]:
+    """Return the shipped map `name`, and its things of `kind` that can be pointed at."""
+    environment = load_map(name, START_NS)
+    return environment, Surfaces(environment, (kind,))
+
+
+def _lab(condition: Condition, rng: np.random.Generator) -> Stage:
+    """Return packages spread over the ring as theirs were: evenly, each off by as much as they may be."""
+    environment, surfaces = room("lab", "strip")
+    ids = [strip.id for strip in environment.strips]
+    ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
+    environment = environment.model_copy(update={"links": ring})  # people know that what leaves comes again
+    pitch_m = RING_M / condition.packages
+    loose_m = (pitch_m - LAB_LEAST_M) / 2.0
+    positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
+    positions_m = positions_m + rng.uniform(-loose_m, loose_m, condition.packages)
+    return Stage(
+        environment=environment,
+        movers=Carousel(
+            environment,
+            positions_m,
+            kinds_of(condition, rng),
+            length_m=LAB_LENGTH_M,
+            speed_mps=condition.speed_mps,
+            start_ns=START_NS,
+        ),
+        people=[person(0, (2.0, 0.5, 0.0), TARGET)],
+        surfaces=surfaces,
+        packages=condition.packages,
+        limit_s=LAB_LIMIT_S,
+    )
+
+
+def _vr(condition: Condition, rng: np.random.Generator) -> Stage:
+    """Return belts fed each on its own, with intervals as theirs were."""
+    environment, surfaces = room("vr_belts", "belt")
+    kinds = kinds_of(condition, rng)
+    each = condition.packages // len(VR_BELTS)
+    feeders = {
+        belt: NamedFeederConfig(
+            belt=belt,
+            sequence=tuple(kinds[number * each : (number + 1) * each]),
+            min_interval_s=VR_INTERVALS_S[0],
+            max_interval_s=VR_INTERVALS_S[1],
+            length_m=VR_LENGTH_M,
+            count=each,
+        )
+        for number, belt in enumerate(VR_BELTS)
+    }
+    return Stage(
+        environment=environment,
+        movers=_plant(environment, condition, feeders, rng),
+        people=[person(0, (0.0, 0.0, 0.0), TARGET)],
+        surfaces=surfaces,
+        packages=condition.packages,
+        limit_s=each * VR_INTERVALS_S[1] + _longest_m(environment) / condition.speed_mps + REST_S,
+    )
+
+
+def _conveyor(condition: Condition, rng: np.random.Generator) -> Stage:
+    """Return the paper's demonstrator, fed at one entry; selected packages leave at bay 1."""
+    environment, surfaces = room("conveyor", "belt")
+    interval_s = condition.spacing_m / condition.speed_mps
+    feeder = NamedFeederConfig(
+        belt=ENTRY,
+        sequence=tuple(kinds_of(condition, rng)),
+        min_interval_s=interval_s,
+        max_interval_s=interval_s,
+        length_m=LENGTH_M,
+        count=condition.packages,
+    )
+    way_m = sum(Polyline(belt.line_m).length_m for belt in environment.belts)
+    return Stage(
+        environment=environment,
+        movers=_plant(environment, condition, {"entry": feeder}, rng),
+        people=[person(index, PLACES_M[index], TARGET) for index in range(condition.users)],
+        surfaces=surfaces,
+        packages=condition.packages,
+        limit_s=condition.packages * interval_s + way_m / condition.speed_mps + REST_S,
+        right_bay=RIGHT_BAY,
+        ends=frozenset({"dispatched"}),
+    )
+
+
+def _plant(
+    environment: Environment,
+    condition: Condition,
+    feeders: dict[str, NamedFeederConfig],
+    rng: np.random.Generator,
+) -> Plant:
+    config = ConveyorSimConfig(speed_mps=condition.speed_mps, feeders=feeders)
+    return Plant(environment, config, seed=int(rng.integers(2**31)), start_ns=START_NS)
+
+
+def _longest_m(environment: Environment) -> float:
+    return max(Polyline(belt.line_m).length_m for belt in environment.belts)

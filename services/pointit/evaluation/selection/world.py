@@ -1,0 +1,226 @@
+"""One trial in virtual time: the very cores of the services around simulated people, without a bus.
+
+Person → pointing → cursor → selector → lights → the person's eyes; packages move meanwhile. Frames are drawn
+only when somebody's eyes are due to look.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Environment,
+    Feedback,
+    Hover,
+    ImuSample,
+    Selection,
+    SelectionEvent,
+    TrackedObjects,
+    UserPose,
+    UserProfile,
+)
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.light_state import Lights
+from pointit.services.pointing.config import PointingConfig
+from pointit.services.pointing.pointer import Pointer
+from pointit.services.pui.cursor import PersonCursor
+from pointit.services.pui.surfaces import Surfaces
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.outputs import Output
+from pointit.services.selector.selection_engine import Selecting
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.person import Person
+
+START_NS = 1_000 * NS_PER_S
+"""When a trial begins."""
+
+TRACKER = "belts"
+
+
+class Movers(Protocol):
+    """What moves in the room."""
+
+    def step(self, now_ns: int) -> list[SelectionEvent]:
+        """Go on to `now_ns`; return what left or was dispatched."""
+        ...
+
+    def tracked(self, now_ns: int) -> TrackedObjects:
+        """Return where everything is."""
+        ...
+
+    def select(self, owners: dict[str, str], now_ns: int) -> list[SelectionEvent] | None:
+        """Take what is selected, and by whom."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rates:
+    """How often things happen in virtual time, Hz."""
+
+    imu_hz: float = 25.0
+    objects_hz: float = 10.0
+    """A tracker's reports; in between all reckon on with the speed."""
+    eyes_hz: float = 10.0
+    """So often the lights are looked at by who points at something; at most 30."""
+    rest_hz: float = 5.0
+    """The same while nobody does: they look around."""
+
+
+USUAL = Rates()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Somebody:
+    """A person of a trial."""
+
+    name: str
+    config: UserSimConfig
+    profile: UserProfile
+
+
+class World:
+    """A room, what moves in it and who points, stepped in virtual time."""
+
+    def __init__(
+        self,
+        environment: Environment,
+        movers: Movers,
+        people: Sequence[Somebody],
+        *,
+        surfaces: Surfaces,
+        selector: SelectorConfig,
+        seed: Sequence[int],
+        rates: Rates,
+    ) -> None:
+        """Have everybody be there, told that they may point.
+
+        Args:
+            environment: the map.
+            movers: made for `START_NS`.
+            people: whose names differ.
+            surfaces: what of the map can be pointed at.
+            selector: how staying on an object selects it.
+            seed: of everything random about people.
+            rates: how often things happen.
+        """
+        self.now_ns = START_NS
+        self.frames = 0
+        """Drawn so far."""
+        self.entered_ns: dict[str, int] = {}
+        """When each object was first there."""
+        self._movers = movers
+        self._selecting = Selecting(selector)
+        self._lights = Lights(LedDriverConfig())
+        self._selecting.on_map(environment)
+        self._lights.on_map(environment)
+        sequences = np.random.SeedSequence(list(seed)).spawn(len(people))
+        self._people = [
+            _Present(somebody, surfaces, np.random.default_rng(sequence))
+            for somebody, sequence in zip(people, sequences, strict=True)
+        ]
+        self._names: Mapping[str, _Present] = {present.name: present for present in self._people}
+        self._step_ns = round(NS_PER_S / rates.imu_hz)
+        self._objects_every_ns = round(NS_PER_S / rates.objects_hz)
+        self._look_every_ns = round(NS_PER_S / rates.eyes_hz)
+        self._rest_every_ns = round(NS_PER_S / rates.rest_hz)
+        self._objects_ns = self._look_ns = START_NS
+        for present in self._people:
+            present.person.see(START_NS, environment, "")
+            present.person.see(START_NS, present.profile, present.name)
+            present.person.see(START_NS, Feedback(stamp_ns=START_NS, cue="started"), present.name)
+            self._lights.on_profile(present.name, present.profile)
+            self._selecting.set_present(present.name, True, START_NS)
+
+    def step(self) -> list[SelectionEvent]:
+        """Go on by one sample of the wrists; return what happened to objects."""
+        now_ns = self.now_ns = self.now_ns + self._step_ns
+        events: list[SelectionEvent] = []
+        if now_ns >= self._objects_ns:
+            self._objects_ns += self._objects_every_ns
+            events += self._movers.step(now_ns)
+            objects = self._movers.tracked(now_ns)
+            for thing in objects.objects:
+                self.entered_ns.setdefault(thing.id, now_ns)
+            self._route(self._selecting.on_objects(TRACKER, objects), events)
+            self._lights.on_objects(TRACKER, objects, now_ns)
+            for present in self._people:
+                present.person.see(now_ns, objects, TRACKER)
+        for present in self._people:
+            self._point(present, events)
+        self._route(self._selecting.pass_time(now_ns), events)
+        if now_ns >= self._look_ns:
+            self._look()
+        return events
+
+    def _look(self) -> None:
+        """Show everybody the lights, and say when they are due again."""
+        frame = self._lights.frame(self.now_ns)
+        if frame is not None:
+            self.frames += 1
+            for present in self._people:
+                present.person.see(self.now_ns, frame, "")
+        is_pointed = any(present.person.goal.closed_loop for present in self._people)
+        self._look_ns += self._look_every_ns if is_pointed else self._rest_every_ns
+
+    def _point(self, present: "_Present", events: list[SelectionEvent]) -> None:
+        now_ns = self.now_ns
+        sample, press = present.person.step(now_ns)
+        if press is not None:
+            self._route(self._selecting.on_button(present.name, press), events)
+        cursor = None if sample is None else present.cursor(sample, now_ns)
+        if cursor is not None:
+            self._lights.on_cursor(present.name, cursor, now_ns)
+            self._route(self._selecting.on_cursor(present.name, cursor), events)
+            cue = present.cue()
+            if cue is not None:
+                present.person.see(now_ns, cue, present.name)
+
+    def _route(self, outputs: Sequence[Output], events: list[SelectionEvent]) -> None:
+        """Bring what the selector says to whom it concerns."""
+        now_ns = self.now_ns
+        for output in outputs:
+            message = output.message
+            match message:
+                case Hover():
+                    self._lights.on_hover(output.user, message, now_ns)
+                case Selection():
+                    self._lights.on_selection(message)
+                    owners = {chosen.id: chosen.user for chosen in message.objects}
+                    events += self._movers.select(owners, now_ns) or []
+                case SelectionEvent():
+                    events.append(message)
+                case Feedback():
+                    self._lights.on_feedback(message)
+                    present = self._names.get(output.user)
+                    if present is not None:
+                        present.person.see(now_ns, message, output.user)
+
+
+class _Present:
+    """A person with what is theirs alone: band, ray, cursor."""
+
+    def __init__(self, somebody: Somebody, surfaces: Surfaces, rng: np.random.Generator) -> None:
+        self.name = somebody.name
+        self.profile = somebody.profile
+        self.person = Person(somebody.config, somebody.name, rng)
+        pointing = PointingConfig()
+        self._pointer = Pointer(
+            somebody.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
+        )
+        self._cursor = PersonCursor(surfaces)
+        pose = UserPose(stamp_ns=START_NS, position_m=somebody.config.position_m, yaw_rad=self.person.yaw_rad)
+        self._pointer.set_yaw(pose.yaw_rad)
+        self._cursor.set_pose(pose)
+
+    def cursor(self, sample: ImuSample, now_ns: int) -> Cursor | None:
+        """Return the cursor of `sample`, if it makes one."""
+        ray = self._pointer.ray(sample, now_ns)
+        return None if ray is None else self._cursor.cursor(ray)
+
+    def cue(self) -> Feedback | None:
+        """Return what they are told when they point past everything."""
+        return self._cursor.cue()

@@ -1,0 +1,1 @@
+"""From a scenario to running services. It knows neither the command line nor the terminal."""

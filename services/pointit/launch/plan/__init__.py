@@ -1,0 +1,1 @@
+"""From a scenario and the user's choices to a checked plan of services."""

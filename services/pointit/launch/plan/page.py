@@ -1,0 +1,235 @@
+"""The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
+
+import contextlib
+import logging
+import math
+import socket
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.server.link_file import keep_link, without_token
+from pointit.diagnosis.observation import SILENT_S
+from pointit.launch.plan.extras import has_extra, load, remedy
+from pointit.launch.plan.launches import PAGE
+from pointit.launch.plan.page_tokens import Tokens
+from pointit.launch.plan.settings import Settings, layers_of, service_of
+from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.link.addresses import own_address
+from pointit.runtime.service.service import AnyService, Launch
+from pointit.schemas import Health
+from pointit.services import registry
+
+log = logging.getLogger(__name__)
+
+REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
+"""What is said where the extra is not installed."""
+
+PORT = 8090
+LAN_PORT = 8443
+
+PORTS_TO_TRY = 10
+"""Ports from the usual one on that are tried when none was asked for."""
+
+EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
+
+VIEWERS = "viewers"
+"""The figure of a page's health: how many have it open."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberedLaunch(Launch):
+    """One of several of a kind on a site: `web`, `web.2`, …; each is present under a name of its own."""
+
+    number: int = 1
+
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present."""
+        return super().instance if self.number == 1 else f"{super().instance}.{self.number}"
+
+
+def _load() -> type[AnyService]:
+    service: type[AnyService] = load(registry.process(PAGE))
+    return service
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page to be served, and its addresses; they hold tokens, so they are told once and to a person."""
+
+    config: WebConfig
+    url: str
+    """For who may control, on this machine."""
+    viewer_url: str
+    """For who may only look on."""
+    lan_url: str = ""
+    """For who may control, from the local network; empty: it is not open to it."""
+    viewer_lan_url: str = ""
+    is_usual: bool = True
+    """Nothing of it was set by hand, so nothing of it needs to be checked."""
+    load: Callable[[], type[AnyService]] = _load
+    """Returns what serves it; takes time, since all that it needs is loaded."""
+
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present, where it is the only one."""
+        return PAGE
+
+    def launch(self, number: int = 1) -> NumberedLaunch:
+        """Return what serves it, as the only one or one of several."""
+        return NumberedLaunch(service=self.load(), config=self.config, number=number)
+
+
+def can_be() -> bool:
+    """Return whether what a page needs is installed; none of it is loaded."""
+    return has_extra(registry.process(PAGE).extra)
+
+
+def page_of(
+    chosen: Settings,
+    *,
+    below: Mapping[str, Any] | None = None,
+    asked: Mapping[str, Any] | None = None,
+    places: Mapping[str, Mapping[str, Any]] | None = None,
+    tokens: Tokens | None = None,
+    option: str = "--web-port",
+) -> Page:
+    """Return the page, at ports that are free now.
+
+    Args:
+        chosen: files and `--set`, which win.
+        below: what a scenario says of it.
+        asked: what options of the command line say of it.
+        places: by user, where people are taken to stand.
+        tokens: unless others are set by hand; none: new ones.
+        option: of the command line, which another port is chosen with.
+
+    Raises:
+        ConfigError: a parameter is wrong.
+        ListenError: the port that was asked for is taken, or all that are tried are.
+    """
+    tokens = tokens or Tokens()
+    usual = {
+        "operator_token": tokens.operator,
+        "viewer_token": tokens.viewer,
+        "places": dict(places or {}),
+    }
+    sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
+    layers = layers_of(PAGE, sources, chosen)
+    config = layers.build(WebConfig)
+    ports = {"port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option=option)}
+    if config.lan:
+        is_asked = "lan_port" in layers.values
+        ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")
+    here = f"http://{_shown(config.host)}:{config.published_port or ports['port']}/?token="
+    there = ""
+    if config.lan:
+        address = config.lan_address or own_address("127.0.0.1")
+        there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    return Page(
+        config=config.model_copy(update=ports),
+        url=here + config.operator_token,
+        viewer_url=here + config.viewer_token,
+        lan_url=there and there + config.operator_token,
+        viewer_lan_url=there and there + config.viewer_token,
+        is_usual=all(layers.values.get(name) == value for name, value in usual.items())
+        and layers.values.keys() <= {*usual, "port", "lan"},
+    )
+
+
+def is_asked_of_page(settings: Iterable[str]) -> bool:
+    """Return whether one of `--set` is for the page."""
+    return any(service_of(setting) == PAGE for setting in settings)
+
+
+def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> int:
+    """Return a port that nobody listens at; the one that was asked for, where one was.
+
+    Raises:
+        ListenError: there is none.
+    """
+    candidates = [port] if is_asked else list(range(usual, usual + PORTS_TO_TRY))
+    reason = ""
+    for candidate in candidates:
+        try:
+            return _probe(host, candidate)
+        except OSError as error:
+            reason = error.strerror or str(error)
+    shown = f"{candidates[0]}" if is_asked else f"{candidates[0]} to {candidates[-1]}"
+    where = f"{_shown(host)}:{shown}"
+    raise ListenError(f"the page cannot listen at {where}: {reason}; choose another port with {option}")
+
+
+def _probe(host: str, port: int) -> int:
+    """Return the port, or for 0 any, if it can be listened at; as the server does, past sockets that fade."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((host, port))
+        probe.listen(1)
+        number: int = probe.getsockname()[1]
+    return number
+
+
+def _shown(host: str) -> str:
+    """Return a host as it stands in an address that is opened on this machine."""
+    if host in EVERYWHERE:
+        return "127.0.0.1"
+    return f"[{host}]" if ":" in host else host
+
+
+@contextlib.contextmanager
+def kept_link(site: str, *urls: str) -> Generator[Path | None]:
+    """Yield a file of the owner alone that holds `urls` while inside, or None if it cannot be written."""
+    try:
+        path = keep_link(site, *filter(None, urls))
+    except ConfigError as error:
+        log.warning("the link of the page is in no file: %s", error)
+        yield None
+        return
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
+    """Return what is printed of the page at `url`: on a terminal its link, in a log the file that holds it.
+
+    Args:
+        url: with its token.
+        path: of the file.
+        stream: where it is printed; None: standard error.
+    """
+    if (stream or sys.stderr).isatty():
+        return url
+    return without_token(url) + ("" if path is None else f" (its link is in {path})")
+
+
+def missing(why: str) -> ConfigError:
+    """Return the error for who asks something of a page that cannot be."""
+    return ConfigError(f"{why}: {REMEDY}")
+
+
+class Onlookers:
+    """Knows how long somebody looks on at least: a page that is loaded anew is not gone at once."""
+
+    def __init__(self) -> None:
+        self.until_s = -math.inf
+        """Somebody looks on until then, unless more is heard; on the clock of `on_health`."""
+
+    def on_health(self, health: Health, now_s: float) -> bool:
+        """Take note of what a service says; return whether it is news of people who look on."""
+        is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
+        if is_open and health.service == PAGE:
+            self.until_s = max(self.until_s, now_s + SILENT_S)
+            return True
+        return False
+
+    def are_there(self, now_s: float) -> bool:
+        """Return whether somebody looks on at `now_s`."""
+        return now_s < self.until_s

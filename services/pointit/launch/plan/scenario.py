@@ -1,0 +1,90 @@
+"""Scenarios: which services run, how they are configured, where people stand; one YAML file each."""
+
+from importlib import resources
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, PrivateAttr
+
+from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import KeyNameError
+from pointit.schemas.topics import check_name
+
+SHIPPED = resources.files("pointit.launch") / "scenarios"
+LONGEST_NAME = 60
+"""Characters of a scenario's name: 64 fit into the key of its run, with `schemas.system.RUN` before it."""
+
+
+class Place(Config):
+    """Where a person stands in {W}, and the azimuth of their IMU's yaw 0."""
+
+    position_m: tuple[float, float, float]
+    yaw_deg: float = 0.0
+
+
+class Scenario(Config):
+    """What a scenario file says."""
+
+    about: str = Field(description="one sentence")
+    explained: str = Field(default="", description="what happens and what to look at, some sentences")
+    duration_s: float = Field(default=60.0, gt=0, description="how long it runs unless told otherwise, s")
+    target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
+    places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
+    site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
+    user: dict[str, dict[str, Any]] = Field(default={}, description="services per person, by name")
+    _source: str = PrivateAttr(default="scenario")
+
+    @property
+    def source(self) -> str:
+        """Return where it stands, for errors."""
+        return self._source
+
+    def place_of(self, index: int) -> Place:
+        """Return where the person `index` stands, counted from 0; there may be more people than places."""
+        return self.places[index % len(self.places)]
+
+    @classmethod
+    def read(cls, path: Path, source: str) -> Self:
+        """Return the scenario in the file at `path`, called `source` in errors."""
+        layers = Layers()
+        layers.add(read_yaml(path), source)
+        scenario = layers.build(cls)
+        scenario._source = source  # noqa: SLF001 - its own
+        room = scenario.site.get("pui", {}).get("map")
+        if isinstance(room, str) and Path(room).suffix:  # a file, beside the scenario unless said otherwise
+            scenario.site["pui"]["map"] = str(path.parent / room)
+        return scenario
+
+
+def scenario_names() -> list[str]:
+    """Return the shipped scenarios."""
+    return sorted(
+        entry.name.removesuffix(".yaml") for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")
+    )
+
+
+def read_scenario(name: str) -> Scenario:
+    """Return the shipped scenario `name`, or the one in the file of that path.
+
+    Raises:
+        ConfigError: there is none, a field is wrong, or the file's name cannot stand in a key.
+    """
+    if name.endswith((".yaml", ".yml")):
+        scenario = Scenario.read(Path(name), name)
+        if len(Path(name).stem) > LONGEST_NAME:
+            raise ConfigError(
+                f"{name}: rename the file: a scenario's name has at most {LONGEST_NAME} characters"
+            )
+        try:
+            check_name(Path(name).stem, "scenario")
+        except KeyNameError as error:
+            raise ConfigError(f"{name}: rename the file: {error}") from error
+        return scenario
+    if name not in scenario_names():
+        raise ConfigError(
+            f"no scenario {name!r}; there are {', '.join(scenario_names())} and replay, or give a .yaml file"
+        )
+    with resources.as_file(SHIPPED / f"{name}.yaml") as path:
+        return Scenario.read(path, path.name)

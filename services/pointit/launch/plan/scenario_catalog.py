@@ -1,0 +1,140 @@
+"""What a run can be asked to run, and what the command line says of each scenario."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pointit.launch.plan.launches import PAGE, Choices, place_of, site_launches, user_launches
+from pointit.launch.plan.map_fit import check_map_fits
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
+from pointit.launch.plan.settings import service_of
+from pointit.launch.plan.startup_notices import assumed_places
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Launch, check_launches
+from pointit.schemas import RunScenario
+
+PLACES = 8
+"""Of so many people a page is told where they are taken to stand, whether they are there yet or not."""
+
+
+def name_of(index: int) -> str:
+    """Return the name of the person `index`, counted from 0, of a scenario."""
+    return f"user{index + 1}"
+
+
+def staged(scenario: Scenario, choices: Choices, people: int) -> list[Launch]:
+    """Return the services of a scenario with so many people.
+
+    Raises:
+        ConfigError: a service or parameter is wrong, or the map lacks what they need.
+    """
+    launches = site_launches(scenario, choices)
+    for index in range(people):
+        launches += user_launches(scenario, choices, name_of(index), index)
+    check_map_fits(launches)
+    return launches
+
+
+def places(scenario: Scenario, choices: Choices) -> dict[str, dict[str, Any]]:
+    """Return by user where people are taken to stand, for the page."""
+    return {name_of(index): place_of(scenario, choices, index).model_dump() for index in range(PLACES)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program:
+    """Scenarios that a run may change to, each with the choices of the command line that fit it."""
+
+    sources: Mapping[str, str]
+    """By name, what `read_scenario` takes for it."""
+    choices: Choices
+    room: str
+    """The map of the scenario that the choices were made for."""
+
+    @classmethod
+    def beginning_with(cls, name: str, source: str, scenario: Scenario, choices: Choices) -> "Program":
+        """Return the shipped scenarios, and the one that is run first, if it is a file."""
+        shipped = {shipped: shipped for shipped in scenario_names()}
+        return cls(sources=shipped | {name: source}, choices=choices, room=_room(scenario))
+
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """Return the names of the scenarios that can run with the choices, on the map they name."""
+        if not self.choices.settings and not self.choices.files:
+            return tuple(self.sources)
+        return tuple(name for name, source in self.sources.items() if self._can_run(source))
+
+    def plan(self, query: RunScenario, now: Plan) -> Plan:
+        """Return the plan of what is asked for in place of `now`, checked as at a start.
+
+        Raises:
+            ConfigError: there is no such scenario, or it cannot work so.
+        """
+        source = self.sources.get(query.scenario)
+        if source is None:
+            raise ConfigError(f"no scenario {query.scenario!r}; there are {', '.join(self.offered)}")
+        scenario = read_scenario(source)
+        localizes = now.localizes if query.localizes is None else query.localizes
+        choices = self._fitting(scenario, localize=localizes)
+        people = len(now.users) if query.users is None else query.users
+        launches = staged(scenario, choices, people)
+        check_launches(launches, now.link.addresses)
+        return dataclasses.replace(
+            now,
+            name=Path(source).stem,
+            scenario=Path(source).stem,
+            launches=launches,
+            target_kinds=scenario.target_kinds,
+            duration_s=now.duration_s if now.is_limited else scenario.duration_s,
+            localizes=localizes,
+            notes=(*self._ignored(scenario), *assumed_places(launches, choices)),
+        )
+
+    def _can_run(self, source: str) -> bool:
+        try:
+            scenario = read_scenario(source)
+            choices = self._fitting(scenario, localize=self.choices.localize)
+            check_launches(staged(scenario, choices, 1))
+        except ConfigError:
+            return False
+        return True
+
+    def _fitting(self, scenario: Scenario, *, localize: bool) -> Choices:
+        """Return what of the choices can be applied to `scenario`."""
+        choices = self.choices
+        poses = choices.poses if _room(scenario) == self.room else ()
+        if localize:  # who wears a device is found out
+            devices = [*choices.imu, *["sim"] * len(poses)]
+            poses = [pose if device == "sim" else None for pose, device in zip(poses, devices, strict=False)]
+        return dataclasses.replace(
+            choices,
+            localize=localize,
+            targets=choices.targets if localize else None,
+            poses=poses,
+            method=choices.method if "selector" in scenario.site else None,
+            leds=choices.leds if "led-driver" in scenario.site else "",
+            settings=[setting for setting in choices.settings if service_of(setting) in _services(scenario)],
+        )
+
+    def _ignored(self, scenario: Scenario) -> Iterator[str]:
+        """Yield a sentence on each choice that does not fit."""
+        choices, there = self.choices, _services(scenario)
+        said = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
+        said += [(f"--method {choices.method}", "selector")] if choices.method else []
+        said += [(f"--leds {choices.leds}", "led-driver")] if choices.leds else []
+        for option, service in said:
+            if service not in there and service != PAGE:
+                yield f"{option} is ignored: {scenario.source} has no {service}"
+        if any(choices.poses) and _room(scenario) != self.room:
+            yield f"--pose is ignored: it is of another room; people stand where {scenario.source} says"
+
+
+def _services(scenario: Scenario) -> set[str]:
+    """Return what may run in a scenario; anybody may have an imu-bridge."""
+    return {*scenario.site, *scenario.user, "imu-bridge"}
+
+
+def _room(scenario: Scenario) -> str:
+    return str(scenario.site.get("pui", {}).get("map", ""))

@@ -1,0 +1,66 @@
+"""What is worth saying when people's services start: where they are taken to stand, what of them is kept."""
+
+from collections.abc import Iterator, Sequence
+
+from pointit.launch.plan.launches import Choices
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.service import Launch
+from pointit.schemas import PointingOffset
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings, Wearing
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, minute, offset_in_use
+
+
+def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0) -> Iterator[str]:
+    """Yield a sentence on everybody who wears a device and whose place nobody has said.
+
+    Args:
+        launches: the services; people in the order of `choices`.
+        choices: what the command line says of them.
+        first: which of `choices` is the first of the people.
+    """
+    simulated = {launch.user for launch in launches if launch.service.NAME == "user-sim"}
+    users = list(dict.fromkeys(launch.user for launch in launches if launch.user))
+    places = {launch.user: launch.config for launch in launches if isinstance(launch.config, LocalizerConfig)}
+    source = "the scenario or a file of --config says" if choices.files else "the scenario says"
+    is_set = any(setting.startswith("localizer.") for setting in choices.settings)
+    for index, user in enumerate(users, start=first):
+        config = places.get(user)
+        is_said = is_set or (index < len(choices.poses) and choices.poses[index] is not None)
+        if user in simulated or config is None or config.method != "fixed" or is_said:
+            continue
+        x_m, y_m, _ = config.position_m
+        yield (
+            f"{user} is taken to stand at {x_m:.2f}, {y_m:.2f} m, yaw {config.yaw_deg:g}°, as {source}; "
+            "say otherwise with --pose X,Y,YAW, or --localize"
+        )
+
+
+def kept_mountings(launches: Sequence[Launch]) -> Iterator[str]:
+    """Yield a sentence on every measured mounting that is in use from the start."""
+    for launch in launches:
+        if not isinstance(launch.config, ImuBridgeConfig):
+            continue
+        try:
+            kept = StateFile(KeptMountings, launch.user, PURPOSE).read()
+        except ConfigError:
+            continue  # the service says so itself, and goes on without
+        if kept is not None and Wearing(launch.config, kept).is_measured:
+            since = minute(kept.by_source[launch.config.source].set_ns)
+            forget = f"`pointit calibrate mounting {launch.user} --erase` forgets it"
+            yield f"{launch.user}: a mounting of {since} is in use; {forget}"
+
+
+def kept_offsets(launches: Sequence[Launch]) -> Iterator[str]:
+    """Yield a sentence on every pointing offset that is in use from the start."""
+    for launch in launches:
+        if launch.service.NAME != "supervisor":
+            continue
+        try:
+            kept = StateFile(PointingOffset, launch.user, OFFSET_PURPOSE).read()
+        except ConfigError:
+            continue  # as above
+        if kept is not None:
+            yield offset_in_use(launch.user, kept)

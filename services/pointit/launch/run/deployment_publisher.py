@@ -1,0 +1,70 @@
+"""What a run tells the site of itself: which scenario, which services, what starts them again.
+
+Who ends on purpose tells that nothing is to run any more. Who vanishes does not: what it has told outlives
+it, and `doctor` says what is missing.
+"""
+
+import time
+from collections.abc import Sequence
+
+from pointit.launch.plan.plan import Plan
+from pointit.runtime.bus.contract import Bus, Closable, Publisher
+from pointit.runtime.service.service import Launch
+from pointit.schemas import Deployment, ExpectedService
+from pointit.schemas.system import RUN
+from pointit.schemas.topics import DEPLOYMENT
+
+Line = tuple[Launch, tuple[str, ...]]
+"""A service, and the command that starts it again."""
+
+
+class Notice:
+    """The deployment of what runs now; there is one at a time."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._name = ""
+        self._publisher: Publisher[Deployment] | None = None
+        self._hearing: Closable | None = None
+        self._stamp_ns = 0
+        """Of what was told last."""
+        self._is_anothers = False
+        """Another process has told something under the same name since then."""
+
+    def post(self, plan: Plan, lines: Sequence[Line]) -> None:
+        """Tell what `plan` runs, in place of what was told before."""
+        name = plan.name if plan.person else f"{RUN}{plan.name}"
+        if self._publisher is None or self._name != name:
+            self.take_down()
+            self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
+            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
+        self._stamp_ns, self._is_anothers = time.time_ns(), False
+        services = tuple(
+            ExpectedService(service=launch.service.NAME, user=launch.user, command=command)
+            for launch, command in lines
+        )
+        self._publisher.put(
+            Deployment(
+                stamp_ns=self._stamp_ns,
+                name=plan.name,
+                services=services,
+                scenario=plan.scenario,
+                scenarios=tuple(plan.scenarios),
+                localizes=plan.localizes,
+                target_kinds=tuple(plan.target_kinds),
+            )
+        )
+
+    def take_down(self) -> None:
+        """Tell that nothing of it is to run any more, unless the name went over to another process."""
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            if not self._is_anothers:
+                publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
+            publisher.retire()
+        if self._hearing is not None:
+            self._hearing.close()
+            self._hearing = None
+
+    def _on_deployment(self, deployment: Deployment, _name: str) -> None:
+        self._is_anothers |= deployment.stamp_ns > self._stamp_ns

@@ -1,0 +1,282 @@
+"""What a run looks like from outside: newest messages of every kind, kept for the view and the summary."""
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pointit.diagnosis.certainty import FRAME_RATE
+from pointit.launch.run.latency import Latency
+from pointit.launch.run.score import Score
+from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.clock import Clock
+from pointit.schemas import (
+    Anchor,
+    Cursor,
+    Environment,
+    Feedback,
+    Health,
+    Hover,
+    Interaction,
+    LampColor,
+    Localization,
+    SelectionEvent,
+    StripsFrame,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.base import Rgb
+from pointit.schemas.text import one_line
+from pointit.schemas.topics import (
+    ANCHOR,
+    CURSOR,
+    FEEDBACK,
+    HEALTH,
+    HOVER,
+    INTERACTION,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    POSE,
+    PROFILE,
+    SELECTION,
+    SELECTION_EVENTS,
+    STRIPS_FRAME,
+    USER_ALIVE,
+)
+
+LINES = 5
+"""Recent events kept for the view."""
+FOUND = ("static_targets", "moving_target")
+"""Methods of poses that were found by pointing."""
+TOGETHER_NS = 500_000_000
+"""A pose is stamped with its newest ray, so it may be a little older than the news of it."""
+
+
+@dataclass
+class Monitor:
+    """Subscribes like any other reader; holds the newest of everything."""
+
+    score: Score
+    clock: Clock
+    person: str = ""
+    """Only what this person does is news; empty for everybody's."""
+    tell: Callable[[str], object] | None = None
+    """Called with each line of news."""
+    environment: Environment | None = None
+    frame: StripsFrame | None = None
+    cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
+    hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
+    interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
+    poses: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
+    found: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
+    """Where people were last found by pointing, as it was then; also those who have left."""
+    solved: dict[str, int] = field(default_factory=dict[str, int])
+    """When a localization said that it is solved, until its pose has come."""
+    localizations: dict[str, Localization] = field(default_factory=dict[str, Localization])
+    refusals: dict[str, str] = field(default_factory=dict[str, str])
+    """Why the localizer last refused a person, until they try again."""
+    cues: dict[str, str] = field(default_factory=dict[str, str])
+    """What the cue of a refusal last told a person, until they try again; the selector refuses as well."""
+    colors: dict[str, Rgb] = field(default_factory=dict[str, Rgb])
+    """Each person's colour."""
+    lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
+    health: dict[str, Health] = field(default_factory=dict[str, Health])
+    heard_s: dict[str, float] = field(default_factory=dict[str, float])
+    """When a service's health came last, monotonic; another machine's clock may be apart."""
+    events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
+    latency: Latency = field(default_factory=Latency)
+    cursor_count: int = 0
+    """Cursors that were on something."""
+    frame_count: int = 0
+    lamp_misses_rad: dict[str, float] = field(default_factory=dict[str, float])
+    """How near a ray came to each lamp that was pointed at."""
+    first_cursor_unix_s: float | None = None
+    """When the first cursor on a surface came, wall time."""
+    first_frame_unix_s: float | None = None
+    """When the strips had their first light, wall time: everything runs."""
+    _light_hz: dict[str, tuple[float, int]] = field(default_factory=dict[str, tuple[float, int]])
+    """Sum of the frame rates that each controller's port reported, and how many these were."""
+    _listening: list[Closable] = field(default_factory=list[Closable])
+
+    def attach(self, bus: Bus) -> None:
+        """Begin to listen on `bus`."""
+        self._listening += [
+            bus.subscribe(MAP, self._on_map),
+            bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
+            bus.subscribe(SELECTION_EVENTS, self._on_event),
+            bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state)),
+            bus.subscribe(INTERACTION, self._on_interaction),
+            bus.subscribe(POSE, self._on_pose),
+            bus.subscribe(LOCALIZATION, self._on_localization),
+            bus.subscribe(ANCHOR, self._on_anchor),
+            bus.subscribe(FEEDBACK, self._on_feedback),
+            bus.subscribe(PROFILE, self._on_profile),
+            bus.subscribe(HOVER, self._on_hover),
+            bus.subscribe(LAMP_COLOR, self._on_lamp),
+            bus.subscribe(HEALTH, self._on_health),
+            bus.subscribe(CURSOR, self._on_cursor),
+            bus.subscribe(STRIPS_FRAME, self._on_frame),
+            bus.watch(USER_ALIVE, self._on_user),
+        ]
+
+    def detach(self) -> None:
+        """Hear nothing any more; what was seen stays."""
+        while self._listening:
+            self._listening.pop().close()
+
+    def people(self) -> list[str]:
+        """Return whose doings are shown."""
+        known = {*self.interactions, *self.cursors}
+        return sorted(known & {self.person} if self.person else known)
+
+    def light_rates(self) -> dict[str, float]:
+        """Return how many frames a second the link of each controller carries on average, by its port."""
+        return {port: sum_hz / count for port, (sum_hz, count) in dict(self._light_hz).items()}
+
+    def complaints(self) -> list[str]:
+        """Return what the services last said is wrong, each with who says it."""
+        return [f"{name}: {said}" for name, health in self.health.items() for said in health.warnings]
+
+    def refusal(self, user: str) -> str:
+        """Return why a person could not begin, or not set their pose right, until they try again."""
+        interaction = self.interactions.get(user)
+        told = self.cues.get(user, "")
+        by_supervisor = told if interaction is not None and told == interaction.reason else ""
+        return self.refusals.get(user, "") or by_supervisor
+
+    def _news(self, text: str) -> None:
+        line = one_line(text)
+        self.events.append(line)
+        if self.tell is not None:
+            self.tell(line)
+
+    def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if not present:  # nothing of theirs runs any more: what they did last is no news
+            for newest in (
+                self.cursors,
+                self.hovers,
+                self.interactions,
+                self.poses,
+                self.localizations,
+                self.refusals,
+                self.cues,
+                self.colors,
+            ):
+                newest.pop(user, None)
+            for instance in [name for name, health in self.health.items() if health.user == user]:
+                del self.health[instance], self.heard_s[instance]
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self.environment = environment
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        self.score.on_event(event)
+        kind = self.score.kinds.get(event.object_id, "object")
+        where = f" at bay {event.bay}" if event.bay else ""
+        who = f"{where} by {event.user}" if event.user and not where else where
+        number = event.object_id.rpartition("-")[2]
+        reason = f": {event.reason}" if event.reason else ""
+        if not self.person or event.user == self.person:
+            self._news(f"{kind} {number} {event.event}{who}{reason}")
+
+    def _on_interaction(self, interaction: Interaction, user: str) -> None:
+        before = self.interactions.get(user)
+        self.interactions[user] = interaction
+        if before is not None and before.state == "idle" != interaction.state:
+            self._try_again(user)
+        if self.person and user != self.person:
+            return
+        begins = before is None and interaction.state == "idle" and not interaction.reason
+        if not begins and (before is None or before.state != interaction.state):
+            self._news(f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip())
+
+    def _on_pose(self, pose: UserPose, user: str) -> None:
+        self.poses[user] = pose
+        if self.person and user != self.person:
+            return
+        if pose.method == "fixed":  # it was told since
+            self.found.pop(user, None)
+            return
+        self._take_found(user)
+        if user not in self.found or pose.method == "external":
+            self.found[user] = pose
+
+    def _take_found(self, user: str) -> None:
+        """Keep the pose that a localization ended with; the two come in any order."""
+        solved_ns, pose = self.solved.get(user), self.poses.get(user)
+        if solved_ns is None or pose is None or pose.stamp_ns < solved_ns - TOGETHER_NS:
+            return
+        del self.solved[user]
+        if pose.method in FOUND and (not self.person or user == self.person):
+            self.found[user] = pose
+
+    def _on_localization(self, news: Localization, user: str) -> None:
+        before = self.localizations.get(user)
+        self.localizations[user] = news
+        if news.phase == "solved" and news.purpose == "pose" and (before is None or before.phase != "solved"):
+            self.solved[user] = news.stamp_ns
+            self._take_found(user)
+        if news.phase in {"sampling", "solved"}:
+            self._try_again(user)
+        elif news.phase == "refused" and news.reason:
+            self.refusals[user] = news.reason
+
+    def _on_anchor(self, anchor: Anchor, user: str) -> None:
+        if self.person and user != self.person:
+            return
+        at = f" at {anchor.target_id}" if anchor.target_id else ""
+        if anchor.accepted:
+            off_deg = math.degrees(anchor.azimuth_error_rad)
+            self._news(f"{user}: anchor{at}, the yaw was off by {off_deg:+.1f}°")
+        else:
+            self._news(f"{user}: anchor{at} not taken: {anchor.reason}".rstrip(": "))
+
+    def _on_feedback(self, feedback: Feedback, user: str) -> None:
+        if feedback.cue == "refused":
+            self.cues[user] = feedback.text
+        elif feedback.cue == "localized":
+            self._try_again(user)
+
+    def _try_again(self, user: str) -> None:
+        self.refusals.pop(user, None)
+        self.cues.pop(user, None)
+
+    def _on_profile(self, profile: UserProfile, user: str) -> None:
+        self.colors[user] = profile.cursor_color
+
+    def _on_hover(self, hover: Hover, user: str) -> None:
+        self.hovers[user] = hover
+
+    def _on_lamp(self, lamp: LampColor, name: str) -> None:
+        self.lamps[name] = lamp
+
+    def _on_health(self, health: Health, instance: str) -> None:
+        self.heard_s[instance] = time.monotonic()
+        self.health[instance] = health
+        for figure in health.figures:
+            if figure.name.startswith(FRAME_RATE):
+                port = figure.name.removeprefix(FRAME_RATE).strip()
+                sum_hz, count = self._light_hz.get(port, (0.0, 0))
+                self._light_hz[port] = (sum_hz + figure.value, count + 1)
+
+    def _on_cursor(self, cursor: Cursor, user: str) -> None:
+        self.cursors[user] = cursor
+        if cursor.surface != "none" or cursor.solid:
+            self.cursor_count += 1
+            if self.first_cursor_unix_s is None:
+                self.first_cursor_unix_s = time.time()
+        if cursor.surface == "lamp":
+            self.lamp_misses_rad[cursor.surface_id] = min(
+                cursor.miss_rad, self.lamp_misses_rad.get(cursor.surface_id, math.inf)
+            )
+        self.latency.on_cursor(cursor)
+
+    def _on_frame(self, frame: StripsFrame, _name: str) -> None:
+        self.frame = frame
+        self.frame_count += 1
+        if self.first_frame_unix_s is None:
+            self.first_frame_unix_s = time.time()
+        self.latency.on_frame(frame, self.clock.now_ns(), self.clock.speed)

@@ -1,0 +1,218 @@
+"""The scenario that runs now: its services, what is seen of it, and how it gives way to another."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import cast
+
+from pointit.launch.plan.page import Page
+from pointit.launch.plan.plan import Plan
+from pointit.launch.run.deployment_publisher import Line, Notice
+from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.score import Score
+from pointit.launch.run.service_group import Cast
+from pointit.runtime.bus.contract import UNDECLARE_S
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.instance_takeover import claim
+from pointit.runtime.service.service import Launch
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import USER_ALIVE
+
+log = logging.getLogger(__name__)
+
+PRESENCE_PATIENCE_S = 0.3
+"""How long to listen for who is there already."""
+
+GONE_S = UNDECLARE_S + 0.05
+"""After so long nothing of services that have ended is told any more to who comes late."""
+
+Tell = Callable[[str], object]
+"""Says a sentence to the person: in the log, or above the view."""
+
+
+class Stage:
+    """What runs, here or as processes; the page beside it stays whatever is run."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        bus: ZenohBus,
+        clock: Clock,
+        *,
+        tell: Tell,
+        news: Tell | None,
+        on_end: Callable[[], None],
+        on_page: Callable[[Page], None],
+    ) -> None:
+        """Begin nothing yet.
+
+        Args:
+            plan: what is run first.
+            bus: where.
+            clock: of all services.
+            tell: takes what the person should know.
+            news: takes what people do, where nobody sees it drawn.
+            on_end: called when services end before they are asked to.
+            on_page: called when the page is there.
+        """
+        self.plan = plan
+        self.bus = bus
+        self.clock = clock
+        self.monitor = Monitor(Score(plan.target_kinds), clock)
+        self.began_s = time.monotonic()
+        self.saw_cursor = False
+        """A scenario before this one had a cursor."""
+        self._tell = tell
+        self._news = news
+        self._on_end = on_end
+        self._on_page = on_page
+        self._notice = Notice(bus)
+        self._cast: Cast | None = None
+        self._page: Cast | None = None
+        self._page_is_lost = False
+        self._opening: asyncio.Task[None] | None = None
+
+    @property
+    def end_s(self) -> float | None:
+        """Return when it is over by its own duration, monotonic; none: never."""
+        if self.plan.duration_s is None:
+            return None
+        return self.began_s + self.plan.duration_s / self.clock.speed
+
+    @property
+    def has_ended(self) -> bool:
+        """Return whether the scenario's services have ended by themselves."""
+        return self._cast is not None and self._cast.has_ended
+
+    @property
+    def has_page(self) -> bool:
+        """Return whether a page runs beside the scenario."""
+        return (
+            self._page is not None
+            and self._opening is not None
+            and self._opening.done()
+            and not self._page_is_lost
+        )
+
+    async def begin(self) -> None:
+        """Begin what the plan says; the page follows, and nobody waits for it: it takes time to load.
+
+        Raises:
+            Exception: what ended a service at once.
+        """
+        await self._set(self.plan)
+        if self.plan.page is not None:
+            self._opening = asyncio.create_task(self._open(self.plan.page), name="opening the page")
+
+    async def change(self, plan: Plan) -> None:
+        """Run `plan` in place of what runs; if it cannot begin, what runs now begins again.
+
+        Raises:
+            ConfigError: it cannot, and why.
+        """
+        before = self.plan
+        await refuse_names_in_use(self.bus, set(plan.users) - set(before.users))
+        await self._strike()
+        try:
+            await self._set(plan)
+        except Exception as error:
+            await self._strike()
+            await self._set(before)
+            raise ConfigError(
+                f"{plan.name} could not begin ({_sentence(error)}); {before.name} has begun again"
+            ) from error
+        for note in plan.notes:
+            self._tell(note)
+
+    async def end(self) -> None:
+        """End everything.
+
+        Raises:
+            Exception: what ended a service before.
+        """
+        if self._opening is not None:
+            self._opening.cancel()
+            await asyncio.wait({self._opening})
+        if not self.has_ended:  # else it failed, and is missed
+            self._notice.take_down()
+        casts = [cast for cast in (self._cast, self._page) if cast is not None]
+        await asyncio.gather(*(cast.end() for cast in casts))
+        if self._cast is not None:
+            self._cast.check()
+
+    async def _set(self, plan: Plan) -> None:
+        self.plan = plan
+        self.monitor = Monitor(Score(plan.target_kinds), self.clock, person=plan.person, tell=self._news)
+        self.monitor.attach(self.bus)
+        for launch in plan.launches:
+            launch.service.begin_anew(self.bus.link.site, self.clock.now_ns())
+        self._cast = self._cast_of(plan.launches, on_end=self._on_end)
+        where = (self.bus.link.listen or self.bus.link.connect)[0]
+        names = ", ".join(launch.instance for launch in plan.launches)
+        log.info("%s of site %s at %s: %s", plan.name, self.bus.link.site, where, names)
+        self._post()
+        self.began_s = time.monotonic()
+        await self._cast.begin()
+
+    async def _strike(self) -> None:
+        """End the scenario; return when nothing of it is told any more."""
+        self._notice.take_down()
+        if self._cast is not None:
+            await self._cast.end()
+            self._cast = None
+        self.saw_cursor |= self.monitor.first_cursor_unix_s is not None
+        self.monitor.detach()
+        await asyncio.sleep(GONE_S)
+
+    def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> Cast:
+        return Cast(launches, self.bus, self.clock, processes=self.plan.processes, on_end=on_end)
+
+    async def _open(self, page: Page) -> None:
+        try:
+            launch = await asyncio.to_thread(page.launch)
+            self._page = self._cast_of([launch], on_end=self._check_page)
+            await self._page.begin()
+        except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
+            self._give_up_page(error)
+            return
+        if self._cast is not None:  # else another scenario is about to begin, and tells of both
+            self._post()
+        self._on_page(page)
+
+    def _check_page(self) -> None:
+        try:
+            if self._page is not None:
+                self._page.check()
+        except Exception as error:  # noqa: BLE001 - as above
+            self._give_up_page(error)
+
+    def _give_up_page(self, error: Exception) -> None:
+        if not self._page_is_lost:
+            log.error("the page has ended (%s); the run goes on without it", _sentence(error))
+        self._page_is_lost = True
+
+    def _post(self) -> None:
+        """Tell the site what runs."""
+        self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page)])
+
+
+async def refuse_names_in_use(bus: ZenohBus, users: set[str]) -> None:
+    """Make sure that nobody else runs services under these people's names; who is silent loses them.
+
+    Raises:
+        ConfigError: somebody does, and is well.
+    """
+    await claim(bus, USER_ALIVE, users)
+
+
+def _lines(cast: Cast | None) -> list[Line]:
+    return [] if cast is None else list(zip(cast.launches, cast.commands(), strict=True))
+
+
+def _sentence(error: BaseException) -> str:
+    """Return what an error says; of several, the first."""
+    while isinstance(error, BaseExceptionGroup):
+        error = cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
+    return str(error) or type(error).__name__

@@ -1,0 +1,103 @@
+"""Services that begin together and end together: in this process, or as processes of their own."""
+
+import asyncio
+import re
+import sys
+from collections.abc import Callable, Sequence
+
+from pointit.launch.run.subprocesses import Processes
+from pointit.runtime.clock import Clock
+from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import SERVICE_ALIVE
+
+SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
+"""An assignment whose value is nobody else's business."""
+
+
+class Cast:
+    """Launches on a bus; `on_end` is called when they end before they are asked to."""
+
+    def __init__(
+        self,
+        launches: Sequence[Launch],
+        bus: ZenohBus,
+        clock: Clock,
+        *,
+        processes: bool,
+        on_end: Callable[[], None],
+    ) -> None:
+        self.launches = launches
+        self._bus = bus
+        self._clock = clock
+        self._on_end = on_end
+        self._work: asyncio.Task[None] | None = None
+        here = (bus.link.listen or bus.link.connect)[0]
+        self._children = Processes(launches, site=bus.link.site, connect=here) if processes else None
+
+    @property
+    def has_ended(self) -> bool:
+        """Return whether all have ended."""
+        return self._work is not None and self._work.done()
+
+    def commands(self) -> list[tuple[str, ...]]:
+        """Return what starts each launch again, without secrets: it is told to everybody."""
+        if self._children is None:
+            return [("pointit", *shown(sys.argv[1:]))] * len(self.launches)
+        return [self._children.command(launch) for launch in self.launches]
+
+    async def begin(self) -> None:
+        """Begin; return when all are present, or as processes: are on their way.
+
+        Raises:
+            Exception: what ended one of them at once; the others have ended too.
+        """
+        if self._children is not None:
+            await self._children.__aenter__()
+            return
+        missing = {launch.instance for launch in self.launches}
+        settled = asyncio.Event()
+
+        def look(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+            if present:
+                missing.discard(name)
+            if not missing:
+                settled.set()
+
+        def ended(_work: asyncio.Task[None]) -> None:
+            settled.set()
+            self._on_end()
+
+        watching = self._bus.watch(SERVICE_ALIVE, look)
+        try:
+            self._work = asyncio.create_task(
+                run_services(self.launches, self._bus, self._clock), name="services"
+            )
+            self._work.add_done_callback(ended)
+            if missing:
+                await settled.wait()
+        finally:
+            watching.close()
+        self.check()
+
+    def check(self) -> None:
+        """Say why they have ended, if they have.
+
+        Raises:
+            Exception: what ended them.
+        """
+        if self._work is not None and self._work.done() and not self._work.cancelled():
+            self._work.result()
+
+    async def end(self) -> None:
+        """End what has begun; nothing of it is left afterwards, ended by itself or not."""
+        if self._children is not None:
+            await self._children.__aexit__(None, None, None)
+        if self._work is not None:
+            self._work.cancel()
+            await asyncio.wait({self._work})
+
+
+def shown(arguments: Sequence[str]) -> list[str]:
+    """Return what was typed, with the values of secrets left out."""
+    return [SECRET.sub(r"\1…", argument) for argument in arguments]

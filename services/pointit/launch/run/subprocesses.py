@@ -1,0 +1,146 @@
+"""Services as processes of their own: started from files anybody can start them from again."""
+
+import asyncio
+import logging
+import shlex
+import shutil
+import signal
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import yaml
+
+from pointit.runtime.service.service import Launch
+from pointit.services import registry
+
+log = logging.getLogger(__name__)
+
+STOP_PATIENCE_S = 1.2
+"""How long children may take to end before they are killed."""
+
+LAST_WORDS = 2000
+"""Bytes at the end of a child's log in which its last sentence is sought."""
+
+
+class Processes:
+    """Child processes, one per launch; all end with the block.
+
+    A child that ends by itself is reported, with the command that starts it again; it is not restarted:
+    an operator, compose or systemd decides that.
+    """
+
+    def __init__(
+        self,
+        launches: Sequence[Launch],
+        *,
+        site: str,
+        connect: str,
+        clock: Literal["site", "wall"] = "site",
+    ) -> None:
+        self._launches = launches
+        self._site = site
+        self._connect = connect
+        self._clock = clock
+        self._children: dict[str, asyncio.subprocess.Process] = {}
+        self._watches: list[asyncio.Task[None]] = []
+        self._ending = False
+        self.folder = Path(tempfile.mkdtemp(prefix="pointit-"))
+        """Holds each service's configuration and log; stays when one of them failed."""
+
+    def command(self, launch: Launch) -> tuple[str, ...]:
+        """Return the command that starts `launch`."""
+        package = registry.process(launch.service.NAME).package
+        command = [sys.executable, "-m", package, "--config", str(self.folder / f"{launch.instance}.yaml")]
+        if launch.user:
+            command += ["--user", launch.user]
+        return (*command, "--site", self._site, "--connect", self._connect, "--clock", self._clock)
+
+    async def __aenter__(self) -> Self:
+        try:
+            for launch in self._launches:
+                path = self.folder / f"{launch.instance}.yaml"
+                path.write_text(yaml.safe_dump(launch.config.model_dump(mode="json")), encoding="utf-8")
+            for launch in self._launches:
+                await self._start(launch)
+        except BaseException:
+            await self._end()
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self._end()
+
+    async def _end(self) -> None:
+        self._ending = True
+        failed = [instance for instance, child in self._children.items() if child.returncode is not None]
+        waits = [asyncio.create_task(child.wait()) for child in self._children.values()]
+        for child in self._children.values():
+            if child.returncode is None:
+                child.send_signal(signal.SIGTERM)
+        if waits:
+            await asyncio.wait(waits, timeout=STOP_PATIENCE_S)
+        for instance, child in self._children.items():
+            if child.returncode is None:
+                log.warning("%s did not end in time and is killed", instance)
+                failed.append(instance)
+                child.kill()
+        await asyncio.gather(*waits)
+        for watch in self._watches:
+            watch.cancel()
+        await asyncio.gather(*self._watches, return_exceptions=True)
+        if not failed:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    async def _start(self, launch: Launch) -> None:
+        path = self.folder / f"{launch.instance}.log"
+        with path.open("ab") as output:
+            child = await asyncio.create_subprocess_exec(
+                *self.command(launch),
+                "--while-parent-lives",
+                stdin=asyncio.subprocess.PIPE,
+                stdout=output,
+                stderr=output,
+                process_group=0,  # a terminal's Ctrl-C is for the parent, which ends the children in order
+            )
+        self._children[launch.instance] = child
+        watch = asyncio.create_task(self._watch(launch, child, path), name=f"watch {launch.instance}")
+        self._watches.append(watch)
+
+    async def _watch(self, launch: Launch, child: asyncio.subprocess.Process, path: Path) -> None:
+        code = await child.wait()
+        if self._ending:
+            return
+        if code < 0:
+            how = f"was ended by {signal.Signals(-code).name}"
+        else:
+            how = f"ended with exit code {code}"
+            if why := last_words(path):
+                how += f": {why}"
+        log.error(
+            "%s %s; start it again with: %s (its log: %s)",
+            launch.instance,
+            how,
+            shlex.join(self.command(launch)),
+            path,
+        )
+
+
+def last_words(path: Path) -> str:
+    """Return the error with which a service ended, from its log, or else the log's last line."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - LAST_WORDS))
+            lines = file.read().decode(errors="replace").strip().splitlines()
+    except OSError:
+        return ""
+    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+    return (errors or lines or [""])[-1].rstrip(".")

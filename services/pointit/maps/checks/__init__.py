@@ -1,0 +1,1 @@
+"""Checks that find mistakes in a map."""

@@ -1,0 +1,172 @@
+"""What is probably wrong with a map that can be read: `pointit map check`."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.vector import Vec3
+from pointit.maps.checks.belts import check_belts
+from pointit.maps.checks.finding import Finding, error, warning
+from pointit.maps.checks.strips import check_lines, check_strips
+from pointit.maps.lanes import broken_references, lanes_of
+from pointit.maps.model import MapFile
+
+FLOOR_M = 0.0
+HIGHEST_LAMP_M = 5.0
+SAME_PLACE_M = 0.01
+ONE_BEARING_M = 0.2
+"""Lamps that lie in a column so narrow are at one bearing from everywhere."""
+LEAST_SPREAD_DEG = 5.0
+THINNEST_M = 0.001
+WIDEST_M = 1000.0
+"""A room that is wider is one in millimetres."""
+
+Point = tuple[float, float]
+
+
+def check_map(
+    file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, person_m: Point | None = None
+) -> list[Finding]:
+    """Return what is wrong with a map, errors first.
+
+    Args:
+        file: the map as it stands in its file.
+        clouds: points of its clouds in {W}, n x 3.
+        person_m: where the person stands, x and y; empty: anywhere.
+    """
+    broken = [error(where, text) for where, text in broken_references(file)]
+    lanes = lanes_of(file)
+    links = [
+        (index, link)
+        for index, link in enumerate(file.links)
+        if link.source in lanes and link.target in lanes
+    ]
+    found = [
+        *broken,
+        *check_belts(file, lanes, links),
+        *check_lines(file),
+        *check_strips(file),
+        *_check_lamps({name: led.position for name, led in file.leds.items()}, person_m),
+        *_check_solids(file),
+        *_check_clouds(clouds),
+        *_check_twins(file),
+        *_check_extent(file),
+    ]
+    return sorted(found, key=lambda each: each.severity)
+
+
+def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
+    """Return what a map has, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
+    counts = (
+        (len(file.belts), "belt", ""),
+        (len(file.links), "link", ""),
+        (len(file.bays), "bay", ""),
+        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
+        (len(file.leds), "lamp", ""),
+        (len(file.boxes), "box", ""),
+        (len(file.planes), "plane", ""),
+        (len(file.cylinders), "cylinder", ""),
+        (len(file.spheres), "sphere", ""),
+        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
+    )
+    plural = {"box": "boxes"}
+    return ", ".join(
+        f"{count} {word if count == 1 else plural.get(word, word + 's')}{more}"
+        for count, word, more in counts
+        if count
+    )
+
+
+def _with(count: int, what: str) -> str:
+    return f" with {count} {what}{'s' if count > 1 else ''}"
+
+
+def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[Finding]:
+    for name, (_, _, z) in lamps.items():
+        if z < FLOOR_M:
+            yield error(f"leds.{name}", f"is {-z:g} m below the floor; correct its z")
+        elif z > HIGHEST_LAMP_M:
+            yield warning(
+                f"leds.{name}",
+                f"is {z:g} m high, where few can point well; hang it below {HIGHEST_LAMP_M:g} m",
+            )
+    names, places = list(lamps), np.array(list(lamps.values()))
+    for index, name in enumerate(names):
+        near = np.linalg.norm(places[:index] - places[index], axis=1) < SAME_PLACE_M
+        if near.any():  # one is enough: of many at one place there would be as many pairs as nobody reads
+            other = names[int(near.argmax())]
+            yield error(f"leds.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
+    if len(lamps) < 2:
+        yield warning(
+            "leds",
+            f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing takes two; "
+            "add lamps, or say where people stand",
+        )
+    elif _one_bearing(list(lamps.values()), person_m):
+        seen = "one above the other" if person_m is None else f"in one direction from {list(person_m)}"
+        yield error("leds", f"all lie {seen}, which tells no place; move one of them aside")
+
+
+def _one_bearing(places: Sequence[Vec3], person_m: Point | None) -> bool:
+    flat = np.array(places)[:, :2]
+    if person_m is None:
+        return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)
+    bearings = np.arctan2(*(flat - person_m).T[::-1])
+    apart = np.degrees(np.abs(np.angle(np.exp(1j * (bearings - bearings[0])))))
+    return bool(apart.max() < LEAST_SPREAD_DEG)
+
+
+def _check_solids(file: MapFile) -> Iterator[Finding]:
+    sizes = {
+        **{f"boxes.{name}": box.size for name, box in file.boxes.items()},
+        **{f"planes.{name}": plane.size for name, plane in file.planes.items() if plane.size},
+        **{f"cylinders.{name}": (each.radius, each.height) for name, each in file.cylinders.items()},
+        **{f"spheres.{name}": (each.radius,) for name, each in file.spheres.items()},
+    }
+    for where, measures in sizes.items():
+        if min(measures) < THINNEST_M:
+            yield error(
+                where, f"is {min(measures):g} m small, it has no area to point at; write its size in metres"
+            )
+
+
+def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+    for name, points in clouds.items():
+        extent = float(np.ptp(points, axis=0).max())
+        if len(points) > 1 and extent < THINNEST_M:
+            yield error(
+                f"clouds.{name}", f"all its {len(points)} points are at one place; correct scale, or the file"
+            )
+
+
+def _check_twins(file: MapFile) -> Iterator[Finding]:
+    """Yield strips, belts and solids that are where another of their kind is."""
+    yield from _twins("strips", {name: strip.line for name, strip in file.strips.items()})
+    yield from _twins("belts", {name: belt.centerline for name, belt in file.belts.items()})
+    yield from _twins("boxes", file.boxes)
+    yield from _twins("planes", file.planes)
+    yield from _twins("cylinders", file.cylinders)
+    yield from _twins("spheres", file.spheres)
+    yield from _twins("clouds", file.clouds)
+
+
+def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
+    seen: dict[str, str] = {}
+    for name, entry in entries.items():
+        place = repr(entry)
+        if place in seen:
+            yield warning(f"{section}.{name}", f"is exactly where {seen[place]} is; remove it, or correct it")
+        seen.setdefault(place, name)
+
+
+def _check_extent(file: MapFile) -> Iterator[Finding]:
+    places = [led.position for led in file.leds.values()]
+    for line in (
+        *(strip.line for strip in file.strips.values()),
+        *(each.centerline for each in file.belts.values()),
+    ):
+        places += line
+    extent = float(np.ptp(np.array(places), axis=0).max()) if places else 0.0
+    if extent > WIDEST_M:
+        yield warning("map", f"is {extent:.0f} m wide; write positions in metres, if these are millimetres")

@@ -1,0 +1,93 @@
+"""What is wrong with strips, and with lines as such."""
+
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from pointit.geometry.polyline import SAME_M, Polyline
+from pointit.geometry.vector import Vec3
+from pointit.maps.checks.finding import Finding, warning
+from pointit.maps.lanes import Lane, lanes_of
+from pointit.maps.model import MapFile
+from pointit.schemas.environment import BESIDE_BELT_M
+
+DENSITY_SPREAD = 0.2
+LENGTH_SPREAD = 0.01
+LENGTH_M = 0.01
+SHARPEST_DEG = 120.0
+SAMPLES = 50
+OFF_SHARE = 0.1
+"""So much of a strip may lie beyond its belt's end."""
+
+
+def check_strips(file: MapFile) -> Iterator[Finding]:
+    """Yield what is wrong with the strips: beside no belt, too many pixels or too few."""
+    lines = {name: Polyline(strip.line) for name, strip in file.strips.items()}
+    if file.belts:
+        belts = lanes_of(file)
+        for name, line in lines.items():
+            yield from _check_beside(name, line, belts)
+    if len(lines) < 2:
+        return
+    densities = {name: file.strips[name].pixels / line.length_m for name, line in lines.items()}
+    median = statistics.median(densities.values())
+    for name, density in densities.items():
+        if abs(density / median - 1.0) > DENSITY_SPREAD:
+            length = lines[name].length_m
+            yield warning(
+                f"strips.{name}",
+                f"{file.strips[name].pixels} pixels on {length:.2f} m are {density:.1f} a metre and the "
+                f"strips' median is {median:.1f}; correct pixels (to about {max(1, round(median * length))}) "
+                "or the line, unless it is another kind of strip",
+            )
+
+
+def check_lines(file: MapFile) -> Iterator[Finding]:
+    """Yield what is wrong with lines: a `length` that is not theirs, vertices twice or out of order."""
+    for name, strip in file.strips.items():
+        yield from _check_line(f"strips.{name}", strip.line, strip.length)
+    for name, belt in file.belts.items():
+        yield from _check_line(f"belts.{name}", belt.centerline, belt.length)
+
+
+def _check_beside(name: str, line: Polyline, belts: Mapping[str, Lane]) -> Iterator[Finding]:
+    places = line.points_at(np.linspace(0.0, line.length_m, SAMPLES))
+    beyond = {belt: lane.line.nearest_to(places)[1] - lane.width_m / 2 for belt, lane in belts.items()}
+    off = np.min(list(beyond.values()), axis=0) > BESIDE_BELT_M
+    share = float(off.mean())
+    if share <= OFF_SHARE:
+        return
+    nearest = min(beyond, key=lambda belt: float(beyond[belt].mean()))
+    how_much = "lies" if share == 1.0 else f"{share:.0%} of it lies"
+    far = float(beyond[nearest].max())
+    yield warning(
+        f"strips.{name}",
+        f"{how_much} beside no belt, its pixels are up to {far:.2f} m from the edge of {nearest}; "
+        f"correct its line (a strip shows what is on belts up to {BESIDE_BELT_M:g} m beside it)",
+    )
+
+
+def _check_line(where: str, vertices: Sequence[Vec3], given: float | None) -> Iterator[Finding]:
+    length = Polyline(vertices).length_m
+    if given is not None and abs(given - length) > max(LENGTH_M, LENGTH_SPREAD * length):
+        yield warning(
+            where, f"length is given as {given:g} m and the line is {length:.3f} m long; correct one of them"
+        )
+    steps = np.diff(np.array(vertices), axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    for index in np.flatnonzero(lengths <= SAME_M).tolist():
+        yield warning(
+            where, f"vertex {index + 1} is where vertex {index} is, {list(vertices[index])}; remove it"
+        )
+    kept = lengths > SAME_M
+    at, steps = np.flatnonzero(kept), steps[kept] / lengths[kept, None]
+    turns = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", steps[:-1], steps[1:]), -1.0, 1.0)))
+    for turn, corner in zip(turns, at[1:], strict=True):
+        if turn <= SHARPEST_DEG:
+            continue
+        vertex = int(corner)
+        yield warning(
+            where,
+            f"turns by {turn:.0f}° at vertex {vertex}, {list(vertices[vertex])}; put vertices in order",
+        )

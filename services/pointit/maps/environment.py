@@ -1,0 +1,92 @@
+"""Makes the message of a map file."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.vector import Vec3
+from pointit.maps.lanes import enters_at, lanes_of, leaves_at
+from pointit.maps.model import MapFile
+from pointit.schemas import Environment
+from pointit.schemas.environment import (
+    Bay,
+    Belt,
+    BeltLink,
+    Box,
+    Cloud,
+    Cylinder,
+    Lamp,
+    Plane,
+    Sphere,
+    Strip,
+)
+
+
+def environment(
+    file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, name: str, stamp_ns: int
+) -> Environment:
+    """Return the message of `file`, whose `links` and `bays` name lanes it has.
+
+    Args:
+        file: the map.
+        clouds: points of each of its clouds in {W}, n x 3.
+        name: of the map.
+        stamp_ns: when it was read.
+    """
+    return Environment(
+        stamp_ns=stamp_ns,
+        name=name,
+        lamps=tuple(Lamp(id=key, position_m=led.position) for key, led in file.leds.items()),
+        strips=tuple(
+            Strip(id=key, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
+            for key, strip in file.strips.items()
+        ),
+        belts=tuple(
+            Belt(id=key, line_m=belt.centerline, width_m=belt.width) for key, belt in file.belts.items()
+        ),
+        links=_links(file),
+        bays=tuple(Bay(id=key, belt=belt) for key, belt in file.bays.items()),
+        boxes=tuple(
+            Box(id=key, center_m=box.center, size_m=box.size, yaw_rad=box.yaw_rad)
+            for key, box in file.boxes.items()
+        ),
+        planes=tuple(
+            Plane(id=key, center_m=plane.center, normal=plane.normal, size_m=plane.size)
+            for key, plane in file.planes.items()
+        ),
+        cylinders=tuple(
+            Cylinder(id=key, center_m=each.center, radius_m=each.radius, height_m=each.height)
+            for key, each in file.cylinders.items()
+        ),
+        spheres=tuple(
+            Sphere(id=key, center_m=each.center, radius_m=each.radius) for key, each in file.spheres.items()
+        ),
+        clouds=tuple(
+            Cloud(
+                id=key,
+                points=len(points),
+                low_m=_vector(points.min(axis=0)),
+                high_m=_vector(points.max(axis=0)),
+            )
+            for key, points in clouds.items()
+        ),
+    )
+
+
+def _links(file: MapFile) -> tuple[BeltLink, ...]:
+    """Return the links, positions that were rounded beyond an end set back to it."""
+    lanes = lanes_of(file)
+    return tuple(
+        BeltLink(
+            source=link.source,
+            target=link.target,
+            source_position_m=(None if link.from_position is None else leaves_at(link, lanes[link.source])),
+            target_position_m=enters_at(link, lanes[link.target]),
+        )
+        for link in file.links
+    )
+
+
+def _vector(values: NDArray[np.float64]) -> Vec3:
+    return (float(values[0]), float(values[1]), float(values[2]))

@@ -1,0 +1,239 @@
+"""Reads maps: the YAML format of the ROS toolkit, and what it lacks."""
+
+import math
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from pointit.maps.cloud_file import read_cloud
+from pointit.maps.environment import environment
+from pointit.maps.lanes import broken_references
+from pointit.maps.model import ENTRIES, CloudEntry, MapFile
+from pointit.runtime.config.validation_message import field_names, listed, more_mistakes, shown
+from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
+from pointit.schemas.topics import check_name
+
+PACKAGE = "pointit.maps"
+FOLDER = "shipped"
+SUFFIX = ".yaml"
+
+Clouds = dict[str, NDArray[np.float64]]
+"""Points in {W}, n x 3, by the cloud's id."""
+
+
+class MapError(ConfigError):
+    """A map that cannot be used; its text names the file and the first mistake, and counts the others."""
+
+    def __init__(self, path: Path, mistakes: Sequence[tuple[str, str]]) -> None:
+        where, text = mistakes[0]
+        super().__init__(f"{path}: {where}: {text}{more_mistakes(len(mistakes) - 1)}")
+        self.mistakes = tuple(mistakes)
+        """Place in the file (`strips.1.pixels`), and what is wrong there and what to do; at least one."""
+
+
+def shipped_maps() -> tuple[str, ...]:
+    """Return the names of the maps that come with PointIt."""
+    entries = files(PACKAGE).joinpath(FOLDER).iterdir()
+    return tuple(sorted(entry.name.removesuffix(SUFFIX) for entry in entries if entry.name.endswith(SUFFIX)))
+
+
+def about_map(path: Path) -> str:
+    """Return the first line of the file at `path` if it is a remark, without its end; else nothing."""
+    with path.open(encoding="utf-8") as file:
+        line = file.readline().strip()
+    return line.lstrip("# ").rstrip(".:") if line.startswith("#") else ""
+
+
+@contextmanager
+def map_path(name_or_path: str) -> Generator[Path]:
+    """Give the file of the shipped map of that name, or the path itself.
+
+    Whatever has a folder or a suffix (`./site.yaml`) is a path, relative to the current directory.
+
+    Raises:
+        ConfigError: no map of that name is shipped.
+    """
+    path = Path(name_or_path)
+    if path.suffix or len(path.parts) != 1 or name_or_path.endswith("/"):
+        yield path
+        return
+    if name_or_path not in shipped_maps():
+        raise ConfigError(
+            f"map {name_or_path!r} is not shipped: use one of {', '.join(shipped_maps())}, "
+            f"or the path of a file such as ./{name_or_path}{SUFFIX}"
+        )
+    with as_file(files(PACKAGE).joinpath(FOLDER, name_or_path + SUFFIX)) as shipped:
+        yield shipped
+
+
+def load_map(name_or_path: str, stamp_ns: int) -> Environment:
+    """Return the shipped map of that name, or the one in the file of that path.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    return load_map_and_clouds(name_or_path, stamp_ns)[0]
+
+
+def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, Clouds]:
+    """Return the map as `load_map`, and the points of its clouds in {W}, n x 3, by id.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    with map_path(name_or_path) as path:
+        _, room, clouds = read_whole_map(path, stamp_ns)
+        return room, clouds
+
+
+def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clouds]:
+    """Return the file at `path`, the message it makes, and the points of its clouds in {W}, n x 3, by id.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    file = read_map_file(path)
+    broken = list(broken_references(file))
+    if broken:
+        raise MapError(path, broken)
+    clouds = read_clouds(path, file)
+    return file, travelling(path, file, clouds, stamp_ns), clouds
+
+
+def read_map_file(path: Path) -> MapFile:
+    """Return what stands in the file at `path`; names in `links` and `bays` may still lead nowhere.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    return _map_of(read_yaml(path), path)
+
+
+def parse_map_file(content: bytes, path: Path) -> MapFile:
+    """Return what stands in `content`, as `read_map_file` would if it were in the file at `path`.
+
+    Raises:
+        ConfigError: one sentence with file, key, value and what to do.
+    """
+    return _map_of(parse_yaml(content, path), path)
+
+
+def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
+    data = {section: value for section, value in sections.items() if value is not None}
+    mistakes = [each for section in MapFile.model_fields for each in _wrong_names(section, data.get(section))]
+    try:
+        file = MapFile.model_validate(data)
+    except ValidationError as error:
+        mistakes += _mistakes(error)
+        raise MapError(path, mistakes) from error
+    if mistakes:
+        raise MapError(path, mistakes)
+    if not any(
+        getattr(file, section) for section in MapFile.model_fields if section not in ("links", "bays")
+    ):
+        raise ConfigError(f"{path}: the map is empty; give at least one of leds, strips, belts")
+    return file
+
+
+def read_clouds(path: Path, file: MapFile) -> Clouds:
+    """Return the points of the clouds of `file`, which is at `path`, in {W}.
+
+    Raises:
+        MapError: files of clouds cannot be used.
+    """
+    clouds: Clouds = {}
+    mistakes: list[tuple[str, str]] = []
+    for name, entry in file.clouds.items():
+        try:
+            clouds[name] = _placed(read_cloud(path.parent / entry.file), entry)
+        except ConfigError as error:
+            mistakes.append((f"clouds.{name}.file", str(error)))
+    if mistakes:
+        raise MapError(path, mistakes)
+    return clouds
+
+
+def travelling(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Environment:
+    """Return the message that `file` makes, named as its path.
+
+    Raises:
+        ConfigError: it is too large to travel.
+    """
+    room = environment(file, clouds, name=path.stem, stamp_ns=stamp_ns)
+    size = len(encode(room))
+    if size > Environment.max_bytes:
+        raise ConfigError(
+            f"{path}: the map has {size} bytes as it travels and at most {Environment.max_bytes} are taken; "
+            "split it into several sites"
+        )
+    return room
+
+
+def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
+    """Return `points` where the map puts them."""
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too far is refused below
+        placed = points * entry.scale
+        if entry.yaw_deg:
+            c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
+            placed[:, :2] = placed[:, :2] @ np.array([[c, s], [-s, c]])
+        placed += entry.position
+    farthest = float(np.abs(placed).max())
+    if not farthest <= FARTHEST:
+        raise ConfigError(
+            f"{entry.file}: a coordinate is {farthest:g} and at most {FARTHEST:g} m are taken; "
+            "bring it near to the room's origin with scale and position"
+        )
+    return placed
+
+
+def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
+    """Yield names that cannot be in a key, and names that differ in YAML but not here (`1`, `"1"`)."""
+    if not isinstance(entries, dict):
+        return  # the model says so
+    seen: set[str] = set()
+    for key in cast("dict[object, object]", entries):
+        name = str(key)
+        try:
+            check_name(name)
+        except KeyNameError as error:
+            yield section, str(error)
+        if name in seen:
+            yield section, f"{name} stands there twice; rename one of them"
+        seen.add(name)
+
+
+def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
+    """Return the place and the sentence of each mistake."""
+    return [
+        (".".join(str(part) for part in detail["loc"]), _sentence(detail))
+        for detail in error.errors(include_url=False)
+    ]
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    """Return what is wrong and what to do, to go on after the place."""
+    loc, kind, value = detail["loc"], detail["type"], detail["input"]
+    model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
+    if kind == "missing":
+        return f"is missing; add it beside {listed(value) or 'the name'}"
+    if kind == "extra_forbidden":
+        return f"is not known (got {shown(value)}); remove it, or use one of {listed(field_names(model))}"
+    if kind == "value_error":
+        return detail["msg"].removeprefix("Value error, ")
+    if loc == ("links",):
+        return f"write a list of {{from: belt, to: belt}}, not {shown(value)}"
+    if loc == ("bays",):
+        return f"write a mapping of bays to belts such as {{1: belt}}, not {shown(value)}"
+    if len(loc) == 1:
+        return f"write a mapping of names to entries, not {shown(value)}"
+    known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
+    return f"write a mapping with {listed(known)}, not {shown(value)}"

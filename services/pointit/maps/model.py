@@ -1,0 +1,223 @@
+"""What stands in a map file: the sections of the ROS toolkit, and more; {W}, metres, z up."""
+
+import math
+from typing import Annotated, Literal, cast
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from pointit.geometry.polyline import SAME_M, Polyline
+from pointit.geometry.vector import Vec3, norm, normalized
+from pointit.runtime.config.validation_message import shown
+from pointit.schemas import FARTHEST
+
+MAX_PIXELS = 4096
+
+
+def _number(value: object) -> float:
+    if isinstance(value, str):  # YAML 1.1 takes 1e-3 for text
+        value = float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= FARTHEST:
+        raise ValueError
+    return float(value)
+
+
+def _point(value: object) -> Vec3:
+    try:
+        x, y, z = (_number(number) for number in cast("list[object]", value))
+    except (TypeError, ValueError):
+        raise ValueError(f"a point is three numbers [x, y, z] in metres, not {shown(value)}") from None
+    return (x, y, z)
+
+
+def _line(value: object) -> tuple[Vec3, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f"a line is a list of points [x, y, z], not {shown(value)}")  # noqa: TRY004 - pydantic's
+    vertices: list[Vec3] = []
+    for index, vertex in enumerate(cast("list[object]", value)):
+        try:
+            vertices.append(_point(vertex))
+        except ValueError as error:
+            raise ValueError(f"vertex {index}: {error}") from None
+    if len(vertices) < 2:
+        raise ValueError(f"a line needs at least two points, not {len(vertices)}")
+    try:
+        Polyline(vertices)
+    except ValueError:
+        raise ValueError(f"a line needs two different points, all are {list(vertices[0])}") from None
+    return tuple(vertices)
+
+
+def _above_zero(value: object) -> float:
+    try:
+        number = _number(value)
+    except ValueError:
+        number = 0.0
+    if number <= 0:
+        raise ValueError(f"write a number of metres above 0, not {shown(value)}")
+    return number
+
+
+def _sizes(value: object, count: int) -> tuple[float, ...]:
+    try:
+        sizes = tuple(_number(number) for number in cast("list[object]", value))
+    except (TypeError, ValueError):
+        sizes = ()
+    if len(sizes) != count or min(sizes) <= 0:
+        raise ValueError(f"write {count} sizes in metres, all above 0, not {shown(value)}")
+    return sizes
+
+
+def _normal(value: object) -> Vec3:
+    normal = _point(value)
+    if norm(normal) < SAME_M:
+        raise ValueError(f"a normal points away from the plane, {shown(value)} has no direction")
+    return normalized(normal)
+
+
+def _finite(value: object, unit: str) -> float:
+    try:
+        return _number(value)
+    except ValueError:
+        raise ValueError(f"write a number of {unit}, not {shown(value)}") from None
+
+
+def _name(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"write the name of a belt, not {shown(value)}")  # noqa: TRY004 - pydantic's
+    return str(value)
+
+
+def _file(value: object) -> str:
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise ValueError(f"write the path of a .ply or .xyz file, relative to the map, not {shown(value)}")
+    return value
+
+
+def _pixels(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= MAX_PIXELS:
+        raise ValueError(f"write a whole number of pixels from 1 to {MAX_PIXELS}, not {shown(value)}")
+    return value
+
+
+def _direction(value: object) -> int:
+    if isinstance(value, bool) or value not in (1, -1):
+        raise ValueError(f"write 1, or -1 where pixel 0 sits at the line's last point, not {shown(value)}")
+    return 1 if value == 1 else -1
+
+
+_Point = Annotated[Vec3, BeforeValidator(_point)]
+_Line = Annotated[tuple[Vec3, ...], BeforeValidator(_line)]
+_Metres = Annotated[float, BeforeValidator(_above_zero)]
+_Along = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres along the belt"))]
+_Degrees = Annotated[float, BeforeValidator(lambda value: _finite(value, "degrees"))]
+_Name = Annotated[str, BeforeValidator(_name)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LedEntry(_Entry):
+    """A lamp."""
+
+    position: _Point
+
+
+class StripEntry(_Entry):
+    """A strip; the `length` that the toolkit's files repeat is taken from the line instead."""
+
+    line: _Line
+    pixels: Annotated[int, BeforeValidator(_pixels)]
+    direction: Annotated[Literal[1, -1], BeforeValidator(_direction)] = 1
+    length: _Metres | None = None
+
+
+class BeltEntry(_Entry):
+    """A belt; `length` as for strips."""
+
+    centerline: _Line
+    width: _Metres
+    length: _Metres | None = None
+
+
+class LinkEntry(_Entry):
+    """Objects go from one belt to another; without positions, from its end to the other's start."""
+
+    source: Annotated[_Name, Field(alias="from")]
+    target: Annotated[_Name, Field(alias="to")]
+    from_position: _Along | None = None
+    to_position: _Along = 0.0
+
+
+class BoxEntry(_Entry):
+    """A box that stands upright; `size` along its own x, y, z."""
+
+    center: _Point
+    size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))]
+    yaw_deg: _Degrees = 0.0
+
+    @property
+    def yaw_rad(self) -> float:
+        """Return where its x axis points."""
+        return math.radians(self.yaw_deg)
+
+
+class PlaneEntry(_Entry):
+    """A wall, a table; without `size` it has no end."""
+
+    center: _Point
+    normal: Annotated[Vec3, BeforeValidator(_normal)]
+    size: Annotated[tuple[float, float], BeforeValidator(lambda value: _sizes(value, 2))] | None = None
+
+
+class CylinderEntry(_Entry):
+    """An upright cylinder; `center` is that of its foot."""
+
+    center: _Point
+    radius: _Metres
+    height: _Metres
+
+
+class SphereEntry(_Entry):
+    """A ball."""
+
+    center: _Point
+    radius: _Metres
+
+
+class CloudEntry(_Entry):
+    """A point cloud in a file: its points times `scale`, turned by `yaw_deg` about z, moved by `position`."""
+
+    file: Annotated[str, BeforeValidator(_file)]
+    scale: _Metres = 1.0
+    yaw_deg: _Degrees = 0.0
+    position: _Point = (0.0, 0.0, 0.0)
+
+
+class MapFile(_Entry):
+    """The file as a whole; {W}, metres, z up."""
+
+    leds: dict[_Name, LedEntry] = {}
+    strips: dict[_Name, StripEntry] = {}
+    belts: dict[_Name, BeltEntry] = {}
+    links: tuple[LinkEntry, ...] = ()
+    bays: dict[_Name, _Name] = {}
+    boxes: dict[_Name, BoxEntry] = {}
+    planes: dict[_Name, PlaneEntry] = {}
+    cylinders: dict[_Name, CylinderEntry] = {}
+    spheres: dict[_Name, SphereEntry] = {}
+    clouds: dict[_Name, CloudEntry] = {}
+
+
+ENTRIES: dict[str, type[BaseModel]] = {
+    "leds": LedEntry,
+    "strips": StripEntry,
+    "belts": BeltEntry,
+    "links": LinkEntry,
+    "boxes": BoxEntry,
+    "planes": PlaneEntry,
+    "cylinders": CylinderEntry,
+    "spheres": SphereEntry,
+    "clouds": CloudEntry,
+}
+"""What the entries of each section are; `bays` are plain names."""

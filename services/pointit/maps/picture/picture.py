@@ -1,0 +1,182 @@
+"""Draws a map from above: to scale, on white, in colours that colour-blind people tell apart."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
+from numpy.typing import NDArray
+
+from pointit.geometry.polyline import Polyline
+from pointit.maps.picture.belts import draw_bays, draw_belts, draw_links, draw_strips
+from pointit.maps.picture.palette import CLOUD, INK, LAMP, ON_TOP, SOLID, Axes
+from pointit.maps.picture.solids import draw_solids
+from pointit.schemas import Environment
+
+MAX_CLOUD_POINTS = 20_000
+MARGIN_M = 0.6
+MARGIN_SHARE = 0.06
+"""Of the longer side; for what is written beside things."""
+LEAST_ASPECT = 0.65
+"""Width by height; a narrow map has room beside it for what is written."""
+WIDEST_IN, TALLEST_IN = 10.5, 8.5
+DPI = 150
+_STYLE: dict[str, Any] = {
+    "font.family": "sans-serif",
+    "font.size": 8.5,
+    "svg.hashsalt": "pointit",
+    "axes.edgecolor": "#8a919b",
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
+
+
+def draw_map(
+    path: Path,
+    room: Environment,
+    clouds: Mapping[str, NDArray[np.float64]],
+    title: str,
+    person_m: tuple[float, float] | None = None,
+) -> None:
+    """Write a picture of `room` from above to `path`, in the format of its suffix.
+
+    Args:
+        path: the file; svg, png or pdf.
+        room: the map.
+        clouds: points of its clouds, n x 3, by id.
+        title: what stands above the picture.
+        person_m: where a person stands, x and y.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    settings: Any = mpl  # its stubs list every parameter there is
+    with settings.rc_context(_STYLE):
+        figure: Any = map_figure(room, clouds, title, person_m)
+        metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # the same map, the same file
+        figure.savefig(path, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
+
+
+def map_figure(
+    room: Environment,
+    clouds: Mapping[str, NDArray[np.float64]],
+    title: str,
+    person_m: tuple[float, float] | None = None,
+) -> Any:
+    """Return matplotlib's figure that `draw_map` writes, in the style that is set."""
+    low, high = _extent(room, clouds, person_m)
+    wide, tall = high - low
+    side = float(max(wide, tall))
+    scale = min(WIDEST_IN / wide, TALLEST_IN / tall)
+    figure: Any = Figure(figsize=(wide * scale, tall * scale), facecolor="white")
+    axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    _grid(axes, side)
+    legend = [
+        *_draw_clouds(axes, clouds),
+        *draw_solids(axes, room),
+        *draw_belts(axes, room, side),
+        *draw_strips(axes, room),
+        *draw_links(axes, room),
+        *draw_bays(axes, room),
+        *_draw_lamps(axes, room, side * 0.05),
+        *(() if person_m is None else _draw_person(axes, person_m)),
+    ]
+    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=8)
+    axes.legend(handles=legend, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    return figure
+
+
+def _extent(
+    room: Environment, clouds: Mapping[str, NDArray[np.float64]], person_m: tuple[float, float] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and greatest x and y that are drawn, with a margin."""
+    places: list[tuple[float, float]] = [] if person_m is None else [person_m]
+    places += [lamp.position_m[:2] for lamp in room.lamps]
+    for strip in room.strips:
+        places += [vertex[:2] for vertex in strip.line_m]
+    for belt in room.belts:
+        half = belt.width_m / 2
+        for x, y, _ in belt.line_m:
+            places += [(x - half, y - half), (x + half, y + half)]
+    round_things = [
+        *((box.center_m, math.hypot(*box.size_m[:2]) / 2) for box in room.boxes),
+        *((each.center_m, math.hypot(*each.size_m) / 2 if each.size_m else 1.0) for each in room.planes),
+        *((cylinder.center_m, cylinder.radius_m) for cylinder in room.cylinders),
+        *((sphere.center_m, sphere.radius_m) for sphere in room.spheres),
+    ]
+    for (x, y, _), radius in round_things:
+        places += [(x - radius, y - radius), (x + radius, y + radius)]
+    for points in clouds.values():
+        flat = points[:, :2]
+        places += [tuple(flat.min(axis=0)), tuple(flat.max(axis=0))]
+    array = np.array(places, dtype=np.float64)
+    low, high = array.min(axis=0), array.max(axis=0)
+    margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
+    low, high = low - margin, high + margin
+    more = np.array([max(0.0, LEAST_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
+    return low - more, high + more
+
+
+def _grid(axes: Axes, side_m: float) -> None:
+    step = next((each for each in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if side_m / each <= 20), None)
+    if step is not None:
+        axes.xaxis.set_major_locator(MultipleLocator(step))
+        axes.yaxis.set_major_locator(MultipleLocator(step))
+    axes.grid(color="#eceef1", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0)
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    for side in axes.spines.values():
+        side.set_linewidth(0.6)
+
+
+def on_belt(room: Environment, x: float, y: float) -> bool:
+    """Return whether the place lies on a belt, as seen from above."""
+    for belt in room.belts:
+        try:
+            flat = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
+        except ValueError:  # upright: there is nothing of it to be on
+            continue
+        if flat.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
+            return True
+    return False
+
+
+def _draw_lamps(axes: Axes, room: Environment, beside_m: float) -> list[Any]:
+    for lamp in room.lamps:
+        x, y, z = lamp.position_m
+        axes.plot(x, y, "o", ms=11, color=LAMP, alpha=0.25, zorder=7)
+        axes.plot(x, y, "o", ms=5.5, mfc=LAMP, mec=INK, mew=0.8, zorder=7)
+        left = on_belt(room, x + beside_m, y) and not on_belt(room, x - beside_m, y)
+        axes.annotate(
+            f"{lamp.id}\n{z:.2f} m high", (x, y), xytext=(-8 if left else 8, 0), textcoords="offset points",
+            ha="right" if left else "left", va="center", fontsize=7.5, **ON_TOP,
+        )  # fmt: skip
+    return [Line2D([], [], marker="o", ls="", ms=5.5, mfc=LAMP, mec=INK, label="lamp")] if room.lamps else []
+
+
+def _draw_clouds(axes: Axes, clouds: Mapping[str, NDArray[np.float64]]) -> list[Any]:
+    for name, points in clouds.items():
+        step = math.ceil(len(points) / MAX_CLOUD_POINTS)
+        axes.plot(*points[::step, :2].T, ".", ms=1.2, color=CLOUD, alpha=0.5, rasterized=True, zorder=1.4)
+        x, y = points[:, 0].mean(), points[:, 1].max()
+        axes.text(float(x), float(y), name, color=SOLID, fontsize=7.5, ha="center", va="bottom", **ON_TOP)
+    return [Line2D([], [], marker=".", ls="", color=CLOUD, label="point cloud")] if clouds else []
+
+
+def _draw_person(axes: Axes, person_m: Sequence[float]) -> list[Any]:
+    x, y = person_m
+    style: dict[str, Any] = {"marker": "P", "ms": 9, "color": INK, "mec": "white", "mew": 1.0}
+    axes.plot(x, y, zorder=10, **style)
+    return [Line2D([], [], ls="", **style, label=f"person at {x:g}, {y:g}")]

@@ -1,0 +1,82 @@
+"""Draws boxes, planes, cylinders and spheres from above."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import PatchCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Polygon
+
+from pointit.geometry.plane import plane_axes
+from pointit.geometry.vector import Vec3, scale
+from pointit.maps.picture.palette import ON_TOP, SOLID, SOLID_FILL, Axes
+from pointit.schemas import Environment
+from pointit.schemas.environment import Plane
+
+_FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
+LEVEL = 0.999
+"""A plane whose normal rises so much is drawn as a floor, which is everywhere if it has no end."""
+
+
+MAX_NAMED = 200
+"""Solids whose names are written beside them; more names hide each other, and each takes 3 ms."""
+
+
+def draw_solids(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the solids of `room`. Return their entries of the legend."""
+    solids = len(room.boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
+    is_named = solids <= MAX_NAMED
+    outlines: list[Patch] = []
+    for box in room.boxes:
+        c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
+        outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
+        outlines.append(Polygon(outline, **_FILL))
+    outlines += [Circle(each.center_m[:2], each.radius_m, **_FILL) for each in room.cylinders]
+    dashed: dict[str, Any] = {**_FILL, "linestyle": (0, (3, 2))}
+    outlines += [Circle(each.center_m[:2], each.radius_m, **dashed) for each in room.spheres]
+    for plane in room.planes:
+        _draw_plane(axes, plane, outlines, is_named=is_named)
+    axes.add_collection(PatchCollection(outlines, match_original=True, zorder=_FILL["zorder"]))
+    legend: list[Any] = []
+    if is_named:
+        solids_named = [(each.id, each.center_m) for each in room.boxes]
+        solids_named += [(each.id, each.center_m) for each in room.cylinders]
+        solids_named += [(each.id, each.center_m) for each in room.spheres]
+        for name, center_m in solids_named:
+            _name(axes, name, center_m)
+    else:
+        legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
+    if solids:
+        legend.append(
+            Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, plane, cylinder; sphere dashed")
+        )
+    floors = [plane.id for plane in room.planes if plane.size_m is None and abs(plane.normal[2]) >= LEVEL]
+    legend += [Line2D([], [], ls="", label=f"{name}: level, without end") for name in floors]
+    return legend
+
+
+def _draw_plane(axes: Axes, plane: Plane, outlines: list[Patch], *, is_named: bool) -> None:
+    x, y, _ = plane.center_m
+    if plane.size_m is None:
+        nx, ny, nz = plane.normal
+        if abs(nz) < LEVEL:  # a level one is everywhere
+            axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
+            if is_named:
+                _name(axes, f"{plane.id} (without end)", plane.center_m)
+        return
+    u, v = plane_axes(plane.normal)
+    half_u, half_v = scale(u, plane.size_m[0] / 2), scale(v, plane.size_m[1] / 2)
+    corners = [
+        (x + a * half_u[0] + b * half_v[0], y + a * half_u[1] + b * half_v[1])
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
+    outlines.append(Polygon(corners, **look))
+    if is_named:
+        _name(axes, plane.id, plane.center_m)
+
+
+def _name(axes: Axes, text: str, center_m: Vec3) -> None:
+    axes.text(*center_m[:2], text, color=SOLID, fontsize=7.5, ha="center", va="center", **ON_TOP)

@@ -1,0 +1,1 @@
+"""The contract of the typed bus, and the bus within one process."""

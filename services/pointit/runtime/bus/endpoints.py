@@ -1,0 +1,161 @@
+"""What a participant of an exchange declares in it: writers, readers, what it keeps, whom it watches."""
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from pointit.runtime.bus.contract import AnyTopic, Recall, Traffic
+from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.errors import BusClosedError
+from pointit.schemas import Message
+from pointit.schemas.topics import ANY, Delivery, Presence, Topic
+
+M = TypeVar("M", bound=Message)
+
+log = logging.getLogger(__name__)
+
+
+class Declaration:
+    """Something declared: undone once, by itself or with its bus."""
+
+    def __init__(self, bus: Participant, undo: Callable[[], None]) -> None:
+        self._bus = bus
+        self._undo: Callable[[], None] | None = undo
+        bus.declarations.add(self)
+
+    def close(self) -> None:
+        """Undo it, once."""
+        undo, self._undo = self._undo, None
+        if undo is not None:
+            self._bus.declarations.discard(self)
+            undo()
+
+
+class MemoryPublisher(Generic[M]):
+    """Hands messages to the readers of this process as they are: they are frozen."""
+
+    def __init__(self, bus: Participant, topic: Topic[M], name: str) -> None:
+        topic.at(name)  # raises on a name that cannot stand in the key
+        self._name = name
+        self._readers = bus.exchange.readers_of(topic)
+        self._is_state = topic.delivery is Delivery.STATE
+        self._states = bus.exchange.states.setdefault(topic.key, {})
+        self._message = topic.message
+        self._last: M | None = None
+        self._open = True
+        self._declaration = Declaration(bus, self._undeclare)
+
+    def put(self, message: M) -> None:
+        """Send `message`."""
+        if not self._open:
+            raise BusClosedError(f"{self._message.__name__} cannot be sent: the bus is closed")
+        if self._is_state:
+            self._states[self._name] = self._last = message
+        for wanted, mailbox in self._readers:
+            if wanted in (ANY, self._name):
+                mailbox.offer(self._name, message)
+
+    def close(self) -> None:
+        """Undeclare; a state's last value goes with its writer."""
+        self._declaration.close()
+
+    def retire(self) -> None:
+        """Write no more."""
+        self.close()
+
+    def _undeclare(self) -> None:
+        self._open = False
+        if self._is_state and self._last is not None and self._states.get(self._name) is self._last:
+            del self._states[self._name]
+
+
+class MailboxSubscription:
+    """A mailbox in the exchange's list of readers."""
+
+    def __init__(self, bus: Participant, topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
+        if name != ANY:
+            topic.at(name)
+        self._mailbox = mailbox
+        self._readers = bus.exchange.readers_of(topic)
+        self._entry = (name, mailbox)
+        self._readers.append(self._entry)
+        self._declaration = Declaration(bus, self._undeclare)
+        if topic.delivery is Delivery.STATE:
+            for key, state in bus.exchange.states.get(topic.key, {}).items():
+                if name in (ANY, key):
+                    mailbox.offer(key, state)
+            for keeping in bus.exchange.keepings:
+                keeping.hand_over(topic, name, mailbox)
+
+    @property
+    def traffic(self) -> Traffic:
+        """Return the live counters."""
+        return self._mailbox.traffic
+
+    def close(self) -> None:
+        """Undeclare; the handler does not run any more."""
+        self._declaration.close()
+
+    def _undeclare(self) -> None:
+        self._mailbox.close()
+        self._readers.remove(self._entry)
+
+
+class Keeping:
+    """What somebody keeps of states: handed over to the readers there are, and to each that comes."""
+
+    def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
+        self.recall = recall
+        self._keys = frozenset(topic.key for topic in topics)
+        self._keepings = bus.exchange.keepings
+        self._keepings.append(self)
+        self._declaration = Declaration(bus, self._undeclare)
+        for topic in topics:
+            for wanted, mailbox in bus.exchange.readers_of(topic):
+                self.hand_over(topic, wanted, mailbox)
+
+    def hand_over(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
+        """Offer what is kept of `topic` under the name `wanted`, or under all."""
+        if topic.key in self._keys and mailbox.takes_kept:
+            for name, message in self.recall(topic):
+                if wanted in (ANY, name):
+                    mailbox.offer_kept(name, message)
+
+    def close(self) -> None:
+        """Answer no longer."""
+        self._declaration.close()
+
+    def _undeclare(self) -> None:
+        self._keepings.remove(self)
+
+
+class Watcher:
+    """Tells a handler who is present, each change once."""
+
+    def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
+        self.presence = presence
+        self._handler = handler
+        self._known: set[str] = set()
+        self._open = True
+        self._watchers = bus.exchange.watchers.setdefault(presence.key, [])
+        self._watchers.append(self)
+        self._declaration = Declaration(bus, self._undeclare)
+
+    def tell(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
+        if not self._open or present == (name in self._known):
+            return
+        (self._known.add if present else self._known.discard)(name)
+        try:
+            self._handler(name, present)
+        except Exception:  # a handler's fault must not stop the others
+            log.exception("watcher of %s failed", self.presence.key)
+
+    def close(self) -> None:
+        """Tell nothing any more."""
+        self._declaration.close()
+
+    def _undeclare(self) -> None:
+        self._open = False
+        self._watchers.remove(self)

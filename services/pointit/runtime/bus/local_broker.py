@@ -1,0 +1,100 @@
+"""The exchange of one process, and what every participant of it has: its declarations and tasks."""
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, Protocol, TypeVar
+
+from pointit.runtime.bus.contract import AnyTopic, Closable
+from pointit.runtime.bus.mailbox import Mailbox
+from pointit.schemas import Message, Query, Reply
+from pointit.schemas.topics import ANY, Request
+
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+T = TypeVar("T")
+Q_contra = TypeVar("Q_contra", bound=Query, contravariant=True)
+R_co = TypeVar("R_co", bound=Reply, covariant=True)
+
+
+class RequestServer(Protocol[Q_contra, R_co]):
+    """Answers one request in this process."""
+
+    wanted: str
+    """The name it answers for, `*` for all."""
+
+    def start(self, query: Q_contra, name: str) -> asyncio.Task[R_co]:
+        """Begin to answer `query`; the task raises nothing but `RefusedError`."""
+        ...
+
+
+class KeptStates(Protocol):
+    """Has the last states of writers that are gone."""
+
+    def hand_over(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
+        """Offer what is kept of `topic` under the name `wanted`, or under all."""
+        ...
+
+
+class PresenceWatcher(Protocol):
+    """Learns who is present."""
+
+    def tell(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        """Say that `name` is there or gone."""
+        ...
+
+
+class Exchange:
+    """What participants of one process share: readers, last values, servers, presence."""
+
+    def __init__(self) -> None:
+        self.readers: dict[str, list[tuple[str, Mailbox]]] = {}
+        """By topic key: the wanted name (or `*`) and the mailbox."""
+        self.states: dict[str, dict[str, Message]] = {}
+        """By topic key and name: the last value whose writer is still there."""
+        self.desks: dict[str, list[RequestServer[Any, Any]]] = {}
+        """By request key: who answers."""
+        self.present: dict[str, dict[str, int]] = {}
+        """By presence key and name: how many announce it."""
+        self.watchers: dict[str, list[PresenceWatcher]] = {}
+        self.keepings: list[KeptStates] = []
+        """Who answers for writers that are gone."""
+
+    def readers_of(self, topic: AnyTopic) -> list[tuple[str, Mailbox]]:
+        """Return the live list of readers, for writers to keep."""
+        return self.readers.setdefault(topic.key, [])
+
+    def desk_of(self, request: Request[Q, R], name: str) -> RequestServer[Q, R] | None:
+        """Return who answers `request` for `name` in this process."""
+        for desk in self.desks.get(request.key, ()):
+            if desk.wanted in (ANY, name):
+                return desk
+        return None
+
+
+class Participant:
+    """What the ends of a bus need of it: the exchange, its declarations, tasks that end with it."""
+
+    def __init__(self, exchange: Exchange | None = None) -> None:
+        """Join `exchange`, or a new one; must be called in the event loop that will run the tasks."""
+        self.exchange = exchange if exchange is not None else Exchange()
+        self.declarations: set[Closable] = set()
+        self._loop = asyncio.get_running_loop()
+        self._closed = self._loop.create_future()
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    @property
+    def is_closed(self) -> bool:
+        """Return whether the bus is closed, or being closed."""
+        return self._closed.done()
+
+    def spawn(self, work: Coroutine[Any, Any, T], name: str) -> asyncio.Task[T]:
+        """Run the coroutine `work` as a task that ends with the bus."""
+        task = self._loop.create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._forget)
+        return task
+
+    def _forget(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled():
+            task.exception()  # seen: whoever asked may have gone

@@ -1,0 +1,150 @@
+"""The bus within one process: for tests, for `sim`, and as the inner half of the Zenoh bus.
+
+Several buses may share one `Exchange`; each stands for one participant.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from pointit.runtime.bus.contract import (
+    REQUEST_TIMEOUT_S,
+    AnyTopic,
+    Closable,
+    Handler,
+    Recall,
+    Server,
+    Subscription,
+)
+from pointit.runtime.bus.endpoints import Declaration, Keeping, MailboxSubscription, MemoryPublisher, Watcher
+from pointit.runtime.bus.local_broker import Exchange, Participant
+from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.bus.request_handler import Desk, no_answer, shutting_down
+from pointit.runtime.errors import BusClosedError, RefusedError
+from pointit.schemas import Message, Query, Reply
+from pointit.schemas.topics import ANY, Presence, Request, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+CLOSE_PATIENCE_S = 1.0
+"""How long closing waits for servers to notice that they are cancelled."""
+
+log = logging.getLogger(__name__)
+
+
+class MemoryBus(Participant):
+    """A participant of an exchange; see `pointit.runtime.bus.contract.Bus` for the contract."""
+
+    def __init__(self, exchange: Exchange | None = None) -> None:
+        """Join `exchange`, or a new one; must be called in the event loop that will run the handlers."""
+        super().__init__(exchange)
+        self.dispatcher = Dispatcher()
+
+    @property
+    def site(self) -> str:
+        """Return a name for what has no site: one process by itself."""
+        return "memory"
+
+    @property
+    def trouble(self) -> str:
+        """Return nothing: this bus works or is closed."""
+        return ""
+
+    def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
+        """Declare a writer of `topic.at(name)`."""
+        self._check_open()
+        return MemoryPublisher(self, topic, name)
+
+    def subscribe(
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+    ) -> Subscription:
+        """Call `handler(message, name)` for what arrives."""
+        self._check_open()
+        return MailboxSubscription(self, topic, Mailbox(topic, handler, self.dispatcher, kept=kept), name)
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics` that are gone."""
+        self._check_open()
+        return Keeping(self, topics, recall)
+
+    def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
+        """Answer `request`."""
+        self._check_open()
+        request.at(name)
+        return Desk(self, request, server, name)
+
+    async def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply of whoever serves `request` in this process."""
+        self._check_open()
+        key = request.at(name)
+        desk = self.exchange.desk_of(request, name)
+        if desk is None:
+            raise no_answer(request, key)
+        return await self._wait_for(desk.start(query, name), request, key, timeout_s)
+
+    def announce(self, presence: Presence, name: str) -> Closable:
+        """Be present under `name` until closed."""
+        self._check_open()
+        presence.at(name)
+        counts = self.exchange.present.setdefault(presence.key, {})
+        counts[name] = counts.get(name, 0) + 1
+        if counts[name] == 1:
+            self._tell(presence, name, True)
+
+        def undo() -> None:
+            counts[name] -= 1
+            if not counts[name]:
+                del counts[name]
+                self._tell(presence, name, False)
+
+        return Declaration(self, undo)
+
+    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
+        """Call `handler(name, present)` now and on every change."""
+        self._check_open()
+        watcher = Watcher(self, presence, handler)
+        for name in self.exchange.present.get(presence.key, {}):
+            self._loop.call_soon(watcher.tell, name, True)
+        return watcher
+
+    async def close(self) -> None:
+        """Close everything that was declared here."""
+        if self._closed.done():
+            return
+        self._closed.set_result(None)
+        self.dispatcher.close()
+        for declaration in list(self.declarations):
+            declaration.close()
+        tasks = self._tasks - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            _, left = await asyncio.wait(tasks, timeout=CLOSE_PATIENCE_S)
+            for task in left:
+                log.error("%s goes on although the bus is closed", task.get_name())
+
+    async def _wait_for(
+        self, reply: "asyncio.Task[R]", request: Request[Q, R], key: str, timeout_s: float
+    ) -> R:
+        """Return what `reply` comes to, unless the time or the bus ends before."""
+        await asyncio.wait({reply, self._closed}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+        if self._closed.done():
+            raise BusClosedError(f"{key} was not answered: the bus is closed")
+        if not reply.done():
+            raise no_answer(request, key, timeout_s)
+        if reply.cancelled():
+            raise RefusedError(shutting_down(request))
+        return reply.result()
+
+    def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
+        for watcher in self.exchange.watchers.get(presence.key, ()):
+            self._loop.call_soon(watcher.tell, name, present)
+
+    def _check_open(self) -> None:
+        if self._closed.done():
+            raise BusClosedError("the bus is closed")

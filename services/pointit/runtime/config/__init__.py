@@ -1,0 +1,1 @@
+"""Parameters from YAML, the environment and options, and messages about invalid ones."""

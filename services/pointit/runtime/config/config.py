@@ -1,0 +1,105 @@
+"""Configuration: one pydantic tree per service, filled from YAML, environment and command line.
+
+Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variables, options.
+"""
+
+import datetime as dt
+import typing
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from pointit.runtime.config.validation_message import complaint
+from pointit.runtime.errors import ConfigError
+
+C = TypeVar("C", bound="Config")
+
+
+class Config(BaseModel):
+    """Base of every configuration: frozen, and a field that does not exist is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    REPLACED: typing.ClassVar[tuple[str, ...]] = ()
+    """Fields whose mapping in a later source replaces the earlier one. All others are merged by name."""
+
+
+class Layers:
+    """Values from several sources, the later ones on top, each remembered with where it came from."""
+
+    def __init__(self, replaced: Sequence[str] = ()) -> None:
+        """Begin without values; `replaced` are the fields of `Config.REPLACED`."""
+        self.values: dict[str, Any] = {}
+        self._replaced = replaced
+        self._sources: dict[tuple[str, ...], str] = {}
+
+    def add(self, values: Mapping[str, Any], source: str) -> None:
+        """Lay `values` on top; mappings are merged but for `replaced` ones, everything else is replaced."""
+        for name in self._replaced:
+            if isinstance(values.get(name), Mapping):
+                self.values.pop(name, None)
+        self._lay(values, source)
+
+    def add_text(self, path: Sequence[str], text: str, source: str) -> None:
+        """Lay one value on top, given as YAML text (`0.5`, `[1, 2]`, `red`).
+
+        A single word or number stays text, for the field to read: `no` may be a name, `7` an id.
+        """
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"{source}: is not a value ({text!r})") from error
+        is_word = isinstance(value, str | bool | int | float | dt.date)
+        nested: Any = text.strip() if is_word and not text.lstrip().startswith(("'", '"')) else value
+        for name in reversed(path[1:]):
+            nested = {name: nested}
+        if len(path) > 1:  # one entry of a mapping, which is changed and not replaced
+            self._lay({path[0]: nested}, source)
+        else:
+            self.add({path[0]: nested}, source)
+
+    def add_environment(self, environment: Mapping[str, str], prefix: str) -> None:
+        """Lay variables `<prefix>A__B` on top as `a.b`."""
+        for variable, text in sorted(environment.items()):
+            if variable.startswith(prefix):
+                path = variable[len(prefix) :].lower().split("__")
+                self.add_text(path, text, f"variable {variable}")
+
+    def build(self, kind: type[C]) -> C:
+        """Return the configuration.
+
+        Raises:
+            ConfigError: names the source, the field, the value and what is wrong with it.
+        """
+        try:
+            return kind.model_validate(self.values)
+        except ValidationError as error:
+            loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
+            raise ConfigError(f"{self._source_of(loc)}: {complaint(error, kind)}") from error
+
+    def _lay(self, values: Mapping[str, Any], source: str) -> None:
+        self._sources.setdefault((), source)  # of a value that is missing
+        self._merge(self.values, values, (), source)
+
+    def _merge(
+        self, into: dict[str, Any], values: Mapping[str, Any], path: tuple[str, ...], source: str
+    ) -> None:
+        for raw, value in values.items():
+            key = str(raw)
+            here = (*path, key)
+            self._sources[here] = source
+            if isinstance(value, Mapping):
+                current = into.get(key)
+                below = typing.cast("dict[str, Any]", current) if isinstance(current, dict) else {}
+                into[key] = below
+                self._merge(below, typing.cast("Mapping[str, Any]", value), here, source)
+            else:
+                into[key] = value
+
+    def _source_of(self, loc: tuple[str, ...]) -> str:
+        for length in range(len(loc), -1, -1):
+            source = self._sources.get(loc[:length])
+            if source is not None:
+                return source
+        return "configuration"

@@ -1,0 +1,211 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Writers and readers of a plain session; Zenoh's threads only fill queues here."""
+
+import collections
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+from zenoh import ext
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus.mailbox import LOG_PERIOD_S, Dispatcher
+from pointit.runtime.errors import BusClosedError
+
+log = logging.getLogger(__name__)
+
+HEARTBEAT_S = 0.5
+"""How soon a reader hears that it has missed the last message of a reliable writer that keeps some."""
+MAX_ATTACHMENT_BYTES = 4096
+"""Longer ones are nobody's, and dropped with their message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """What somebody has put."""
+
+    key: str
+    payload: bytes
+    attachment: bytes | None
+
+
+@dataclass
+class PlainTraffic:
+    """What a reader has seen; counted on any thread."""
+
+    received: int = 0
+    overrun: int = 0
+    """Dropped because the loop was busy."""
+    oversized: int = 0
+    """Dropped because they were too long."""
+    errors: int = 0
+    """Handlers that failed."""
+
+
+class PlainWriter:
+    """Writes one key."""
+
+    def __init__(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
+        # BLOCK would let one stuck reader stop the loop for seconds. What is dropped of a kept topic is
+        # fetched again from the cache.
+        self._writer: Any  # of two classes with nothing in common but the methods
+        if not kept:
+            self._writer = session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+        else:
+            missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S)
+            self._writer = ext.declare_advanced_publisher(
+                session,
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,
+                cache=ext.CacheConfig(kept),
+                sample_miss_detection=missed if reliable else None,
+                publisher_detection=True,
+            )
+        self._closed = False
+
+    @property
+    def is_read(self) -> bool:
+        """Return True if Zenoh knows a reader in another session; a writer that keeps messages does not."""
+        if self._closed or not isinstance(self._writer, zenoh.Publisher):
+            return False
+        status: Any = self._writer.matching_status  # no bool, whatever the stubs say: always true
+        return bool(status.matching)
+
+    def put(self, payload: bytes, attachment: bytes | None) -> None:
+        """Send; returns at once.
+
+        Raises:
+            BusClosedError: this writer or its session is closed.
+        """
+        if self._closed:
+            raise BusClosedError("the writer was closed")
+        try:
+            self._writer.put(payload, attachment=attachment)
+        except zenoh.ZError as error:
+            raise BusClosedError("the session was closed") from error
+
+    def close(self) -> None:
+        """Write no more; what was kept is forgotten."""
+        if not self._closed:
+            self._closed = True
+            self._writer.undeclare()
+
+
+class PlainReader:
+    """Reads one key: a queue between Zenoh's threads and the loop."""
+
+    def __init__(
+        self,
+        dispatcher: Dispatcher,
+        handler: Callable[[Packet], None],
+        *,
+        on_loss: Callable[[PlainTraffic], None] | None,
+        capacity: int,
+        max_bytes: int,
+        on_close: Callable[["PlainReader"], None],
+    ) -> None:
+        self.traffic = PlainTraffic()
+        self._dispatcher = dispatcher
+        self._handler = handler
+        self._on_loss = on_loss
+        self._lost = 0
+        """How many were dropped when it was last said."""
+        self._max_bytes = max_bytes
+        self._on_close = on_close
+        self._lock = threading.Lock()
+        self._queue: collections.deque[zenoh.Sample] = collections.deque(maxlen=capacity)
+        self._marked = False
+        self._closed = False
+        self._zid: Any = None
+        self._logged_s = -math.inf
+        self._undeclare: Callable[[], None] = lambda: None
+
+    def declare(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
+        """Begin to read `key`."""
+        self._zid = session.info.zid()
+        take = Callback(self._on_sample, indirect=False)
+        if not kept:
+            plain = session.declare_subscriber(key, take, allowed_origin=zenoh.Locality.REMOTE)
+            self._undeclare = plain.undeclare
+            return
+        advanced = ext.declare_advanced_subscriber(
+            session,
+            key,
+            take,
+            allowed_origin=zenoh.Locality.REMOTE,
+            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=kept),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if reliable else None,
+            subscriber_detection=True,
+        )
+        self._undeclare = advanced.undeclare
+
+    def close(self) -> None:
+        """Read no more; no handler runs afterwards."""
+        if not self._closed:
+            self.stop()
+            self._undeclare()
+            self._on_close(self)
+
+    def stop(self) -> None:
+        """Handle nothing any more."""
+        self._closed = True
+        self._queue.clear()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:  # on Zenoh's threads
+        if self._closed or sample.kind != zenoh.SampleKind.PUT:
+            return
+        source = sample.source_info
+        if source is not None and source.source_id.zid == self._zid:
+            return  # our own, fetched from our own cache when a lost router is back
+        attachment = sample.attachment
+        attached = 0 if attachment is None else len(attachment)
+        with self._lock:
+            self.traffic.received += 1
+            if len(sample.payload) > self._max_bytes or attached > MAX_ATTACHMENT_BYTES:
+                self.traffic.oversized += 1
+            else:
+                self.traffic.overrun += len(self._queue) == self._queue.maxlen
+                self._queue.append(sample)
+            if self._marked:
+                return
+            self._marked = True
+        self._dispatcher.mark(self)
+
+    def drain(self) -> None:
+        """Handle what waits; in the loop."""
+        with self._lock:
+            waiting = tuple(self._queue)
+            self._queue.clear()
+            self._marked = False
+            lost = self.traffic.oversized + self.traffic.overrun
+        if lost != self._lost and self._on_loss is not None and not self._closed:
+            self._lost = lost
+            self._on_loss(self.traffic)
+        for sample in waiting:
+            if self._closed:
+                return
+            attachment = sample.attachment
+            packet = Packet(
+                str(sample.key_expr),
+                sample.payload.to_bytes(),
+                None if attachment is None else attachment.to_bytes(),
+            )
+            try:
+                self._handler(packet)
+            except Exception:
+                self.traffic.errors += 1
+                now_s = time.monotonic()
+                if now_s - self._logged_s >= LOG_PERIOD_S:
+                    self._logged_s = now_s
+                    log.exception("what arrived at %s could not be handled", packet.key)

@@ -1,0 +1,244 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Questions and answers of a plain session: raw bytes and attachments, and always some answer."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.foreign_zenoh.pubsub import MAX_ATTACHMENT_BYTES
+from pointit.runtime.host.threads import in_daemon_thread
+
+MAX_OPEN = 64
+"""Questions one desk has taken and not answered yet; more are refused."""
+QUERY_TIMEOUT_S = 600.0
+"""How long Zenoh keeps a question alive; whoever asks has a deadline of its own, and cancels."""
+MAX_REASON_BYTES = 500
+MAX_ANSWERS = 16
+"""To one question that wait for the loop; more are not looked at."""
+
+
+class Ask:
+    """A question that must be answered, once: otherwise who asks waits for a time-out."""
+
+    def __init__(self, query: zenoh.Query, done: Callable[[], None]) -> None:
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+        self.attachment = None if query.attachment is None else query.attachment.to_bytes()
+        self._key = str(query.key_expr)
+        self._query: zenoh.Query | None = query
+        self._done = done
+
+    async def answer(self, payload: bytes, attachment: bytes | None) -> None:
+        """Answer; in a thread of its own, as Zenoh waits for a link that is busy: others are not held up."""
+        query = self._take()
+        if query is not None:
+            await in_daemon_thread(lambda: _answer(query, self._key, payload, attachment), "zenoh-reply")
+
+    async def refuse(self, reason: str) -> None:
+        """Answer that there is none."""
+        query = self._take()
+        if query is not None:
+            await in_daemon_thread(lambda: _refuse(query, reason), "zenoh-reply")
+
+    def drop(self) -> None:
+        """Answer nothing: for who has been closed."""
+        query = self._take()
+        if query is not None:
+            query.drop()
+
+    def _take(self) -> zenoh.Query | None:
+        query, self._query = self._query, None
+        if query is not None:
+            self._done()
+        return query
+
+
+def _answer(query: zenoh.Query, key: str, payload: bytes, attachment: bytes | None) -> None:
+    with query, contextlib.suppress(zenoh.ZError):  # who asked is gone, or our session is
+        query.reply(key, payload, attachment=attachment)
+
+
+def _refuse(query: zenoh.Query, reason: str) -> None:
+    with query, contextlib.suppress(zenoh.ZError):
+        query.reply_err(reason.encode()[:MAX_REASON_BYTES])
+
+
+class PlainDesk:
+    """Where questions come in."""
+
+    def __init__(
+        self, handler: Callable[[Ask], None], max_bytes: int, on_close: Callable[["PlainDesk"], None]
+    ) -> None:
+        self._handler = handler
+        self._max_bytes = max_bytes
+        self._on_close = on_close
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._open = 0
+        self._closed = False
+        self._undeclare: Callable[[], None] = lambda: None
+
+    def declare(self, session: zenoh.Session, key: str) -> None:
+        """Begin to answer `key`."""
+        queryable = session.declare_queryable(
+            key, Callback(self._on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._undeclare = queryable.undeclare
+
+    def close(self) -> None:
+        """Take no more questions."""
+        if not self._closed:
+            self.stop()
+            self._undeclare()
+            self._on_close(self)
+
+    def stop(self) -> None:
+        """Handle nothing any more."""
+        self._closed = True
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
+        reason = self._objection(query)
+        if reason:
+            _refuse(query, reason)
+            return
+        ask = Ask(query, self._release)
+        try:
+            self._loop.call_soon_threadsafe(self._receive, ask)
+        except RuntimeError:  # the loop is gone
+            ask.drop()
+
+    def _objection(self, query: zenoh.Query) -> str:
+        payload, attachment = query.payload, query.attachment
+        if (payload is not None and len(payload) > self._max_bytes) or (
+            attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
+        ):
+            return f"too long, at most {self._max_bytes} bytes are taken"
+        with self._lock:
+            if self._open >= MAX_OPEN:
+                return f"busy, {MAX_OPEN} requests are waiting already"
+            self._open += 1
+        return ""
+
+    def _release(self) -> None:
+        with self._lock:
+            self._open -= 1
+
+    def _receive(self, ask: Ask) -> None:
+        if self._closed:
+            ask.drop()
+        else:
+            self._handler(ask)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer, or why there is none."""
+
+    payload: bytes
+    attachment: bytes | None
+    refusal: str = ""
+
+
+class PlainAsker:
+    """Asks at one key."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        max_bytes: int,
+        on_close: Callable[["PlainAsker"], None],
+    ) -> None:
+        self._max_bytes = max_bytes
+        self._on_close = on_close
+        self._loop = asyncio.get_running_loop()
+        self._closed = False
+        # A question that finds a busy link is dropped, and ends with its deadline: the loop does not wait.
+        self._querier = session.declare_querier(
+            key,
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=QUERY_TIMEOUT_S,
+            congestion_control=zenoh.CongestionControl.DROP,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
+    async def wait_for_server(self) -> None:
+        """Return when somebody answers at this key."""
+        if self._has_server():
+            return
+        found = asyncio.Event()
+
+        def on_matching(status: zenoh.MatchingStatus) -> None:  # on Zenoh's threads
+            if status.matching:
+                with contextlib.suppress(RuntimeError):  # the loop is gone
+                    self._loop.call_soon_threadsafe(found.set)
+
+        listener = self._querier.declare_matching_listener(Callback(on_matching, indirect=False))
+        try:
+            if not self._has_server():
+                await found.wait()
+        finally:
+            if not self._closed:
+                listener.undeclare()
+
+    async def ask(self, payload: bytes, attachment: bytes | None) -> AsyncGenerator[Answer]:
+        """Yield the answers as they come, until everybody has answered; closing takes the question back."""
+        waiting: asyncio.Queue[Answer | None] = asyncio.Queue()
+        token = zenoh.CancellationToken()
+
+        def take(reply: zenoh.Reply) -> None:  # on Zenoh's threads
+            if waiting.qsize() < MAX_ANSWERS:
+                tell(self._read(reply))
+
+        def tell(answer: Answer | None) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop is gone
+                self._loop.call_soon_threadsafe(waiting.put_nowait, answer)
+
+        self._querier.get(
+            Callback(take, lambda: tell(None), indirect=False),
+            payload=payload,
+            attachment=attachment,
+            cancellation_token=token,
+        )
+        done = False
+        try:
+            while (answer := await waiting.get()) is not None:
+                yield answer
+            done = True
+        finally:
+            if not done and not self._closed:
+                self._loop.run_in_executor(None, token.cancel)
+
+    def close(self) -> None:
+        """Ask no more."""
+        if not self._closed:
+            self.stop()
+            self._querier.undeclare()
+            self._on_close(self)
+
+    def stop(self) -> None:
+        """Handle nothing any more."""
+        self._closed = True
+
+    def _has_server(self) -> bool:
+        status: Any = self._querier.matching_status  # no bool, whatever the stubs say: always true
+        return bool(status.matching)
+
+    def _read(self, reply: zenoh.Reply) -> Answer:
+        if reply.ok is None:
+            reason = b"" if reply.err is None else reply.err.payload.to_bytes()[:MAX_REASON_BYTES]
+            return Answer(b"", None, reason.decode(errors="replace") or "refused")
+        sample = reply.ok
+        attachment = sample.attachment
+        if len(sample.payload) > self._max_bytes or (
+            attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
+        ):
+            return Answer(b"", None, f"its answer is longer than {self._max_bytes} bytes")
+        return Answer(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())

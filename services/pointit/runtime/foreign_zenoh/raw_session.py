@@ -1,0 +1,218 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""A session on somebody else's Zenoh network: their keys as they are, raw bytes and attachments.
+
+Everything comes through Zenoh's threads into bounded queues and is handled in the loop that opened the
+session; nothing that is called in the loop waits for a reader elsewhere.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable, Mapping
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus.contract import Closable
+from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.errors import BusClosedError, ConnectError, ListenError
+from pointit.runtime.foreign_zenoh.liveliness import TokenReader, declared_token
+from pointit.runtime.foreign_zenoh.pubsub import (
+    Packet,
+    PlainReader,
+    PlainTraffic,
+    PlainWriter,
+)
+from pointit.runtime.foreign_zenoh.queries import Ask, PlainAsker, PlainDesk
+from pointit.runtime.foreign_zenoh.session_config import PlainLink, plain_configuration
+from pointit.runtime.host.tcp_timeouts import end_silence
+from pointit.runtime.link.link import LEASE_MS, ports_of
+from pointit.runtime.zenoh.session import IN_USE, OPEN_RETRY_S, close_session, opened
+
+log = logging.getLogger(__name__)
+
+
+async def open_plain(
+    link: PlainLink, *, patience_s: float | None = None, on_wait: Callable[[str], None] = log.warning
+) -> "PlainSession":
+    """Return an open session; may be cancelled at any time.
+
+    A peer opens within a second whether anybody answers or not. A client is tried again for `patience_s`,
+    or for ever, which `on_wait` is told once, in a sentence.
+
+    Raises:
+        ConfigError: the endpoint is not one.
+        ListenError: the router's address is taken.
+        ConnectError: nobody answered the client within `patience_s`.
+    """
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    told = False
+    config = plain_configuration(link)
+    while True:
+        try:
+            session = await opened(config)
+        except zenoh.ZError as error:
+            if link.mode != "client":
+                is_taken = IN_USE.search(str(error)) is not None
+                taken = "a router is running there already: join it as a peer, or " if is_taken else ""
+                raise ListenError(
+                    f"cannot listen on {link.endpoint}; {taken}choose another address"
+                ) from error
+            sentence = f"nobody answers at {link.endpoint}{link.remedy and f': {link.remedy}'}"
+            if patience_s is not None and loop.time() - began_s >= patience_s:
+                raise ConnectError(sentence) from error
+            if not told:
+                told = True
+                on_wait(f"{sentence}; trying again until somebody does")
+            await asyncio.sleep(OPEN_RETRY_S)
+        else:
+            return PlainSession(session, link)
+
+
+class PlainSession:
+    """What we have declared on that network; closing it takes everything away."""
+
+    def __init__(self, session: zenoh.Session, link: PlainLink) -> None:
+        """Use `session`, which is closed with this; `open_plain` is the usual way in."""
+        self.zid = str(session.info.zid())
+        self.is_closed = False
+        self.on_change: Callable[[], None] | None = None
+        """Called when `trouble` has changed."""
+        self._session = session
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._dispatcher = Dispatcher()
+        self._ends: set[PlainReader | TokenReader | PlainDesk | PlainAsker] = set()
+        """Whose handlers must not run when this is closed."""
+        self._others: dict[str, bool] = {}
+        """Who is connected, by their id: whether it is a router."""
+        self._ports = ports_of((link.endpoint,))
+        end_silence(self._ports, LEASE_MS)  # of a router: all that it will accept
+        self._had_router = False
+        self._was_left = False
+        self._listener = session.info.declare_transport_events_listener(
+            Callback(self._on_event, indirect=False), history=True
+        )
+
+    @property
+    def trouble(self) -> str:
+        """Return one sentence when nobody is connected who should be; empty otherwise."""
+        link = self._link
+        if link.mode == "router" or any(self._others.values()):
+            return ""
+        remedy = link.remedy and f": {link.remedy}"
+        if self._had_router:
+            return f"the router at {link.endpoint} is lost, trying again until it is back{remedy}"
+        if self._others:
+            return (
+                f"who answers at {link.endpoint} is no router and passes nothing on; if it is a "
+                f"`pointit run`, let that --listen elsewhere{remedy}"
+            )
+        return f"no router answers at {link.endpoint}, trying again until one does{remedy}"
+
+    def writer(self, key: str, *, kept: int = 0, reliable: bool = True) -> PlainWriter:
+        """Declare a writer of `key`, which keeps its last `kept` messages for readers that come late."""
+        self._check_open()
+        return PlainWriter(self._session, key, kept, reliable)
+
+    def reader(
+        self,
+        key: str,
+        handler: Callable[[Packet], None],
+        *,
+        capacity: int,
+        max_bytes: int,
+        on_loss: Callable[[PlainTraffic], None] | None = None,
+        kept: int = 0,
+        reliable: bool = True,
+    ) -> PlainReader:
+        """Call `handler` for what others put to `key`.
+
+        Args:
+            key: may have wildcards.
+            handler: runs in the loop.
+            capacity: messages that wait for the loop; the oldest give way.
+            max_bytes: of a payload; longer ones are dropped unread.
+            on_loss: told in the loop when messages were dropped here.
+            kept: how many of a writer's last messages to fetch, from those that keep them.
+            reliable: fetch again what was lost on the way, from those that keep it.
+        """
+        self._check_open()
+        reader = PlainReader(
+            self._dispatcher,
+            handler,
+            on_loss=on_loss,
+            capacity=capacity,
+            max_bytes=max_bytes,
+            on_close=self._ends.discard,
+        )
+        reader.declare(self._session, key, kept, reliable)
+        self._ends.add(reader)
+        return reader
+
+    def token(self, key: str) -> Closable:
+        """Be present under `key` until closed, or until this process dies."""
+        self._check_open()
+        return declared_token(self._session, key)
+
+    def tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
+        """Call `handler` with who has come (true) or gone under `pattern`, now and on every change."""
+        self._check_open()
+        reader = TokenReader(self._dispatcher, handler, self._ends.discard)
+        reader.declare(self._session, pattern)
+        self._ends.add(reader)
+        return reader
+
+    def desk(self, key: str, handler: Callable[[Ask], None], *, max_bytes: int) -> Closable:
+        """Call `handler` in the loop for every question to `key`; it must answer each, once."""
+        self._check_open()
+        desk = PlainDesk(handler, max_bytes, self._ends.discard)
+        desk.declare(self._session, key)
+        self._ends.add(desk)
+        return desk
+
+    def asker(self, key: str, *, max_bytes: int) -> PlainAsker:
+        """Declare who asks at `key`; answers longer than `max_bytes` are dropped unread."""
+        self._check_open()
+        asker = PlainAsker(self._session, key, max_bytes, self._ends.discard)
+        self._ends.add(asker)
+        return asker
+
+    def stop(self) -> None:
+        """Run no handler any more, and declare nothing: the first half of `close`."""
+        self.is_closed = True
+        self._dispatcher.close()
+        for end in self._ends:
+            end.stop()
+
+    async def close(self) -> None:
+        """Close; no handler runs afterwards, and what was declared is gone everywhere."""
+        self.stop()
+        if not self._was_left:
+            self._was_left = True
+            await close_session(self._session)
+
+    def _check_open(self) -> None:
+        if self.is_closed:
+            raise BusClosedError("the session was closed")
+
+    def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
+        is_router = event.transport.whatami == zenoh.WhatAmI.ROUTER
+        up = event.kind == zenoh.SampleKind.PUT
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), is_router, up)
+
+    def _count(self, zid: str, is_router: bool, up: bool) -> None:  # noqa: FBT001
+        if self.is_closed:
+            return
+        before = self.trouble
+        if up:
+            end_silence(self._ports, LEASE_MS)
+            self._others[zid] = is_router
+            self._had_router |= is_router
+        else:
+            self._others.pop(zid, None)
+        if self.trouble != before and self.on_change is not None:
+            self.on_change()

@@ -1,0 +1,1 @@
+"""Traffic, durations and timeliness, measured where a service meets the bus."""

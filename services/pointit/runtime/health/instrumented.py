@@ -1,0 +1,76 @@
+"""The ends of a topic as a service has them: what goes out and what comes in is measured on its way."""
+
+import time
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from pointit.runtime.bus.contract import Handler, Publisher
+from pointit.runtime.clock import Clock
+from pointit.runtime.health.metrics import Meter, Times
+from pointit.runtime.health.timeliness import STREAMS, Lateness, Order
+from pointit.schemas import NS_PER_S, Message
+from pointit.schemas.topics import Delivery
+
+M = TypeVar("M", bound=Message)
+
+
+class MeteredPublisher(Generic[M]):
+    """Counts what goes out, and for *latest* how old the captured data are by then."""
+
+    def __init__(self, inner: Publisher[M], meter: Meter, latency: Times | None, clock: Clock) -> None:
+        self._inner = inner
+        self._meter = meter
+        self._latency = latency if meter.topic.delivery is Delivery.LATEST else None
+        self._clock = clock
+
+    def put(self, message: M) -> None:
+        """Send `message`."""
+        self._inner.put(message)
+        self._meter.mark(time.monotonic())
+        if self._latency is not None:
+            clock = self._clock
+            self._latency.add((clock.now_ns() - message.stamp_ns) / NS_PER_S / clock.speed)
+
+    def close(self) -> None:
+        """Undeclare."""
+        self._inner.close()
+
+    def retire(self) -> None:
+        """Close, where much else closes too."""
+        self._inner.retire()
+
+
+def metered(
+    handler: Handler[M], meter: Meter, steps: Times, clock: Clock, in_time: Callable[[M], bool] | None
+) -> Handler[M]:
+    """Return `handler` for one reader: what comes is counted, and what it takes of it is timed.
+
+    Args:
+        handler: gets what is neither old nor late.
+        meter: counts; it is told of what is left out.
+        steps: gets how long each call of `handler` takes.
+        clock: by which messages are stamped.
+        in_time: which messages are left out when they come much later than others before them; none: all
+            are taken.
+    """
+    order = Order() if meter.topic in STREAMS else None
+    if order is not None:
+        meter.orders.append(order)
+    lateness = None if in_time is None else Lateness()
+    if lateness is not None:
+        meter.latenesses.append(lateness)
+
+    def timed(message: M, key_name: str) -> None:
+        began_s = time.monotonic()
+        if order is not None and not order.admits(key_name, message.stamp_ns, began_s):
+            return
+        if lateness is not None and in_time is not None and in_time(message):
+            # seconds of the wall; but where time is slow its own, as such a clock is coarse
+            age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S / max(1.0, clock.speed)
+            if not lateness.admits(key_name, age_s, began_s):
+                return
+        meter.mark(began_s)
+        handler(message, key_name)
+        steps.add(time.monotonic() - began_s)
+
+    return timed

@@ -1,0 +1,95 @@
+"""Traffic and times between two reports of a service, counted where it meets the bus; pure."""
+
+import math
+from collections.abc import Iterator
+
+from pointit.runtime.bus.contract import AnyTopic, Traffic
+from pointit.runtime.health.timeliness import Lateness, Order
+from pointit.schemas import Quantiles
+
+REFUSED_SHOWN_S = 5.0
+"""So long it is said that messages were no news, or came too late, after the last of them."""
+
+SAMPLES = 4096
+"""Times kept between two reports; the oldest give way."""
+
+
+class Times:
+    """Durations between two reports, a ring of fixed size."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._values = [0.0] * SAMPLES
+        self._count = 0
+
+    def add(self, value_s: float) -> None:
+        """Take one."""
+        self._values[self._count % SAMPLES] = value_s
+        self._count += 1
+
+    def take(self) -> Quantiles | None:
+        """Return their quantiles, and begin anew; none where there were none."""
+        values = sorted(self._values[: min(self._count, SAMPLES)])
+        self._count = 0
+        if not values:
+            return None
+
+        def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
+            return values[math.ceil(share * len(values)) - 1]
+
+        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99))
+
+
+class _Complaint:
+    """Counts what was left out, and knows for how long to speak of it."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._grown_s = -math.inf
+
+    def holds(self, count: int, now_s: float) -> bool:
+        """Return whether there were more than before, now or a while ago."""
+        if count > self._count:
+            self._count, self._grown_s = count, now_s
+        return now_s - self._grown_s <= REFUSED_SHOWN_S
+
+
+class Meter:
+    """One topic in one direction."""
+
+    def __init__(self, topic: AnyTopic) -> None:
+        """Begin at 0."""
+        self.topic = topic
+        self.count = 0
+        self.newest_s: float | None = None
+        self.traffics: list[Traffic] = []
+        self.orders: list[Order] = []
+        self.latenesses: list[Lateness] = []
+        self._old = _Complaint()
+        self._late = _Complaint()
+
+    def mark(self, now_s: float) -> None:
+        """Count a message that comes or goes at `now_s`, monotonic."""
+        self.count += 1
+        self.newest_s = now_s
+
+    def total(self, counter: str) -> int:
+        """Return the sum of one of the counters of `Traffic` over all readers."""
+        return sum(getattr(traffic, counter) for traffic in self.traffics)
+
+    def complaints(self, now_s: float) -> Iterator[str]:
+        """Yield sentences that say that old messages come, or late ones; none when they have not for long."""
+        old = sum(order.refused for order in self.orders)
+        if self._old.holds(old, now_s):
+            yield (
+                f"{old} messages on {self.topic.key} were older than those before them and were left out: "
+                "is a recording played on this site, or do two write the same?"
+            )
+        late = sum(lateness.refused for lateness in self.latenesses)
+        if self._late.holds(late, now_s):
+            by_s = max(lateness.by_s for lateness in self.latenesses)
+            yield (
+                f"{late} messages on {self.topic.key} came later than others before them, the last by "
+                f"{by_s:.1f} s, and were left out: look at the link to who writes them, which is slow or "
+                "loses much"
+            )

@@ -1,0 +1,275 @@
+"""A service's account of itself: its traffic, its times, its warnings, measured where it meets the bus."""
+
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import socket
+import time
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeVar
+
+from pointit.runtime.bus.contract import (
+    REQUEST_TIMEOUT_S,
+    AnyTopic,
+    Bus,
+    Closable,
+    Handler,
+    Publisher,
+    Recall,
+    Server,
+    Subscription,
+)
+from pointit.runtime.clock import Clock
+from pointit.runtime.health.instrumented import MeteredPublisher, metered
+from pointit.runtime.health.metrics import Meter, Times
+from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
+from pointit.schemas.topics import ANY, HEALTH, Presence, Request, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+log = logging.getLogger(__name__)
+
+LOG_PERIOD_S = 1.0
+"""At most one log line about timers that fail in this time."""
+
+
+class Warnings(Protocol):
+    """Where a part of a service says what is wrong; `ServiceBus` is one."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` (what is wrong, what to do) until `clear(topic)`."""
+        ...
+
+    def clear(self, topic: str) -> None:
+        """Take the warning back."""
+        ...
+
+
+class ServiceBus:
+    """A service's own view of the bus: measured, and closed with the service."""
+
+    def __init__(self, bus: Bus, clock: Clock, service: str, instance: str, user: str = "") -> None:
+        self._bus = bus
+        self._clock = clock
+        self._service = service
+        self._instance = instance
+        self._user = user
+        self._began_s = self._reported_s = time.monotonic()
+        self._meters: dict[tuple[str, str], Meter] = {}
+        self._steps = Times()
+        self._latency = Times()
+        self._declared: list[Closable] = []
+        self._publishers: list[Publisher[Any]] = []
+        self._tokens: list[Closable] = []
+        self._warnings: dict[str, str] = {}
+        self._figures: dict[str, Figure] = {}
+        self._errors = 0
+        """Watchers and timers that raised."""
+        self._timers: weakref.WeakSet[asyncio.TimerHandle] = weakref.WeakSet()
+        self._logged_s = -math.inf
+        self._seq = 0
+        self.served: set[str] = set()
+        """Keys of the requests this service answers."""
+
+    @property
+    def reads(self) -> set[str]:
+        """Return the keys of the topics that are read."""
+        return {key for key, direction in self._meters if direction == "in"}
+
+    @property
+    def writes(self) -> set[str]:
+        """Return the keys of the topics that are written."""
+        return {key for key, direction in self._meters if direction == "out"}
+
+    def publisher(self, topic: Topic[M], name: str = "", *, timed: bool = True) -> Publisher[M]:
+        """Declare a writer of `topic.at(name)`; unless `timed`, `reached` tells how late its output is."""
+        inner = self._bus.publisher(topic, name)
+        self._publishers.append(inner)
+        latency = self._latency if timed else None
+        return MeteredPublisher(inner, self._meter(topic, "out"), latency, self._clock)
+
+    def reached(self, latency_s: float) -> None:
+        """Count how old what was captured is when it leaves the service other than by the bus."""
+        self._latency.add(latency_s)
+
+    def subscribe(
+        self,
+        topic: Topic[M],
+        handler: Handler[M],
+        name: str = ANY,
+        *,
+        kept: bool = True,
+        in_time: Callable[[M], bool] | None = None,
+    ) -> Subscription:
+        """Call `handler(message, name)` for what arrives.
+
+        Args:
+            topic: what is read.
+            handler: takes it.
+            name: whose; all by default.
+            kept: take what was kept of states whose writers may be gone.
+            in_time: which messages are left out, and told of, when they come much later than others before
+                them: who acts on a stream must not act on what a bad link has held up; none: all are taken.
+        """
+        meter = self._meter(topic, "in")
+        counted = metered(handler, meter, self._steps, self._clock, in_time)
+        subscription = self._bus.subscribe(topic, counted, name, kept=kept)
+        meter.traffics.append(subscription.traffic)
+        self._declared.append(subscription)
+        return subscription
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics`, which are states, that are gone."""
+        kept = self._bus.keep(topics, recall)
+        self._declared.append(kept)
+        return kept
+
+    def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
+        """Answer `request`."""
+        self.served.add(request.key)
+        served = self._bus.serve(request, server, name)
+        self._declared.append(served)
+        return served
+
+    async def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply of whoever serves `request`."""
+        return await self._bus.call(request, query, name, timeout_s=timeout_s)
+
+    def announce(self, presence: Presence, name: str) -> Closable:
+        """Be present under `name` until closed."""
+        token = self._bus.announce(presence, name)
+        self._tokens.append(token)
+        return token
+
+    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
+        """Call `handler(name, present)` now and on every change."""
+
+        def counted(name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+            try:
+                handler(name, present)
+            except Exception:
+                self._errors += 1
+                raise
+
+        watching = self._bus.watch(presence, counted)
+        self._declared.append(watching)
+        return watching
+
+    def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
+        """Call `callback` in the loop after `delay_s` of the wall, unless the service has ended by then.
+
+        As the loop's own, but what it raises is counted in health and logged, at most once a second.
+        """
+
+        def guarded() -> None:
+            try:
+                callback()
+            except Exception:  # a timer's fault must not stop the others
+                self._errors += 1
+                now_s = time.monotonic()
+                if now_s - self._logged_s >= LOG_PERIOD_S:
+                    self._logged_s = now_s
+                    log.exception("timer of %s failed (%d errors so far)", self._instance, self._errors)
+
+        timer = asyncio.get_running_loop().call_later(delay_s, guarded)
+        self._timers.add(timer)
+        return timer
+
+    @property
+    def site(self) -> str:
+        """Return the name of the site."""
+        return self._bus.site
+
+    @property
+    def trouble(self) -> str:
+        """Return what is wrong with the bus itself."""
+        return self._bus.trouble
+
+    async def close(self) -> None:
+        """Undeclare everything of this service, its presence last; the bus itself goes on."""
+        for timer in self._timers:
+            timer.cancel()
+        with contextlib.ExitStack() as stack:
+            for token in self._tokens:
+                stack.callback(token.close)
+            for publisher in self._publishers:
+                stack.callback(publisher.retire)
+            for declared in self._declared:
+                stack.callback(declared.close)
+            self._tokens.clear()
+            self._publishers.clear()
+            self._declared.clear()
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`."""
+        self._warnings[topic] = sentence
+
+    def clear(self, topic: str) -> None:
+        """Take the warning about `topic` back."""
+        self._warnings.pop(topic, None)
+
+    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+        """Show a number of the service's own, as in `("drift", 0.4, "°/min")`; none takes it away."""
+        if value is None or not math.isfinite(value):
+            self._figures.pop(name, None)
+        else:
+            self._figures[name] = Figure(name=name, value=value, unit=unit)
+
+    def report(self) -> Health:
+        """Return the account of the time since the last report."""
+        now_s = time.monotonic()
+        span_s = max(now_s - self._reported_s, 1e-3)
+        self._reported_s = now_s
+        keys: list[KeyHealth] = []
+        errors = self._errors
+        for (key, direction), meter in self._meters.items():
+            errors += meter.total("errors")
+            keys.append(
+                KeyHealth(
+                    key=key,
+                    direction="in" if direction == "in" else "out",
+                    rate_hz=meter.count / span_s,
+                    age_s=None if meter.newest_s is None else now_s - meter.newest_s,
+                    dropped=meter.total("dropped"),
+                    lost=meter.total("lost"),
+                    invalid=meter.total("invalid"),
+                )
+            )
+            meter.count = 0
+        self._seq += 1
+        trouble = (self.trouble,) if self.trouble else ()
+        complaints = (each for meter in self._meters.values() for each in meter.complaints(now_s))
+        warnings = (*trouble, *complaints, *self._warnings.values())
+        return Health(
+            stamp_ns=time.time_ns(),
+            seq=self._seq,
+            service=self._service,
+            instance=self._instance,
+            user=self._user,
+            pid=os.getpid(),
+            host=socket.gethostname(),
+            uptime_s=now_s - self._began_s,
+            keys=tuple(keys),
+            step=self._steps.take(),
+            latency=self._latency.take(),
+            errors=errors,
+            status="degraded" if warnings else "ok",
+            warnings=warnings,
+            figures=tuple(self._figures.values()),
+        )
+
+    def health_publisher(self) -> Publisher[Health]:
+        """Declare the writer of this service's health."""
+        publisher = self._bus.publisher(HEALTH, self._instance)
+        self._publishers.append(publisher)
+        return publisher
+
+    def _meter(self, topic: Topic[Any], direction: str) -> Meter:
+        return self._meters.setdefault((topic.key, direction), Meter(topic))

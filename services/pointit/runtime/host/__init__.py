@@ -1,0 +1,1 @@
+"""The machine: threads, atomic file writes, state files, serial ports, TCP timeouts."""

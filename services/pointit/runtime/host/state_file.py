@@ -1,0 +1,94 @@
+"""What outlives a process: small JSON files under the state directory, one a person and purpose."""
+
+import os
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import platformdirs
+from pydantic import BaseModel, ValidationError
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import put
+from pointit.schemas import explain
+from pointit.schemas.topics import check_name
+
+T = TypeVar("T", bound=BaseModel)
+
+VARIABLE = "POINTIT_STATE"
+"""Names another state directory."""
+
+MAX_BYTES = 64 * 1024
+
+
+def state_directory() -> Path:
+    """Return where state is kept: `$POINTIT_STATE`, or what the system has for it; it need not exist."""
+    named = os.environ.get(VARIABLE, "")
+    return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
+
+
+def site_folder(site: str, service: str) -> Path:
+    """Return where `service` keeps what it must not lose of `site`; it need not exist.
+
+    Raises:
+        KeyNameError: `site` cannot be a name.
+    """
+    check_name(site, "site")
+    return state_directory() / site / service
+
+
+class StateFile(Generic[T]):
+    """One person's `purpose`, such as `offset`, as a `model` in JSON."""
+
+    def __init__(self, model: type[T], user: str, purpose: str) -> None:
+        """Touch nothing yet.
+
+        Raises:
+            KeyNameError: `user` cannot be a name.
+        """
+        check_name(user, "user")
+        self._model = model
+        self.path = state_directory() / "users" / user / f"{purpose}.json"
+
+    def read(self) -> T | None:
+        """Return what is kept, or none.
+
+        Raises:
+            ConfigError: something is kept, but it cannot be read or used; names the file.
+        """
+        try:
+            with self.path.open("rb") as file:
+                data = file.read(MAX_BYTES + 1)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot be read ({error.strerror or error})") from error
+        try:
+            if len(data) > MAX_BYTES:
+                raise ConfigError(f"{self.path}: is too long to be ours; move it away and calibrate again")
+            return self._model.model_validate_json(data)
+        except ValidationError as error:
+            raise ConfigError(
+                f"{self.path}: cannot be used; move it away and calibrate again; {explain(error)}"
+            ) from error
+
+    def write(self, value: T) -> None:
+        """Keep `value` in place of what is kept: all of it or nothing, readable by its owner alone.
+
+        Raises:
+            ConfigError: it cannot be written; names the file.
+        """
+        put(self.path, (value.model_dump_json(indent=2) + "\n").encode())
+
+    def erase(self) -> bool:
+        """Forget what is kept; return whether something was.
+
+        Raises:
+            ConfigError: it cannot be erased; names the file.
+        """
+        try:
+            self.path.unlink()
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot be erased ({error.strerror or error})") from error
+        return True

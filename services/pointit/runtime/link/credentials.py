@@ -1,0 +1,269 @@
+"""By what a process proves to a router who it is: a folder that `pointit site` has made.
+
+It holds `link.json` (site, addresses, name, role), the authority's certificate `ca.pem`, and `cert.pem` with
+`key.pem`, or `password` where the site goes by passwords.
+"""
+
+import datetime as dt
+import os
+import re
+import socket
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import complaint
+from pointit.runtime.errors import ConfigError
+
+VARIABLE = "POINTIT_CREDENTIALS"
+
+CA = "ca.pem"
+CERTIFICATE = "cert.pem"
+KEY = "key.pem"
+LINK = "link.json"
+PASSWORD = "password"  # noqa: S105 - the name of the file
+
+MAX_BYTES = 64 * 1024
+ONLOOKERS = ("dashboard", "operator")
+"""Roles that may write nothing of their own, not even that they are there."""
+SOON = dt.timedelta(days=30)
+"""Credentials that end sooner are warned of."""
+HANDSHAKE_S = 1.0
+"""How long each step of looking for the reason of a refusal may take."""
+
+SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
+
+PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
+"""What one is made of."""
+
+X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
+"""OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
+
+REFUSALS = {
+    "CERTIFICATE_EXPIRED": "has expired or is not valid yet, by the router's clock",
+    "UNKNOWN_CA": "is of another authority than the router's site",
+    "BAD_CERTIFICATE": "is none that the router takes",
+    "CERTIFICATE_UNKNOWN": "is none that the router takes",
+    "DECRYPT_ERROR": "is of another authority of the same name",
+    "CERTIFICATE_REQUIRED": "was not shown, and the router wants one",
+}
+"""What a router's alert says of our certificate, by the end of OpenSSL's name for it."""
+
+
+class LinkFile(Config):
+    """What `link.json` holds; no secret."""
+
+    site: str
+    name: str
+    role: str
+    generation: int
+    endpoints: tuple[str, ...]
+    password: bool = False
+    valid_from: dt.datetime
+    valid_until: dt.datetime
+
+
+@dataclass(frozen=True, kw_only=True)
+class Credentials:
+    """An identity of a site, ready to join it."""
+
+    folder: Path
+    link: LinkFile
+
+    @property
+    def who(self) -> str:
+        """Return the identity for people."""
+        return f"this identity ({self.link.name})"
+
+    @property
+    def is_onlooker(self) -> bool:
+        """Return whether nobody is told of what runs by this identity."""
+        return self.link.role in ONLOOKERS
+
+    def check_endpoint(self, endpoint: str) -> None:
+        """Refuse an address that would not be encrypted.
+
+        Raises:
+            ConfigError: it is neither TLS nor QUIC.
+        """
+        if not SECURE.match(endpoint):
+            raise ConfigError(
+                f"{endpoint}: credentials are for encrypted addresses only, as "
+                f"{' or '.join(self.link.endpoints)}; leave --connect out, or do without --credentials"
+            )
+
+    def ending(self, now: dt.datetime) -> str:
+        """Return the sentence that says that they end within 30 days; empty when they do not."""
+        if self.link.password or self.link.valid_until - now >= SOON:
+            return ""
+        name = self.link.name
+        return (
+            f"the credentials of {name} end on {self.link.valid_until:%Y-%m-%d}; have them made anew with "
+            f"`pointit site renew {name}` before, and carry the folder here"
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return what Zenoh's configuration needs; secrets are in it: show it to nobody."""
+        tls = "transport/link/tls"
+        settings: dict[str, Any] = {
+            "transport/link/protocols": ["tls", "quic"],
+            f"{tls}/root_ca_certificate": str(self.folder / CA),
+            f"{tls}/close_link_on_expiration": True,
+        }
+        if self.link.password:
+            settings["transport/auth/usrpwd/user"] = self.user
+            settings["transport/auth/usrpwd/password"] = _password(self.folder)
+        else:
+            settings[f"{tls}/enable_mtls"] = True
+            settings[f"{tls}/connect_certificate"] = str(self.folder / CERTIFICATE)
+            settings[f"{tls}/connect_private_key"] = str(self.folder / KEY)
+        return settings
+
+    @property
+    def user(self) -> str:
+        """Return by what the router knows this identity."""
+        return f"{self.link.site}/{self.link.name}/{self.link.generation}"
+
+
+def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
+    """Return the credentials in `folder`, looked over as far as that goes without a router.
+
+    Raises:
+        ConfigError: a file is missing or holds something else, others can read a secret, or they are not
+            valid now.
+    """
+    folder = folder.absolute()
+    file = folder / LINK
+    try:
+        link = LinkFile.model_validate_json(_read(file))
+    except ValidationError as error:
+        raise ConfigError(f"{file}: {complaint(error, LinkFile)}") from error
+    public, secret = ([CA], PASSWORD) if link.password else ([CA, CERTIFICATE], KEY)
+    for name in public:
+        _read(folder / name)
+    path = folder / secret
+    _read(path)
+    if os.name == "posix" and path.stat().st_mode & 0o077:
+        raise ConfigError(
+            f"{path}: others can read it, so it proves nothing; make it yours alone with `chmod 600 {path}`"
+        )
+    if link.password:
+        _password(folder)
+    again = f"have it made anew with `pointit site renew {link.name}` and carry the folder here"
+    if not link.password and now < link.valid_from:
+        raise ConfigError(
+            f"{folder / CERTIFICATE}: is not valid before {link.valid_from:%Y-%m-%d %H:%M} UTC and "
+            f"here it is {now:%Y-%m-%d %H:%M} UTC; set this machine's clock"
+        )
+    if not link.password and now > link.valid_until:
+        raise ConfigError(f"{folder / CERTIFICATE}: has expired on {link.valid_until:%Y-%m-%d}; {again}")
+    return Credentials(folder=folder, link=link)
+
+
+def refusal(credentials: Credentials, endpoint: str) -> str:
+    """Return why the router at `endpoint` cannot be joined: one sentence; empty when nobody answers there.
+
+    Zenoh reports every refusal as a time-out, so the handshake is tried again without it. Blocks for up to
+    3 s: call it in a thread.
+    """
+    found = SECURE.match(endpoint)
+    if not found:
+        return ""
+    host, port = found["ipv6"] or found["host"], int(found["port"])
+    name = credentials.link.name
+    try:
+        context = _context(credentials)
+    except (OSError, ssl.SSLError) as error:
+        return f"{credentials.folder}: its certificates cannot be used ({_words(error)})"
+    try:
+        plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
+    except OSError:
+        return ""  # nobody answers, or there is no way there: the usual words fit
+    is_secured = False
+    try:
+        with plain, context.wrap_socket(plain, server_hostname=host) as secured:
+            is_secured = True
+            secured.recv(1)  # the router's word on our certificate comes after the handshake
+    except ssl.SSLError as error:
+        return _told(error, endpoint, credentials)
+    except OSError:  # a time-out, too: it said nothing, which is good once the connection is secured
+        if not is_secured:
+            return (
+                f"who listens at {endpoint} is no router of a secured site; give its address with --connect"
+            )
+    if credentials.link.password:
+        return (
+            f"the router at {endpoint} refuses {name}'s password, or is too busy to take it; if that stays "
+            f"so, have it made anew with `pointit site renew {name}` and carry the folder here"
+        )
+    return ""
+
+
+def _context(credentials: Credentials) -> ssl.SSLContext:
+    context = ssl.create_default_context(cafile=str(credentials.folder / CA))
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if not credentials.link.password:
+        context.load_cert_chain(credentials.folder / CERTIFICATE, credentials.folder / KEY)
+    return context
+
+
+def _told(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
+    """Return what a handshake that failed says of either certificate."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return _distrust(error, endpoint, credentials)
+    name = credentials.link.name
+    for alert, why in REFUSALS.items():
+        if (error.reason or "").endswith(alert):
+            return (
+                f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
+                f"have it made anew with `pointit site renew {name}`"
+            )
+    return f"{endpoint} does not speak TLS as a router does ({_words(error)})"
+
+
+def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:
+    router = f"the router at {endpoint}"
+    if error.verify_code == X509_TOO_OLD:
+        return f"{router} has a certificate that expired; renew it with `pointit site renew router`"
+    if error.verify_code == X509_TOO_YOUNG:
+        return f"{router} has a certificate that is not valid yet by this machine's clock; set the clock"
+    if error.verify_code in X509_OTHER_HOST:
+        return (
+            f"{router} has a certificate for other names; "
+            "add this one with `pointit site renew router --host NAME`"
+        )
+    return (
+        f"{router} is not the one of site {credentials.link.site}: another authority certified it; "
+        "use that site's credentials, or the right address"
+    )
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES)
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"{path}: is missing; credentials are a folder that `pointit site` has made, with all its files"
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def _password(folder: Path) -> str:
+    """Return what stands in the file of the password; what is wrong with it is told without it."""
+    path = folder / PASSWORD
+    password = _read(path).strip()
+    if not PASSWORD_FORM.fullmatch(password):
+        raise ConfigError(
+            f"{path}: holds no password as `pointit site` makes them; carry the folder here once more"
+        )
+    return password.decode()
+
+
+def _words(error: Exception) -> str:
+    return getattr(error, "reason", None) or getattr(error, "strerror", None) or type(error).__name__

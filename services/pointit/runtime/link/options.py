@@ -1,0 +1,84 @@
+"""How a command joins the network: its options, and the credentials that answer them."""
+
+import datetime as dt
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
+from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+
+
+def link_options() -> list[click.Parameter]:
+    """Return the options that say how a command joins the network."""
+    return [
+        click.Option(
+            ["--credentials"],
+            type=click.Path(path_type=Path),
+            envvar=VARIABLE,
+            is_eager=True,
+            expose_value=False,
+            callback=_take_credentials,
+            help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
+        ),
+        _OfCredentials(["--site"], default=DEFAULT_SITE, show_default=True, help="name of the site"),
+        _OfCredentials(
+            ["--connect"],
+            multiple=True,
+            default=(DEFAULT_ENDPOINT,),
+            show_default=True,
+            help="address of a `pointit run` or `pointit router`",
+        ),
+        click.Option(["--listen"], multiple=True, help="listen here instead of connecting"),
+    ]
+
+
+class _OfCredentials(click.Option):
+    """An option that credentials answer unless it is given."""
+
+    def get_default(self, ctx: click.Context, call: bool = True) -> Any:  # noqa: FBT001, FBT002 - click's own
+        credentials = ctx.meta.get(VARIABLE)
+        if credentials is None or not call:
+            return super().get_default(ctx, call=call)
+        return credentials.link.site if self.name == "site" else credentials.link.endpoints
+
+
+def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: Path | None) -> None:
+    if folder is None or ctx.resilient_parsing:
+        return
+    now = dt.datetime.now(dt.UTC)
+    credentials = read_credentials(folder, now)
+    if ending := credentials.ending(now):
+        click.echo(f"Warning: {ending}", err=True)
+    ctx.meta[VARIABLE] = credentials
+    os.environ[VARIABLE] = str(credentials.folder)  # for the processes that this one starts
+
+
+def given_credentials() -> Credentials | None:
+    """Return what --credentials of the running command names; none without it."""
+    context = click.get_current_context(silent=True)
+    credentials: Credentials | None = None if context is None else context.meta.get(VARIABLE)
+    return credentials
+
+
+def link_of(site: str, connect: Sequence[str], listen: Sequence[str] = ()) -> Link:
+    """Return how the running command joins `site`: with its credentials, if it has any.
+
+    Raises:
+        ConfigError: they are of another site, or nobody is there to be shown them.
+    """
+    credentials = given_credentials()
+    if credentials is not None and site != credentials.link.site:
+        raise ConfigError(
+            f"--site {site}: the credentials in {credentials.folder} are of site {credentials.link.site}; "
+            "leave --site out, or use that site's credentials"
+        )
+    if credentials is not None and listen:
+        raise ConfigError(
+            f"--listen {listen[0]}: credentials are shown to a router; leave --listen out, or --credentials"
+        )
+    return Link(site=site, connect=tuple(connect), listen=tuple(listen), credentials=credentials)

@@ -1,0 +1,227 @@
+"""A process around services: options, configuration, the session, the exit code."""
+
+import asyncio
+import logging
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from pointit.runtime.clock import Clock, SiteClock, WallClock
+from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.environment import check_spelling, environment_prefix
+from pointit.runtime.config.parameters import leaves
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.host.threads import is_left, leave
+from pointit.runtime.link.link import Link
+from pointit.runtime.link.options import link_of, link_options
+from pointit.runtime.service.instance_takeover import claim
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.service import AnyService, Launch, Scope, check_launches, run_services
+from pointit.runtime.service.shutdown import EXIT_FAILED, end_with_parent, run_async
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import SchemaError
+from pointit.schemas.system import check_user
+from pointit.schemas.text import plain
+from pointit.schemas.topics import SERVICE_ALIVE
+
+log = logging.getLogger(__name__)
+
+EXIT_USAGE = 2
+EXIT_FAULT = 70
+"""An error that nobody foresaw (sysexits' EX_SOFTWARE)."""
+CLOCK_PATIENCE_S = 0.3
+"""How long a service waits for the site's simulated time before it begins; it usually takes ms."""
+ASKED_CLOCK_PATIENCE_S = 2.0
+"""The same, when the command line says that there is one: so many processes may start that they are slow."""
+
+
+def main(service: type[AnyService]) -> NoReturn:
+    """Run `service` as a process of its own: what every `__main__.py` calls."""
+    # To take Python's modules apart costs 0.1 s of a core; ten processes that end together have two.
+    run_program(service_command(service), at_once=True)
+
+
+def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
+    """Run a click command as all that this process does, see `run_command`; its end waits for nobody.
+
+    `at_once`: nor for what others have left with `atexit`.
+    """
+    try:
+        run_command(command)
+    except SystemExit as end:
+        if at_once or is_left():
+            leave(end.code if isinstance(end.code, int) else EXIT_FAULT)
+        raise
+
+
+def run_command(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
+    """Run a click command; errors become one sentence on standard error and an exit code.
+
+    0 done, or ended as asked; 1 it failed (nobody answers, an address is taken); 2 what was typed, a file or
+    a variable is wrong; 70 a fault of the program, whose traceback goes to the log; 130 Ctrl-C before work.
+    """
+    try:
+        result = command.main(args=arguments, standalone_mode=False)
+    except click.exceptions.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (ConfigError, SchemaError) as error:
+        click.echo(f"Error: {plain(str(error))}", err=True)
+        sys.exit(EXIT_USAGE)
+    except PointItError as error:
+        click.echo(f"Error: {plain(str(error))}", err=True)
+        sys.exit(EXIT_FAILED)
+    except Exception as error:
+        log.critical("fault of the program", exc_info=error)
+        what = plain(f"{type(error).__name__}: {error}")
+        click.echo(f"Error: a fault of PointIt itself ({what}), see the log", err=True)
+        sys.exit(EXIT_FAULT)
+    sys.exit(result if isinstance(result, int) else 0)
+
+
+def service_command(service: type[AnyService]) -> click.Command:
+    """Return the command that runs `service`, with one option for each of its parameters."""
+
+    def callback(**options: Any) -> int:
+        setup_logging(options["log_level"])
+        user: str = options.get("user") or ""
+        if user:
+            check_user(user)
+        config = load_config(
+            service,
+            [options["config"]] if options["config"] else [],
+            {leaf.path: options[_parameter(leaf.path)] for leaf in leaves(service.CONFIG)},
+        )
+        link = link_of(options["site"], options["connect"], options["listen"])
+        launch = Launch(service=service, config=config, user=user)
+        check_launches([launch], link.addresses)
+        if options["while_parent_lives"]:
+            end_with_parent()
+        patience_s: float | None = None
+        if options["clock"] == "site":
+            source = click.get_current_context().get_parameter_source("clock")
+            is_default = source is click.core.ParameterSource.DEFAULT
+            patience_s = CLOCK_PATIENCE_S if is_default else ASKED_CLOCK_PATIENCE_S
+        return run_async(_serve(launch, link, patience_s))
+
+    return _command(service.NAME, service.SCOPE, (service.__doc__ or "").strip(), service.CONFIG, callback)
+
+
+def absent_command(
+    name: str, scope: Scope, about: str, config: type[Config], error: ConfigError
+) -> click.Command:
+    """Return the command of a service that is not installed: its help, and `error` when it is run."""
+
+    def callback(**_options: Any) -> NoReturn:
+        raise error
+
+    return _command(name, scope, about, config, callback)
+
+
+def _command(
+    name: str, scope: Scope, about: str, config: type[Config], callback: Callable[..., int]
+) -> click.Command:
+    """Return the command of a service, which calls `callback` with every option."""
+    parameters: list[click.Parameter] = [
+        click.Option(
+            ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
+        ),
+        *link_options(),
+        click.Option(
+            ["--clock"],
+            type=click.Choice(["site", "wall"]),
+            default="site",
+            show_default=True,
+            help="the simulated time that the site publishes (wall time while there is none), or wall time",
+        ),
+        log_option(),
+        click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
+    ]
+    if scope == "user":
+        parameters.insert(
+            0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
+        )
+    for leaf in leaves(config):
+        description = leaf.field.description or ""
+        parameters.append(
+            click.Option(
+                [_parameter(leaf.path), leaf.option],
+                metavar=f"<{leaf.type_name}>",
+                help=f"{description}  [default: {leaf.default}]",
+            )
+        )
+    prefix = environment_prefix(name)
+    note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
+    return click.Command(name, callback=callback, params=parameters, help=f"{about}\n\n{note}")
+
+
+def load_config(
+    service: type[AnyService], files: list[Path], options: dict[tuple[str, ...], str | None]
+) -> Config:
+    """Return the configuration of `service` from files, environment and options.
+
+    Raises:
+        ConfigError: names source, field and value.
+    """
+    layers = Layers(service.CONFIG.REPLACED)
+    for file in files:
+        layers.add(read_yaml(file), str(file))
+    for variable in os.environ:
+        check_spelling(variable, [service.NAME])
+    layers.add_environment(os.environ, environment_prefix(service.NAME))
+    for path, text in options.items():
+        if text is not None:
+            layers.add_text(path, text, "--" + ".".join(path).replace("_", "-"))
+    return layers.build(service.CONFIG)
+
+
+def log_option() -> click.Option:
+    """Return the option for the log level."""
+    return click.Option(
+        ["--log-level"],
+        type=click.Choice(["debug", "info", "warning", "error"]),
+        default="info",
+        show_default=True,
+        help="what to log",
+    )
+
+
+async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> int:
+    if link.listen:
+        link = Link(site=link.site, listen=link.listen)
+    bus = await ZenohBus.open(link)
+    try:
+        clock, _ = await asyncio.gather(_clock(bus, clock_patience_s), _claim(bus, launch))
+        log.info("%s of site %s runs", launch.instance, link.site)
+        await run_services([launch], bus, clock)
+    finally:
+        await bus.close()
+    return 0
+
+
+async def _claim(bus: ZenohBus, launch: Launch) -> None:
+    if launch.user and bus.link.connect:
+        advice = f"give this one another --user than {launch.user}, or end the other one first"
+        await claim(bus, SERVICE_ALIVE, {launch.instance}, advice)
+
+
+async def _clock(bus: ZenohBus, patience_s: float | None) -> Clock:
+    return WallClock() if patience_s is None else await _site_clock(bus, patience_s)
+
+
+async def _site_clock(bus: ZenohBus, patience_s: float) -> Clock:
+    clock = SiteClock(bus)
+    if not await clock.found(patience_s) and patience_s > CLOCK_PATIENCE_S:
+        log.warning("this site publishes no simulated time; it is wall time until it does")
+    return clock
+
+
+def _parameter(path: tuple[str, ...]) -> str:
+    return "set_" + "__".join(path)

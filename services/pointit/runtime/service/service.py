@@ -1,0 +1,183 @@
+"""What a service is, and how one or many of them live and end together."""
+
+import asyncio
+import contextlib
+import logging
+from abc import ABC
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Literal, TypeVar
+
+from pointit.runtime.bus.contract import Bus, Publisher
+from pointit.runtime.clock import Clock
+from pointit.runtime.config.config import Config
+from pointit.runtime.errors import BusClosedError, ConfigError
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.instance_takeover import Succession
+from pointit.schemas import Health
+from pointit.schemas.system import check_user
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+
+log = logging.getLogger(__name__)
+
+C = TypeVar("C", bound=Config)
+Scope = Literal["site", "user"]
+
+HEALTH_PERIOD_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """What a service gets from its surroundings."""
+
+    bus: ServiceBus
+    clock: Clock
+    user: str = ""
+    """Whose service it is; empty for a service that all share."""
+
+
+class Service(ABC, Generic[C]):
+    """A process: subscribes, calls its pure core, publishes.
+
+    The constructor declares everything on the bus and puts the first states; `run` holds what must go on
+    in time. Both run in the event loop.
+    """
+
+    NAME: ClassVar[str]
+    """As in the registry, `led-driver`."""
+    SCOPE: ClassVar[Scope]
+    """One for all (`site`) or one per person (`user`)."""
+    CONFIG: ClassVar[type[Config]]
+
+    def __init__(self, config: C, context: Context) -> None:
+        """Keep both; subclasses declare their publishers first and their subscriptions last."""
+        self.config = config
+        self.bus = context.bus
+        self.clock = context.clock
+        self.user = context.user
+
+    @classmethod
+    def check(cls, config: C) -> None:
+        """Refuse what cannot work however the site looks; called before a bus is opened, and may read files.
+
+        Raises:
+            ConfigError: names the parameter or file, and says what to do.
+        """
+
+    @classmethod
+    def check_link(cls, config: C, addresses: Sequence[str]) -> None:
+        """Refuse what cannot work beside the connection of its process; called before a bus is opened.
+
+        Args:
+            config: its own.
+            addresses: where the process connects or listens.
+
+        Raises:
+            ConfigError: names the parameter and the address, and says what to do.
+        """
+
+    @classmethod
+    def begin_anew(cls, site: str, now_ns: int) -> None:
+        """Let go of what an earlier run of `site` has left to be taken up; called before a new run begins.
+
+        What a service that runs right now has in its hands stays.
+        """
+
+    async def run(self) -> None:
+        """Go on until cancelled; services that only react need not override it."""
+        await asyncio.Event().wait()
+
+
+AnyService = Service[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Launch:
+    """A service to start, with its configuration and its person."""
+
+    service: type[AnyService]
+    config: Config
+    user: str = ""
+
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present: `selector`, `pointing.anna`."""
+        return f"{self.service.NAME}.{self.user}" if self.user else self.service.NAME
+
+
+def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
+    """Let every service look at its configuration, before anything is opened or started.
+
+    Args:
+        launches: what is to be started.
+        addresses: where their process connects or listens.
+
+    Raises:
+        ConfigError: one cannot work; names the instance.
+    """
+    for launch in launches:
+        try:
+            launch.service.check(launch.config)
+            launch.service.check_link(launch.config, addresses)
+        except ConfigError as error:
+            raise ConfigError(f"{launch.instance}: {error}") from error
+
+
+async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
+    """Run one service until it ends, is cancelled or `bus` is closed, or a person's name is taken over.
+
+    Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
+    absence that nothing of it is left.
+    """
+    kind = launch.service
+    if launch.user:
+        check_user(launch.user)
+    view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
+    succession = Succession(bus, launch.instance)
+    try:
+        service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user))
+        health = view.health_publisher()
+        view.announce(SERVICE_ALIVE, launch.instance)
+        if launch.user:
+            view.announce(USER_ALIVE, launch.user)
+        log.debug("%s started", launch.instance)
+        async with asyncio.TaskGroup() as group:
+            work = group.create_task(service.run(), name=launch.instance)
+            report = group.create_task(_report(view, health, succession), name=f"{launch.instance} health")
+            tasks = {work, report}
+            if launch.user:  # what all share has nobody's name to lose: both go on, and say so
+                tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
+    finally:
+        succession.close()
+        await view.close()
+        log.debug("%s ended", launch.instance)
+
+
+async def _until_lost(succession: Succession, launch: Launch) -> None:
+    await succession.lost.wait()
+    log.error(
+        "%s ends: %s has taken over the name, having begun later",
+        launch.instance,
+        succession.successor,
+    )
+
+
+async def _report(view: ServiceBus, health: Publisher[Health], succession: Succession) -> None:
+    with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
+        while True:
+            if sentence := succession.mind():
+                view.warn("twice", sentence)
+            else:
+                view.clear("twice")
+            health.put(view.report())
+            await asyncio.sleep(HEALTH_PERIOD_S)
+
+
+async def run_services(launches: Sequence[Launch], bus: Bus, clock: Clock) -> None:
+    """Run services side by side until cancelled; when one fails, all end and its error is raised."""
+    async with asyncio.TaskGroup() as group:
+        for launch in launches:
+            group.create_task(run_service(launch, bus, clock), name=f"service {launch.instance}")

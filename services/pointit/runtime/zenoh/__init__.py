@@ -1,0 +1,1 @@
+"""The typed bus over Zenoh. Only this package and `foreign_zenoh` import `zenoh`."""

@@ -1,0 +1,98 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Whether a client has its router, and why not."""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.host.tcp_timeouts import end_silence
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.zenoh.session import refusals
+
+log = logging.getLogger(__name__)
+
+DOUBT_S = 2.0
+"""A router that is lost for longer than a restart takes is asked whether it still wants us."""
+
+
+class LinkWatch:
+    """Knows whether a client has its router; says once that it is lost and once that it is back."""
+
+    def __init__(self, session: zenoh.Session, link: Link, on_back: Callable[[], None]) -> None:
+        """Watch the transports of `session`, which is connected now; call `on_back` when it is so again."""
+        self._link = link
+        self._on_back = on_back
+        self._why = ""
+        self._doubt: asyncio.Task[None] | None = None
+        self._loop = asyncio.get_running_loop()
+        self._where = " or ".join(link.connect)
+        self._ports = ports_of(link.connect)
+        self._zids = {str(transport.zid) for transport in session.info.transports()}
+        self._lost_s: float | None = None
+        self._open = True
+        self._listener = session.info.declare_transport_events_listener(
+            Callback(self._on_event, indirect=False), history=True
+        )
+
+    @property
+    def up(self) -> bool:
+        """Return whether there is a router."""
+        return self._lost_s is None
+
+    @property
+    def trouble(self) -> str:
+        """Return one sentence while the router is lost."""
+        if self._lost_s is None:
+            return ""
+        lost = f"router at {self._where} lost {self._loop.time() - self._lost_s:.0f} s ago; trying again"
+        return f"{lost}: {self._why}" if self._why else lost
+
+    def close(self) -> None:
+        """Say nothing any more."""
+        if self._open:
+            self._open = False
+            self._listener.undeclare()
+            self._end_doubt()
+
+    def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
+        up = event.kind == zenoh.SampleKind.PUT
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), up)
+
+    def _count(self, zid: str, up: bool) -> None:  # noqa: FBT001
+        if not self._open:
+            return
+        (self._zids.add if up else self._zids.discard)(zid)
+        if up:
+            end_silence(self._ports, LEASE_MS)
+        if bool(self._zids) == self.up:
+            return
+        if self._zids:
+            self._lost_s = None
+            self._end_doubt()
+            log.info("router at %s is back", self._where)
+            self._on_back()
+        else:
+            self._lost_s = self._loop.time()
+            log.warning("router at %s is lost; trying again until it is back", self._where)
+            if self._link.credentials is not None:
+                self._doubt = self._loop.create_task(self._ask_why(), name="refusal")
+
+    async def _ask_why(self) -> None:
+        """Find out whether the router is there and refuses us, as when the certificate has expired."""
+        await asyncio.sleep(DOUBT_S)
+        self._why = await in_daemon_thread(lambda: refusals(self._link), "refusal")
+        if self._why:
+            log.warning("%s", self._why)
+
+    def _end_doubt(self) -> None:
+        self._why = ""
+        if self._doubt is not None:
+            self._doubt.cancel()
+            self._doubt = None

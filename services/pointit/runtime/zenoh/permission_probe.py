@@ -1,0 +1,224 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""What an identity may not do, found out by itself: a router drops what it denies without a word to anybody.
+
+Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes there, and a second session of the
+same identity, which lives as long as the test, tells what came back: delivery within one session is never
+filtered. What services read and write is not touched.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable, Iterable
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.errors import PointItError
+from pointit.runtime.link.credentials import Credentials
+from pointit.runtime.link.permissions import JOIN, ROOM, VERBS
+from pointit.schemas.topics import ANY, REQUESTS, topic_of
+
+log = logging.getLogger(__name__)
+
+WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
+
+SETTLE_S = 0.25
+"""What is declared within this time is tested together."""
+WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""How long is waited for what was written, before it is written again; after the last one it is denied."""
+RETRY_S = (2.0, 5.0, 15.0, 60.0)
+"""After so long what is denied is tested again, the last one from then on: a router that was just restarted,
+with everybody at its door, answers late; and rules change."""
+MOST_KEYS = 3
+"""Keys that a sentence names."""
+
+Right = tuple[str, str]
+"""Verb and key, relative to the site."""
+
+Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
+"""Opens a session of the same identity, and closes it."""
+
+
+class SelfTest:
+    """Tests rights when they are first wanted, and all of them when the router is back."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        credentials: Credentials,
+        second: Second,
+        is_up: Callable[[], bool],
+    ) -> None:
+        """Test the rights of `session`.
+
+        Args:
+            session: which writes.
+            credentials: of both sessions.
+            second: opens and closes the session that listens.
+            is_up: whether there is a router; without one nothing is known.
+        """
+        self._session = session
+        self._credentials = credentials
+        self._second = second
+        self._is_up = is_up
+        self._loop = asyncio.get_running_loop()
+        self._wanted: set[Right] = set()
+        self._untested: set[Right] = set()
+        self._denied: set[Right] = set()
+        self._is_nobody = False
+        self._task: asyncio.Task[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._denials = 0
+        """Tests in a row in which something was denied."""
+        self._closed = False
+
+    @property
+    def trouble(self) -> str:
+        """Return what is denied, in one sentence for each kind; empty when nothing is known to be."""
+        return "; ".join(self._sentences())
+
+    def want(self, verb: str, key: str) -> None:
+        """Have a right tested soon, unless it was."""
+        right = (verb, key)
+        if right not in self._wanted and not self._closed:
+            self._wanted.add(right)
+            self._untested.add(right)
+            self._soon()
+
+    def again(self) -> None:
+        """Have all tested anew: the router is back, perhaps with other rules."""
+        self._denials = 0
+        self._untested |= self._wanted
+        self._soon()
+
+    async def denies(self, verb: str, key: str) -> str:
+        """Return the sentence that says that this right is denied; empty when it is not, or nobody knows."""
+        arrived = await self._arrived({(verb, key)})
+        if arrived is None or (verb, key) in arrived:
+            return ""
+        return _nobody(self._credentials) if not arrived else _sentence(self._credentials, verb, [key])
+
+    async def close(self) -> None:
+        """Test nothing any more."""
+        self._closed = True
+        for timer in (self._timer, self._retry):
+            if timer is not None:
+                timer.cancel()
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    def _soon(self) -> None:
+        if self._timer is None and self._task is None and not self._closed:
+            self._timer = self._loop.call_later(SETTLE_S, self._begin)
+
+    def _begin(self) -> None:
+        self._timer = None
+        if self._untested and self._is_up():
+            self._task = self._loop.create_task(self._test(), name="self-test")
+
+    def _later(self) -> None:
+        if self._retry is None and not self._closed:
+            wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1]
+            self._retry = self._loop.call_later(wait_s, self._test_denied)
+
+    def _test_denied(self) -> None:
+        self._retry = None
+        self._untested |= self._denied
+        self._soon()
+
+    async def _test(self) -> None:
+        try:
+            rights, self._untested = self._untested, set[Right]()
+            arrived = await self._arrived(rights)
+            if arrived is None:  # the router is lost; `again` follows when it is back
+                self._untested |= rights
+                return
+            before = self.trouble
+            self._is_nobody = not arrived
+            self._denied = (self._denied - rights) | (rights - arrived)
+            self._denials = self._denials + 1 if self._denied else 0
+            for sentence in self._sentences():
+                if sentence not in before:
+                    log.warning("%s", sentence)
+            if before and not self.trouble:
+                log.info("%s may do now what it needs", self._credentials.who)
+        finally:
+            self._task = None
+            if self._untested and self._is_up():
+                self._soon()
+            elif self._denied:
+                self._later()
+
+    async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
+        """Return which of `rights` hold, and the right to join; nothing when there is no router to ask."""
+        name = self._credentials.link.name
+        keys = {f"{key}/{ROOM}/{name}/{verb}": (verb, key) for verb, key in rights}
+        keys[f"{ROOM}/{name}/{JOIN}"] = (JOIN, "")
+        arrived: set[str] = set()
+        news = asyncio.Event()
+
+        def hear(key: str) -> None:
+            arrived.add(key)
+            if len(arrived & keys.keys()) == len(keys):
+                news.set()
+
+        def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
+            with contextlib.suppress(RuntimeError):  # the loop is gone
+                self._loop.call_soon_threadsafe(hear, str(sample.key_expr))
+
+        try:
+            async with self._second() as second:
+                second.declare_subscriber(f"**/{ROOM}/{name}/**", Callback(on_sample, indirect=False))
+                for wait_s in WAITS_S:
+                    for key in keys.keys() - arrived:
+                        self._session.put(key, b"")
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(news.wait(), wait_s)
+                    if news.is_set():
+                        break
+        except (PointItError, zenoh.ZError):
+            return None
+        return {right for key, right in keys.items() if key in arrived} if self._is_up() else None
+
+    def _sentences(self) -> list[str]:
+        if self._is_nobody:
+            return [_nobody(self._credentials)]
+        sentences: list[str] = []
+        for verb in VERBS:
+            by_person: dict[str, list[str]] = {}
+            for _, key in sorted(right for right in self._denied if right[0] == verb):
+                by_person.setdefault(_person(key), []).append(key)
+            sentences += [_sentence(self._credentials, verb, keys) for keys in by_person.values()]
+        return sentences
+
+
+def _nobody(credentials: Credentials) -> str:
+    name = credentials.link.name
+    return (
+        f"{credentials.who} may do nothing here: it was revoked or its certificate replaced; carry the "
+        f"folder here anew, or make one with `pointit site renew {name}`"
+    )
+
+
+def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
+    named = ", ".join(keys[:MOST_KEYS])
+    if len(keys) > MOST_KEYS:
+        named += f" and {len(keys) - MOST_KEYS} more"
+    person = _person(keys[0])
+    if person and person != credentials.link.name:
+        remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"
+    else:
+        remedy = "use credentials of who does that, or those of the site's supervisor"
+    return f"{credentials.who} may not {WORDS[verb]} {named}: {remedy}"
+
+
+def _person(key: str) -> str:
+    """Return whose key it is; empty when it is nobody's."""
+    topic = topic_of(key)
+    rows = REQUESTS if topic is None else (topic,)
+    names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}
+    return min(names, default="")

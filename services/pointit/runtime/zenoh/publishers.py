@@ -1,0 +1,117 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Writing topics over Zenoh: to this process's readers as messages, to all others as bytes."""
+
+import asyncio
+from typing import TypeVar
+
+import zenoh
+from zenoh import ext
+from zenoh.handlers import RingChannel
+
+from pointit.runtime.bus.contract import UNDECLARE_S, AnyTopic
+from pointit.runtime.bus.endpoints import MemoryPublisher
+from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.zenoh.wire_format import PRIORITY, encoding_of
+from pointit.schemas import Message, encode
+from pointit.schemas.topics import Delivery, Topic
+
+M = TypeVar("M", bound=Message)
+
+EVENT_CACHE = 500
+"""Events a writer keeps for readers that were cut off."""
+
+HEARTBEAT_S = 0.2
+"""How often a writer of states and events tells its last sequence number: bounds the time to recover."""
+
+
+class _LatestWriter:
+    """Sends the newest, and nothing at all while nobody elsewhere reads it."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=encoding_of(topic.message),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+        self._wanted = False  # the listener tells at once if there is somebody
+        # No callback of ours here: it would wait for Python's lock on the thread that ends the heartbeats of
+        # _KeptWriter, whose `undeclare` waits for that thread with the lock held, 10 s (Zenoh 1.10).
+        self._listener = self._publisher.declare_matching_listener(RingChannel(1))
+
+    def put(self, message: Message) -> None:
+        news = self._listener.try_recv()
+        if news is not None:
+            self._wanted = news.matching
+        if self._wanted:
+            self._publisher.put(encode(message))
+
+    def undeclare(self) -> None:
+        self._listener.undeclare()
+        self._publisher.undeclare()
+
+
+class _KeptWriter:
+    """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
+        # BLOCK would let one stuck reader stop this process for seconds; what DROP loses is fetched again
+        # from this cache, and what cannot be fetched is counted by the reader.
+        self._publisher = ext.declare_advanced_publisher(
+            session,
+            key,
+            encoding=encoding_of(topic.message),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=PRIORITY,
+            allowed_destination=zenoh.Locality.REMOTE,
+            cache=ext.CacheConfig(1 if topic.delivery is Delivery.STATE else EVENT_CACHE),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
+            publisher_detection=True,
+        )
+
+    def put(self, message: Message) -> None:
+        self._publisher.put(encode(message))
+
+    def undeclare(self) -> None:
+        self._publisher.undeclare()
+
+
+class ZenohPublisher(MemoryPublisher[M]):
+    """Hands messages to this process's readers, and their bytes to Zenoh for the others."""
+
+    def __init__(self, bus: Participant, session: zenoh.Session, topic: Topic[M], name: str) -> None:
+        key = topic.at(name)
+        self._writer = (
+            _LatestWriter(session, topic, key)
+            if topic.delivery is Delivery.LATEST
+            else _KeptWriter(session, topic, key)
+        )
+        self._bus = bus
+        self._retires = False
+        super().__init__(bus, topic, name)
+
+    def put(self, message: M) -> None:
+        """Send `message`."""
+        super().put(message)
+        self._writer.put(message)
+
+    def retire(self) -> None:
+        """Write no more; elsewhere the writer is gone with the bus, or a moment later."""
+        self._retires = True
+        self.close()
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        # Undeclaring a writer of states or events waits for Zenoh's heartbeat and holds Python's lock
+        # meanwhile; a callback of ours that waits for that lock on the heartbeat's thread holds both up for
+        # 10 s. Where everything ends, closing the session ends the writers without the lock.
+        if self._retires:
+            asyncio.get_running_loop().call_later(UNDECLARE_S, self._undeclare_writer)
+        else:
+            self._undeclare_writer()
+
+    def _undeclare_writer(self) -> None:
+        if not self._bus.is_closed:
+            self._writer.undeclare()

@@ -1,0 +1,122 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Asking and answering over Zenoh."""
+
+import asyncio
+import functools
+from collections.abc import Iterable
+from typing import TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus.bounded_queue import MAX_WAITING, TurnedAway, WaitingLine
+from pointit.runtime.bus.contract import Server
+from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.request_handler import Desk, no_answer, shutting_down
+from pointit.runtime.errors import RefusedError, RequestError
+from pointit.runtime.zenoh.queries import replies_to
+from pointit.runtime.zenoh.wire_format import check_size, decoded, encoding_of, name_in
+from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
+from pointit.schemas.text import one_line
+from pointit.schemas.topics import Request
+
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
+"""Waits between tries when nobody answered: a server that was just declared may not be known yet."""
+
+
+class ZenohDesk(Desk[Q, R]):
+    """Answers this process's callers, and those of others."""
+
+    def __init__(
+        self,
+        bus: Participant,
+        session: zenoh.Session,
+        request: Request[Q, R],
+        server: Server[Q, R],
+        name: str,
+        *,
+        turned_away: TurnedAway,
+    ) -> None:
+        super().__init__(bus, request, server, name)
+        self._line = WaitingLine(request.key, self._receive, turned_away)
+        self._busy = (
+            f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later"
+        )
+        self._open = True
+        self._queryable = session.declare_queryable(
+            request.at(name),
+            Callback(self._on_query, indirect=False),
+            complete=True,
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
+
+    def _undeclare(self) -> None:
+        self._open = False
+        super()._undeclare()
+        self._queryable.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's thread
+        try:
+            check_size(self.request.query, query.payload)
+            if not self._line.offer(query):
+                with query:
+                    query.reply_err(self._busy.encode())
+        except DecodeError as error:  # nothing of it waits for the loop
+            with query:
+                query.reply_err(str(error).encode())
+        except RuntimeError:  # the loop is gone
+            query.drop()
+
+    def _receive(self, query: zenoh.Query) -> Iterable[None]:
+        if not self._open:
+            query.drop()
+            return ()
+        try:
+            name = name_in(self.request, str(query.key_expr))
+            asked = decoded(self.request.query, query.payload, query.encoding)
+        except SchemaError as error:
+            with query:
+                query.reply_err(str(error).encode())
+        else:
+            self.start(asked, name).add_done_callback(functools.partial(self._reply, query))
+        return ()
+
+    def _reply(self, query: zenoh.Query, answer: asyncio.Task[R]) -> None:
+        with query:  # dropped in every case: otherwise the caller waits for its time-out
+            if answer.cancelled():
+                query.reply_err(shutting_down(self.request).encode())
+                return
+            error = answer.exception()
+            if error is None:
+                payload = encode(answer.result())
+                query.reply(str(query.key_expr), payload, encoding=encoding_of(self.request.reply))
+            else:
+                query.reply_err(str(error).encode())
+
+
+async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float) -> R:
+    """Return the reply; an empty answer is tried again: the server may just be arriving.
+
+    Raises:
+        RequestError: as `Bus.call`.
+    """
+    for wait_s in (*EMPTY_RETRY_S, None):
+        asked = {"payload": encode(query), "encoding": encoding_of(type(query)), "timeout": timeout_s}
+        for reply in await replies_to(session, key, **asked):
+            if reply.ok is not None:
+                try:
+                    result: R = decoded(request.reply, reply.ok.payload, reply.ok.encoding)
+                except DecodeError as error:
+                    raise RequestError(f"{request.server} sent a broken reply to {key}: {error}") from error
+                return result
+            if reply.err is not None:
+                reason = reply.err.payload.to_bytes().decode(errors="replace")
+                if reason != "Timeout":  # Zenoh's own word for it
+                    raise RefusedError(one_line(reason))
+        if wait_s is not None:
+            await asyncio.sleep(wait_s)
+    raise no_answer(request, key)

@@ -1,0 +1,184 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""States whose writers are gone, over Zenoh: a query on the state's own key, which who keeps it answers.
+
+Living writers answer for themselves through their caches, under keys that such a query does not meet; and
+access rules for a state's key hold for what is kept of it, too.
+"""
+
+import asyncio
+import contextlib
+import functools
+from collections.abc import Callable, Iterator, Sequence
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus.bounded_queue import TurnedAway, WaitingLine
+from pointit.runtime.bus.contract import AnyTopic, Recall
+from pointit.runtime.bus.endpoints import Keeping
+from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.bus.name_limiter import limit_of
+from pointit.runtime.zenoh.queries import kept_samples
+from pointit.runtime.zenoh.wire_format import decoded, encoding_of, name_in
+from pointit.schemas import SchemaError, encode
+from pointit.schemas.topics import ANY, KEEPER_ALIVE
+
+TIMEOUT_S = 2.0
+AT_ONCE = 32
+"""Questions on their way at a time."""
+
+EMPTY_RETRY_S = (0.05, 0.2, 0.7)
+"""Waits before what was not answered is asked again: who has just come may not be known everywhere."""
+
+BUSY = "the keeper is busy with too many other questions; ask later"
+
+
+class ZenohKeeping(Keeping):
+    """Answers the readers of this process, and those of others."""
+
+    def __init__(
+        self,
+        bus: Participant,
+        session: zenoh.Session,
+        topics: Sequence[AnyTopic],
+        recall: Recall,
+        *,
+        turned_away: TurnedAway,
+    ) -> None:
+        super().__init__(bus, topics, recall)
+        self._turned_away = turned_away
+        self._open = True
+        self._queryables = [
+            session.declare_queryable(
+                topic.at(ANY),
+                Callback(self._asked_for(topic), indirect=False),
+                complete=True,
+                allowed_origin=zenoh.Locality.REMOTE,
+            )
+            for topic in topics
+        ]
+        # last: it says that this one answers
+        self._token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
+
+    def _undeclare(self) -> None:
+        self._open = False
+        super()._undeclare()
+        self._token.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
+
+    def _asked_for(self, topic: AnyTopic) -> Callable[[zenoh.Query], None]:
+        """Return what takes questions for `topic`: many for one keep nobody from another."""
+        line = WaitingLine(topic.key, functools.partial(self._answer, topic), self._turned_away)
+
+        def on_query(query: zenoh.Query) -> None:  # on Zenoh's thread
+            try:
+                if not line.offer(query):
+                    with query:
+                        query.reply_err(BUSY.encode())
+            except RuntimeError:  # the loop is gone
+                query.drop()
+
+        return on_query
+
+    def _answer(self, topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
+        """Answer in small steps: a question may be for all names, and there may be hundreds."""
+        with query:
+            for name, message in self.recall(topic):
+                if not self._open:
+                    return
+                key = topic.at(name)
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                    query.reply(key, encode(message), encoding=encoding_of(topic.message))
+                yield
+
+
+class Recollection:
+    """Asks who keeps states elsewhere, for the readers of this process, once for each reader and keeper."""
+
+    def __init__(self, bus: Participant, session: zenoh.Session) -> None:
+        """Watch for who keeps states; must be called in the loop."""
+        self._bus = bus
+        self._session = session
+        self._loop = asyncio.get_running_loop()
+        self._here = KEEPER_ALIVE.at(str(session.zid()))
+        self._readers: list[tuple[AnyTopic, str, Mailbox]] = []
+        self._due: dict[str, AnyTopic] = {}
+        """By key: what is to be asked for."""
+        self._keepers: set[str] = set()
+        self._asking: asyncio.Task[None] | None = None
+        self._subscriber = session.liveliness().declare_subscriber(
+            KEEPER_ALIVE.at(ANY), Callback(self._on_change, indirect=False), history=True
+        )
+
+    def want(self, topic: AnyTopic, name: str, mailbox: Mailbox) -> None:
+        """Fill `mailbox` with what is kept of `topic` under `name`."""
+        self._readers = [reader for reader in self._readers if reader[2].takes_kept]
+        self._readers.append((topic, name, mailbox))
+        if self._keepers:
+            self._ask_for([(topic, name, mailbox)])
+
+    def close(self) -> None:
+        """Watch no longer; what is on its way ends with the bus."""
+        self._subscriber.undeclare()
+
+    def _on_change(self, sample: zenoh.Sample) -> None:  # on Zenoh's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            present = sample.kind == zenoh.SampleKind.PUT
+            self._loop.call_soon_threadsafe(self._change, str(sample.key_expr), present)
+
+    def _change(self, keeper: str, present: bool) -> None:  # noqa: FBT001
+        if not present:
+            self._keepers.discard(keeper)
+        elif keeper != self._here and keeper not in self._keepers:
+            self._keepers.add(keeper)
+            self._ask_for(self._readers)
+
+    def _ask_for(self, readers: Sequence[tuple[AnyTopic, str, Mailbox]]) -> None:
+        self._due |= {topic.at(name): topic for topic, name, mailbox in readers if mailbox.takes_kept}
+        if self._due and self._asking is None and not self._bus.is_closed:
+            self._asking = self._bus.spawn(self._ask(), "asking for kept states")
+
+    async def _ask(self) -> None:
+        try:
+            while self._due:
+                due, self._due = self._due, {}
+                for wait_s in (0.0, *EMPTY_RETRY_S):
+                    await asyncio.sleep(wait_s)
+                    if not self._keepers or not due:
+                        break
+                    due = await self._ask_once(due)
+        finally:
+            self._asking = None
+
+    async def _ask_once(self, due: dict[str, AnyTopic]) -> dict[str, AnyTopic]:
+        """Ask for every key and hand over what comes; return what was not answered."""
+        left: dict[str, AnyTopic] = {}
+        items = list(due.items())
+        for first in range(0, len(items), AT_ONCE):
+            batch = items[first : first + AT_ONCE]
+            answers = await asyncio.gather(
+                *(kept_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
+            )
+            for (key, topic), replies in zip(batch, answers, strict=True):
+                if replies:
+                    self._hand_over(topic, replies)
+                else:
+                    left[key] = topic
+        return left
+
+    def _hand_over(self, topic: AnyTopic, replies: Sequence[zenoh.Sample]) -> None:
+        mailboxes = [(name, box) for row, name, box in self._readers if row is topic and box.takes_kept]
+        for sample in replies[: limit_of(topic.placeholder)]:
+            try:
+                name = name_in(topic, str(sample.key_expr))
+                message = decoded(topic.message, sample.payload, sample.encoding)
+            except SchemaError as error:
+                for _, mailbox in mailboxes:
+                    mailbox.reject(error)
+                continue
+            for wanted, mailbox in mailboxes:
+                if wanted in (ANY, name) or not topic.placeholder:
+                    mailbox.offer_kept(name, message)

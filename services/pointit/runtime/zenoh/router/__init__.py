@@ -1,0 +1,1 @@
+"""The Zenoh router of a site: its process, its log and its health."""

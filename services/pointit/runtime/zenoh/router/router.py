@@ -1,0 +1,273 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""A Zenoh router in this process: what joins several machines where no zenohd is installed.
+
+Zenoh reads access rules, passwords and certificates when a session opens and never again, so a router whose
+files have changed is opened anew; its clients are back after 0.1 s, and declare by themselves what they had.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import re
+import sys
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.host.tcp_timeouts import cut, end_lingering, end_silence, unread
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.zenoh.router.router_health import RouterAccount
+from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_session
+from pointit.schemas.table_types import NAME
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 0.5
+"""How often the files are looked at; nothing tells of their change on every system and file system."""
+PORT_PATIENCE_S = 5.0
+"""How long the router's own port may stay taken after it was closed (QUIC: 0.1 s)."""
+PORT_RETRY_S = 0.05
+REOPEN_PATIENCE_S = 11.0
+"""How long a session's end is waited for before the next one begins; Zenoh takes 10 s at most."""
+
+RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
+"""Where an address names a file by a path from the configuration's own folder."""
+
+PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
+"""Address and port of who is connected by TLS."""
+
+Stamp = tuple[tuple[int, int, int], ...]
+
+
+@asynccontextmanager
+async def routing(listen: tuple[str, ...]) -> AsyncGenerator[None]:
+    """Route for every site at the addresses `listen` while inside.
+
+    Raises:
+        ListenError: an address is taken or not ours.
+    """
+    session = await open_session(Link(listen=listen, router=True))
+    try:
+        yield
+    finally:
+        await close_session(session)
+
+
+def parsed(text: str, folder: Path) -> zenoh.Config:
+    """Return Zenoh's configuration from JSON5 whose files are named as seen from `folder`.
+
+    Raises:
+        ConfigError: it is none; says why, never what stands in it.
+    """
+    try:
+        config = zenoh.Config.from_json5(text)
+        for key in ("listen/endpoints", "connect/endpoints"):
+            absolute = [RELATIVE.sub(f"{folder.absolute()}/", each) for each in _endpoints(config, key)]
+            config.insert_json5(key, json.dumps(absolute))
+        users: Any = json.loads(config.get_json("transport/auth/usrpwd/dictionary_file"))
+        if isinstance(users, str):
+            config.insert_json5(
+                "transport/auth/usrpwd/dictionary_file", json.dumps(str(folder.absolute() / users))
+            )
+    except (zenoh.ZError, ValueError) as error:
+        raise ConfigError(f"the router's configuration is none that Zenoh takes: {_where(error)}") from None
+    return config
+
+
+class Router:
+    """Routes by a configuration that is made from files, and follows their changes."""
+
+    def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
+        """Open nothing yet.
+
+        Args:
+            make: returns the configuration as it should be now, JSON5; raises `ConfigError`.
+            folder: from where the configuration names files.
+            files: what it is made from, and what it names: their change opens the router anew.
+        """
+        self._make = make
+        self._folder = folder
+        self._files = tuple(files)
+        self._stamp: Stamp = ()
+        self._listens: tuple[str, ...] = ()
+        self._sites: tuple[str, ...] = ()
+        self._joins_another = False
+        self._session: zenoh.Session | None = None
+        self.roles: dict[str, str] = {}
+        """By identity, `SITE/NAME`; as `pointit site` has written them."""
+        self._accounts: dict[str, RouterAccount] = {}
+        """By site."""
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Return the addresses it listens on."""
+        return self._listens
+
+    async def open(self) -> None:
+        """Route.
+
+        Raises:
+            ConfigError: the configuration cannot be used.
+            ListenError: an address is taken or not ours.
+        """
+        self._stamp = self._look()
+        config = await asyncio.to_thread(self._read)
+        self._begin(await _open(config))
+
+    def report(self, of_site: Callable[[str], Sequence[str]], refused: int) -> None:
+        """Tell each site how the router is, once a second.
+
+        Args:
+            of_site: returns what is wrong at a site, in sentences.
+            refused: how many attempts were refused so far.
+        """
+        for site, account in self._accounts.items():
+            account.report(of_site(site), refused)
+
+    def links(self) -> list[tuple[str, str, str]]:
+        """Return session, common name (empty where none is known) and address of all who are connected."""
+        if self._session is None:
+            return []
+        return [
+            (str(link.zid), link.auth_identifier or "", str(link.dst)) for link in self._session.info.links()
+        ]
+
+    def cut(self, addresses: Iterable[str]) -> None:
+        """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""
+        if peers := [peer for address in addresses if (peer := _peer(address)) is not None]:
+            cut(peers)
+
+    def unread(self, addresses: Iterable[str]) -> dict[str, int]:
+        """Return how many bytes wait for who is connected from `addresses`, where that is known."""
+        peers = {address: peer for address in addresses if (peer := _peer(address)) is not None}
+        waiting = unread() if peers else {}
+        return {address: waiting[peer] for address, peer in peers.items() if peer in waiting}
+
+    async def follow(self) -> None:
+        """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            end_lingering(ports_of(self._listens))
+            stamp = self._look()
+            if stamp == self._stamp:
+                continue
+            self._stamp = stamp
+            try:
+                config = await asyncio.to_thread(self._read)
+            except ConfigError as error:
+                log.warning("%s; the router goes on by what it has read before", error)
+                continue
+            await self._reopen(config)
+
+    async def close(self, patience_s: float = CLOSE_PATIENCE_S) -> None:
+        """Route no more; wait so long until nothing of the session is left."""
+        session, self._session = self._session, None
+        self._accounts.clear()
+        if session is not None:
+            await close_session(session, patience_s=patience_s)
+
+    async def _reopen(self, config: zenoh.Config) -> None:
+        await self.close(REOPEN_PATIENCE_S)
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        while True:
+            try:
+                session = await _open(config)
+            except ListenError:
+                if loop.time() - began_s > PORT_PATIENCE_S:
+                    raise
+                await asyncio.sleep(PORT_RETRY_S)
+            else:
+                self._begin(session)
+                log.info("the router goes by the rules and certificates that there are now")
+                return
+
+    def _begin(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._accounts = {
+            site: RouterAccount(session, site, joins_another=self._joins_another) for site in self._sites
+        }
+
+    def _read(self) -> zenoh.Config:
+        config = parsed(self._make(), self._folder)
+        endpoints = _endpoints(config, "listen/endpoints")
+        self._listens = tuple(re.split("[?#]", each)[0] for each in endpoints)
+        self._joins_another = bool(_endpoints(config, "connect/endpoints"))
+        subjects: list[dict[str, Any]] = json.loads(config.get_json("access_control/subjects")) or []
+        sites = (str(subject["id"]).partition("/") for subject in subjects)  # as `pointit site` names them
+        self._sites = tuple(dict.fromkeys(site for site, slash, _ in sites if slash and NAME.match(site)))
+        policies: list[dict[str, Any]] = json.loads(config.get_json("access_control/policies")) or []
+        named = (str(policy.get("id") or "").rpartition("/") for policy in policies)
+        self.roles = {identity: role for identity, _, role in named if identity}
+        return config
+
+    def _look(self) -> Stamp:
+        found: list[tuple[int, int, int]] = []
+        for file in self._files:
+            with contextlib.suppress(OSError):
+                status = file.stat()
+                found.append((status.st_mtime_ns, status.st_size, status.st_ino))
+        return tuple(found)
+
+
+def _peer(address: str) -> tuple[str, int] | None:
+    found = PEER.match(address)
+    return None if found is None else (found[1], int(found[2]))
+
+
+def _endpoints(config: zenoh.Config, key: str) -> list[str]:
+    """Return addresses, which Zenoh may hold for each mode."""
+    found: list[str] | dict[str, list[str]] = json.loads(config.get_json(key))
+    return found.get("router", []) if isinstance(found, dict) else found
+
+
+async def _open(config: zenoh.Config) -> zenoh.Session:
+    """Return a session; when this is cancelled, one that opens all the same is closed again."""
+    return await in_daemon_thread(
+        lambda: _opened(config), "router-open", discard=lambda session: session.close()
+    )
+
+
+def _opened(config: zenoh.Config) -> zenoh.Session:
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ListenError(f"the router cannot be opened: {_reason(error)}") from error
+    end_silence(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
+    return session
+
+
+def _reason(error: Exception) -> str:
+    """Return what is wrong, without the place in Zenoh's source."""
+    return str(error).partition(" at /")[0].rstrip(".")
+
+
+def _where(error: Exception) -> str:
+    """Return where a configuration is wrong, and no value of it: it may be a password."""
+    text = str(error)
+    if place := re.search(r"--> (\d+):(\d+)", text):
+        return f"line {place[1]}, column {place[2]} is no JSON5"
+    if field := re.search(r"unknown field `([\w/]+)`", text):
+        return f"there is no {field[1]}"
+    return "a value is not of the kind that stands there"
+
+
+def raise_file_limit() -> None:
+    """Let this process have as many files open as the system lets it at most: mostly it begins with 1024.
+
+    Where the system has no such limit, or does not let it be raised, it stays as it is.
+    """
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415 - there is none on Windows
+
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(OSError, ValueError):  # macOS: "no limit" is more than it takes
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -1,0 +1,58 @@
+# pyright: reportUnknownMemberType=false
+# (the stubs of zenoh leave types out)
+"""Which sites run at an address: a member sees its own only."""
+
+import asyncio
+import contextlib
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.session import close_session, configuration, opened
+from pointit.schemas.errors import KeyNameError
+from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
+
+ASK_S = 1.0
+MOST = 20
+"""Names that are told: more are of no use to anybody."""
+
+
+async def sites_at(link: Link) -> tuple[str, ...]:
+    """Return the names of the sites with services at the addresses of `link`, whatever its site.
+
+    Empty where nobody answers, or where the router's rules show other sites to nobody.
+    """
+    config = configuration(link)
+    config.insert_json5("namespace", "null")
+    try:
+        session = await opened(config)
+    except zenoh.ZError:
+        return ()
+    loop, done = asyncio.get_running_loop(), asyncio.Event()
+    found: set[str] = set()
+
+    def take(reply: zenoh.Reply) -> None:  # on Zenoh's thread
+        if reply.ok is not None:
+            found.add(str(reply.ok.key_expr).split("/")[1])
+
+    def finish() -> None:  # on Zenoh's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            loop.call_soon_threadsafe(done.set)
+
+    try:
+        selector = f"pointit/*/{SERVICE_ALIVE.at(ANY)}"
+        session.liveliness().get(selector, Callback(take, finish, indirect=False), timeout=ASK_S)
+        await done.wait()
+    finally:
+        await close_session(session)
+    return tuple(sorted(name for name in found if _is_name(name)))[:MOST]
+
+
+def _is_name(text: str) -> bool:
+    """Return True if `text`, which anybody can have written, is the name of a site."""
+    try:
+        check_name(text, "site")
+    except KeyNameError:
+        return False
+    return True

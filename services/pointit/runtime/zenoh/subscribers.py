@@ -1,0 +1,182 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Reading topics over Zenoh; its callbacks arrive on its threads and only fill mailboxes."""
+
+import functools
+import time
+from abc import ABC, abstractmethod
+from typing import Protocol
+
+import zenoh
+from zenoh import ext
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.bus.endpoints import MailboxSubscription
+from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.bus.name_limiter import Names, Places
+from pointit.runtime.zenoh.event_recovery import Arrears
+from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, name_in
+from pointit.schemas import DecodeError, Message, SchemaError
+from pointit.schemas.topics import Delivery
+
+
+class _Undeclarable(Protocol):
+    def undeclare(self) -> None: ...
+
+
+class Parcel:
+    """Bytes from another process, for all readers of them in this one; in the loop."""
+
+    __slots__ = ("_failure", "_message", "_sample")
+
+    def __init__(self, sample: zenoh.Sample) -> None:
+        self._sample = sample
+        self._message: Message | None = None
+        self._failure = ""
+
+    def open(self, kind: type[Message]) -> Message:
+        """Return the message; decoded for the first who asks, the same object for all others.
+
+        Raises:
+            DecodeError: it is none.
+        """
+        if self._failure:
+            raise DecodeError(self._failure)
+        message = self._message
+        if message is None:
+            try:
+                message = self._message = decoded(kind, self._sample.payload, self._sample.encoding)
+            except Exception as error:
+                is_known = isinstance(error, DecodeError)
+                self._failure = str(error) if is_known else f"{type(error).__name__}: {error}"
+                raise
+        return message
+
+
+class _Inlet(ABC):
+    """Where samples of other processes come in, for the readers of one key; called on Zenoh's threads."""
+
+    def __init__(self, topic: AnyTopic, places: Places) -> None:
+        self.mailboxes: tuple[Mailbox, ...] = ()
+        """Replaced, never changed: other threads read it."""
+        self._kind = topic.message
+        self._names = Names(topic.placeholder, functools.partial(name_in, topic), places)
+
+    def on_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        mailboxes = self.mailboxes
+        try:
+            check_size(self._kind, sample.payload)
+            name = self._names.admit(str(sample.key_expr), time.monotonic())
+        except SchemaError as error:
+            for mailbox in mailboxes:
+                mailbox.reject(error)
+            return
+        parcel = Parcel(sample)
+        for mailbox in mailboxes:
+            mailbox.offer(name, parcel)
+
+    @abstractmethod
+    def undeclare(self) -> None: ...
+
+
+class LatestInlet(_Inlet):
+    """What all readers of a key share: a sample comes in once and is decoded once, however many they are."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: Places) -> None:
+        super().__init__(topic, places)
+        self._subscriber = session.declare_subscriber(
+            key, Callback(self.on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+        )
+
+    def undeclare(self) -> None:
+        """Hear nothing any more."""
+        self._subscriber.undeclare()
+
+
+class _KeptInlet(_Inlet):
+    """What one reader of states or events has for itself: each begins with a history of its own."""
+
+    def __init__(
+        self,
+        bus: Participant,
+        session: zenoh.Session,
+        topic: AnyTopic,
+        key: str,
+        mailbox: Mailbox,
+        *,
+        places: Places,
+    ) -> None:
+        super().__init__(topic, places)
+        self.mailboxes = (mailbox,)
+        self._zid = session.info.zid()
+        self._began = session.new_timestamp()
+        is_event = topic.delivery is Delivery.EVENT
+        self._arrears = Arrears(bus, session, self._on_event, mailbox.lose) if is_event else None
+        self._subscriber: _Undeclarable = ext.declare_advanced_subscriber(
+            session,
+            key,
+            Callback(self._on_state if self._arrears is None else self._arrears.take, indirect=False),
+            history=None if is_event else ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            allowed_origin=zenoh.Locality.REMOTE,
+        )
+
+    def undeclare(self) -> None:
+        self._subscriber.undeclare()
+        if self._arrears is not None:
+            self._arrears.close()
+
+    def _on_state(self, sample: zenoh.Sample) -> None:
+        source = sample.source_info
+        if source is not None and source.source_id.zid == self._zid:
+            return  # our own, fetched from our own cache when a lost router is back
+        self.on_sample(sample)
+
+    def _on_event(self, sample: zenoh.Sample) -> None:
+        # A writer that is heard for the first time makes Zenoh fetch everything it has kept: a button that
+        # was pressed a minute ago must not be pressed now. What comes live is taken whatever its clock says.
+        stamp = sample.timestamp
+        if sample.priority != PRIORITY and stamp is not None and not stamp >= self._began:
+            return
+        self._on_state(sample)
+
+
+class ZenohSubscription(MailboxSubscription):
+    """A mailbox that is filled by this process's writers and by Zenoh."""
+
+    def __init__(
+        self,
+        bus: Participant,
+        session: zenoh.Session,
+        topic: AnyTopic,
+        mailbox: Mailbox,
+        name: str,
+        *,
+        inlets: dict[str, LatestInlet],
+        places: Places,
+    ) -> None:
+        """Fill `mailbox`; `inlets` are those of the bus, by key, `places` the names it takes in any case."""
+        super().__init__(bus, topic, mailbox, name)
+        self._key = topic.at(name)
+        self._inlets = inlets
+        self._inlet: LatestInlet | _KeptInlet
+        if topic.delivery is not Delivery.LATEST:
+            self._inlet = _KeptInlet(bus, session, topic, self._key, mailbox, places=places)
+            return
+        shared = inlets.get(self._key)
+        if shared is None:
+            shared = inlets[self._key] = LatestInlet(session, topic, self._key, places)
+        shared.mailboxes = (*shared.mailboxes, mailbox)
+        self._inlet = shared
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        inlet = self._inlet
+        inlet.mailboxes = tuple(mailbox for mailbox in inlet.mailboxes if mailbox is not self._mailbox)
+        if not inlet.mailboxes:
+            self._inlets.pop(self._key, None)
+            inlet.undeclare()

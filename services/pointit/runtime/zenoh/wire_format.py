@@ -1,0 +1,39 @@
+"""How messages and keys look on Zenoh."""
+
+from typing import Any
+
+import zenoh
+
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.schemas import DecodeError, Message, Query, decode
+from pointit.schemas.codec import MEDIA_TYPE
+from pointit.schemas.topics import Presence, Request, check_name
+
+PRIORITY = zenoh.Priority.DATA_HIGH
+"""Of states and events as they are put; what is fetched again from a writer's cache has another one."""
+
+
+def encoding_of(kind: type[Message] | type[Query]) -> zenoh.Encoding:
+    """Return the encoding that says which message in which version the bytes are."""
+    return zenoh.Encoding(MEDIA_TYPE).with_schema(kind.schema_name())
+
+
+def decoded(kind: type[Any], payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:
+    """Return the message of `kind` in a payload from anywhere; raises `DecodeError` if it is not one."""
+    check_size(kind, payload)
+    schema = "" if encoding is None else str(encoding).partition(";")[2]
+    return decode(kind, b"" if payload is None else payload.to_bytes(), schema)
+
+
+def check_size(kind: type[Any], payload: zenoh.ZBytes | None) -> None:
+    """Refuse, unread, a payload that is longer than a message of `kind` can be; raises `DecodeError`."""
+    if payload is not None and len(payload) > kind.max_bytes:
+        raise DecodeError(f"{kind.__name__}: has {len(payload)} bytes, at most {kind.max_bytes} are taken")
+
+
+def name_in(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
+    """Return the name in a key that somebody else wrote; raises `SchemaError` if it cannot be one."""
+    name = row.name_in(key)
+    if row.placeholder:
+        check_name(name, row.placeholder)
+    return name

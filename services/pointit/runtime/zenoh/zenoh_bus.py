@@ -1,0 +1,227 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""The bus on Zenoh: the in-process exchange for readers of this process, Zenoh for all others.
+
+Messages are encoded once a put (*latest*: only while somebody elsewhere reads) and decoded once a process
+(states and events, which are rare: once a subscription); readers of the same process get the frozen model
+itself.
+"""
+
+import contextlib
+import time
+from collections.abc import AsyncGenerator, Callable, Sequence
+from typing import TypeVar
+
+import zenoh
+
+from pointit.runtime.bus.bounded_queue import TurnedAway
+from pointit.runtime.bus.contract import (
+    REQUEST_TIMEOUT_S,
+    AnyTopic,
+    Closable,
+    Handler,
+    Recall,
+    Server,
+    Subscription,
+)
+from pointit.runtime.bus.endpoints import Declaration, MemoryPublisher
+from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.name_limiter import Places
+from pointit.runtime.errors import NoAnswerError
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.connection_monitor import LinkWatch
+from pointit.runtime.zenoh.liveliness import ZenohWatcher
+from pointit.runtime.zenoh.permission_probe import SelfTest
+from pointit.runtime.zenoh.publishers import ZenohPublisher
+from pointit.runtime.zenoh.requests import ZenohDesk, ask
+from pointit.runtime.zenoh.retained_states import Recollection, ZenohKeeping
+from pointit.runtime.zenoh.session import close_session, open_session
+from pointit.runtime.zenoh.subscribers import LatestInlet, Parcel, ZenohSubscription
+from pointit.schemas import Environment, Message, Query, Reply
+from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+
+class ZenohBus(MemoryBus):
+    """A process on the network; see `pointit.runtime.bus.contract.Bus` for the contract."""
+
+    def __init__(self, session: zenoh.Session, link: Link) -> None:
+        """Use `session`, which the bus closes; `open` is the usual way in."""
+        super().__init__()
+        self.session = session
+        self.link = link
+        self._inlets: dict[str, LatestInlet] = {}
+        self._places = Places()
+        self._recollection: Recollection | None = None
+        self._turned_away = TurnedAway()
+        self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
+        self._self_test: SelfTest | None = None
+        self._is_onlooker = link.credentials is not None and link.credentials.is_onlooker
+        """What it tells of itself stays in this process: its router would refuse it, and complain."""
+        if link.credentials is not None and self._watch is not None:
+            self._self_test = SelfTest(session, link.credentials, self._second, lambda: self.connected)
+
+    @classmethod
+    async def open(cls, link: Link, *, patience_s: float | None = None) -> "ZenohBus":
+        """Return a bus that has joined `link`; see `open_session` for what is raised."""
+        return cls(await open_session(link, patience_s=patience_s), link)
+
+    @property
+    def connected(self) -> bool:
+        """Return whether there is a router, for a bus that needs one."""
+        return self._watch is None or self._watch.up
+
+    @property
+    def site(self) -> str:
+        """Return the name of the site that was joined."""
+        return self.link.site
+
+    @property
+    def trouble(self) -> str:
+        """Return that the router is lost, what this identity may not do, or that too much is asked here."""
+        lost = "" if self._watch is None else self._watch.trouble
+        denied = "" if self._self_test is None else self._self_test.trouble
+        return lost or denied or self._turned_away.trouble(time.monotonic())
+
+    async def denies(self, verb: str, topic: AnyTopic, name: str) -> str:
+        """Return the sentence that says that this identity may not do something; it takes two seconds then.
+
+        Args:
+            verb: `writes` or `reads`.
+            topic: what.
+            name: whose; `*` for anybody's.
+
+        Returns:
+            Nothing when it may, or when there are neither credentials nor a router.
+        """
+        return "" if self._self_test is None else await self._self_test.denies(verb, topic.at(name))
+
+    def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
+        """Declare a writer of `topic.at(name)`."""
+        self._check_open()
+        if topic is HEALTH and self._is_onlooker:
+            return super().publisher(topic, name)
+        if topic is not HEALTH:
+            self._want("writes", topic.at(name))
+        return ZenohPublisher(self, self.session, topic, name)
+
+    def subscribe(
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+    ) -> Subscription:
+        """Call `handler(message, name)` for what arrives."""
+        self._check_open()
+
+        def unpack(parcel: Parcel) -> Message:
+            return parcel.open(topic.message)
+
+        def on_map(message: M, map_name: str) -> None:
+            if isinstance(message, Environment):
+                self._places.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
+            handler(message, map_name)
+
+        self._want("reads", topic.at(name))
+        taken = on_map if topic is MAP else handler
+        mailbox = Mailbox(topic, taken, self.dispatcher, unpack, kept=kept)
+        subscription = ZenohSubscription(
+            self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places
+        )
+        if topic.delivery is Delivery.STATE and kept:
+            if self._recollection is None:
+                self._recollection = Recollection(self, self.session)
+            self._recollection.want(topic, name, mailbox)
+        return subscription
+
+    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+        """Answer for the writers of `topics` that are gone, here and to other processes."""
+        self._check_open()
+        return ZenohKeeping(self, self.session, topics, recall, turned_away=self._turned_away)
+
+    def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
+        """Answer `request`, here and from other processes."""
+        self._check_open()
+        self._want("serves", request.at(name))
+        return ZenohDesk(self, self.session, request, server, name, turned_away=self._turned_away)
+
+    async def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply of whoever serves `request`, in this process or another."""
+        self._check_open()
+        if self.exchange.desk_of(request, name) is not None:
+            return await super().call(request, query, name, timeout_s=timeout_s)
+        key = request.at(name)
+        if not self.connected:
+            raise NoAnswerError(f"{request.server} cannot be asked for {key}: {self.trouble}")
+        reply = self.spawn(ask(self.session, request, key, query, timeout_s), f"call {key}")
+        try:
+            return await self._wait_for(reply, request, key, timeout_s)
+        except NoAnswerError as error:
+            denied = "" if self._self_test is None else await self._self_test.denies("asks", key)
+            if denied:
+                raise NoAnswerError(denied) from error
+            raise
+        finally:
+            reply.cancel()
+
+    def announce(self, presence: Presence, name: str) -> Closable:
+        """Be present under `name` until closed, or until this process dies."""
+        here = super().announce(presence, name)
+        if self._is_onlooker:
+            return here
+        token = self.session.liveliness().declare_token(presence.at(name))
+
+        def undo() -> None:
+            here.close()
+            token.undeclare()
+
+        return Declaration(self, undo)
+
+    def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
+        """Call `handler(name, present)` now and on every change."""
+        self._check_open()
+        watcher = ZenohWatcher(self, self.session, presence, handler)
+        if self._is_onlooker:
+            for name in self.exchange.present.get(presence.key, {}):
+                self._loop.call_soon(watcher.tell, name, True)
+        return watcher
+
+    def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
+        if self._is_onlooker:
+            super()._tell(presence, name, present)
+        elif not present:  # all else is told by Zenoh
+            for watcher in self.exchange.watchers.get(presence.key, ()):
+                if isinstance(watcher, ZenohWatcher):
+                    self._loop.call_soon(watcher.tell_withheld, name)
+
+    async def close(self) -> None:
+        """Close everything that was declared here, and the session."""
+        if self._closed.done():
+            return
+        if self._watch is not None:
+            self._watch.close()
+        if self._recollection is not None:
+            self._recollection.close()
+        if self._self_test is not None:
+            await self._self_test.close()
+        await super().close()
+        await close_session(self.session)
+
+    def _want(self, verb: str, key: str) -> None:
+        if self._self_test is not None:
+            self._self_test.want(verb, key)
+
+    def _on_back(self) -> None:
+        if self._self_test is not None:
+            self._self_test.again()
+
+    @contextlib.asynccontextmanager
+    async def _second(self) -> AsyncGenerator[zenoh.Session]:
+        session = await open_session(self.link, patience_s=0.0)
+        try:
+            yield session
+        finally:
+            await close_session(session)

@@ -1,0 +1,1 @@
+"""Packages entering the conveyor."""

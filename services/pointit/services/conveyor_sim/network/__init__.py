@@ -1,0 +1,1 @@
+"""The network of belts: geometry, routes, zones and rings."""

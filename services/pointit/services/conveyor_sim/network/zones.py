@@ -1,0 +1,154 @@
+"""Where ways meet, part, cross or turn sharply: places that packages of different ways pass one at a time."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.services.conveyor_sim.network.network import APART, Array, Network, Piece
+from pointit.services.conveyor_sim.network.piece_distance import Path
+
+CROSSING_M = 0.05
+"""Lines that pass each other closer than this cross."""
+SHARP = math.cos(math.radians(30.0))
+"""Cosine of the turn above which packages that follow each other would come closer than along their way."""
+MOST_WIDENED = 3.0
+"""Ways that meet at a narrow angle are kept clear for longer, at most by this factor."""
+BENT = 1.05
+"""And for a little more, as the angle may change on the way."""
+PAST_M = 1e-3
+
+_Spans = dict[int, tuple[float, float]]
+"""By piece: from where to where."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Where a zone lies on a piece: from `start_m` to `end_m`; below 0 or beyond the length it goes on."""
+
+    zone: int
+    start_m: float
+    end_m: float
+
+
+class Zones:
+    """The zones of a network, by piece."""
+
+    def __init__(self, network: Network, longest_m: float) -> None:
+        """Lay out zones so that packages up to `longest_m` that wait outside touch none that passes."""
+        self._network = network
+        self._paths = [Path(piece) for piece in network.pieces] if network.links else []
+        found: list[_Spans] = []
+        for centre in self._centres() if network.links else ():
+            spans = self._spans(centre, longest_m)
+            narrowness = self._narrowness(centre, spans)
+            if narrowness > 1.0:
+                spans = self._spans(centre, min(MOST_WIDENED, BENT * narrowness) * longest_m)
+            found.append(spans)
+        merged = _merged(found)
+        self.count = len(merged)
+        gates: list[list[Gate]] = [[] for _ in network.pieces]
+        for zone, spans in enumerate(merged):
+            for piece, (start_m, end_m) in spans.items():
+                gates[piece].append(Gate(zone, start_m, end_m))
+        self.gates = [tuple(sorted(those, key=lambda gate: gate.start_m)) for those in gates]
+        """By piece, in order."""
+
+    def at(self, piece: int, offset_m: float) -> Gate | None:
+        """Return the zone in which `offset_m` of `piece` lies; its edges are outside."""
+        for gate in self.gates[piece]:
+            if gate.start_m < offset_m < gate.end_m:
+                return gate
+        return None
+
+    def _centres(self) -> list[Array]:
+        pieces = self._network.pieces
+        centres: list[Array] = []
+        for piece in pieces:
+            ahead = [pieces[index].direction(0.0) for index in piece.nexts]
+            along = piece.direction(piece.length_m)
+            parts = any(float(a @ b) < APART for a in ahead for b in ahead)
+            turns = any(float(along @ a) < SHARP for a in ahead)
+            meets = any(len(pieces[index].befores) > 1 for index in piece.nexts)
+            if parts or turns or meets:
+                centres.append(self._paths[piece.index].points[-1])
+        for bridge in pieces:
+            if bridge.is_bridge:
+                centres += self._crossings(bridge)
+        distinct: list[Array] = []
+        for centre in centres:
+            if all(float(np.linalg.norm(centre - other)) > CROSSING_M for other in distinct):
+                distinct.append(centre)
+        return distinct
+
+    def _crossings(self, bridge: Piece) -> list[Array]:
+        pieces = self._network.pieces
+        near = {bridge.index, *bridge.nexts, *bridge.befores}
+        near |= {index for before in bridge.befores for index in pieces[before].nexts}
+        near |= {index for following in bridge.nexts for index in pieces[following].befores}
+        found = [
+            self._paths[bridge.index].crossing(self._paths[piece.index])
+            for piece in pieces
+            if piece.index not in near
+        ]
+        return [place for apart_m, place in found if apart_m < CROSSING_M]
+
+    def _spans(self, centre: Array, radius_m: float) -> _Spans:
+        """Return by piece what of it lies within `radius_m` of `centre`, going on along what is connected."""
+        spans: _Spans = {}
+        pieces = self._network.pieces
+        waiting = [
+            piece.index for piece in pieces if self._paths[piece.index].distance_m(centre) < CROSSING_M
+        ]
+        while waiting:
+            index = waiting.pop()
+            inside = None if index in spans else self._paths[index].within(centre, radius_m)
+            if inside is None:
+                continue
+            start_m, end_m = inside
+            if start_m <= PAST_M:
+                start_m = -1.0
+                waiting += pieces[index].befores
+            if end_m >= pieces[index].length_m - PAST_M:
+                end_m = pieces[index].length_m + 1.0
+                waiting += pieces[index].nexts
+            spans[index] = (start_m, end_m)
+        return spans
+
+    def _narrowness(self, centre: Array, spans: _Spans) -> float:
+        """Return 1 over the sine of the smallest angle between ways from `centre`; 1 from 90° on."""
+        edges: list[Array] = []
+        for index, span_m in spans.items():
+            piece = self._network.pieces[index]
+            for edge_m in span_m:
+                if 0.0 <= edge_m <= piece.length_m:
+                    edge = np.asarray(piece.point(edge_m)) - centre
+                    if all(float(np.linalg.norm(edge - other)) > CROSSING_M for other in edges):
+                        edges.append(edge)  # else it is the same way, of two links
+        rays = [edge / max(float(np.linalg.norm(edge)), PAST_M) for edge in edges]
+        nearest = max((float(a @ b) for i, a in enumerate(rays) for b in rays[:i]), default=0.0)
+        return 1.0 if nearest <= 0.0 else 1.0 / math.sqrt(max(1.0 - nearest**2, 1e-6))
+
+
+def _merged(found: list[_Spans]) -> list[_Spans]:
+    """Return zones of which none touch: those that overlap on a piece become one."""
+    zones: list[_Spans] = []
+    for spans in found:
+        new = dict(spans)
+        while True:
+            touching = next((zone for zone in zones if _touch(zone, new)), None)
+            if touching is None:
+                break
+            zones.remove(touching)
+            for piece, (start_m, end_m) in touching.items():
+                before = new.get(piece, (start_m, end_m))
+                new[piece] = (min(start_m, before[0]), max(end_m, before[1]))
+        zones.append(new)
+    return zones
+
+
+def _touch(a: _Spans, b: _Spans) -> bool:
+    return any(
+        a[piece][0] < b[piece][1] + PAST_M and b[piece][0] < a[piece][1] + PAST_M
+        for piece in a.keys() & b.keys()
+    )

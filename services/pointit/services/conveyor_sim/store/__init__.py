@@ -1,0 +1,1 @@
+"""The conveyor's state on disk."""

@@ -1,0 +1,1 @@
+"""Packages on belts: motion, gaps and right of way."""

@@ -1,0 +1,225 @@
+"""A goal in two steps: a place is proposed by staying there, and becomes a goal when that is confirmed.
+
+Nothing happens twice at a place before it was left: whatever comes of a stay (a proposal, a refusal, a goal),
+the next begins when the cursor has been elsewhere. Of the button's gestures all three lead through the
+interaction, so that the second step is a second stay by default, and a press only where the supervisor
+leaves presses to others.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback, Goal, Interaction, UserPose
+from pointit.schemas.cues import SIGNS, Cue
+from pointit.services.goal.config import GoalConfig
+from pointit.services.goal.goal_checks import Judging
+
+Output = Goal | Feedback
+
+GAP_NS = 300_000_000
+"""A stay ends when no cursor came for so long."""
+LEFT, THERE = 2.0, 1.5
+"""A place is left at so many radii from it; a second stay is there within so many, as people return without
+seeing the cursor: two reaches differ by some degrees (pointing.md §7)."""
+BACK_NS = NS_PER_S
+"""A clock that goes back by more was set back."""
+
+
+class _Proposal(NamedTuple):
+    place_m: Vec3
+    surface_id: str
+    stamp_ns: int
+    """Of the cursor."""
+    since_ns: int
+    """When the person was asked."""
+
+
+@dataclass
+class _Stay:
+    """Cursors that stay together."""
+
+    first_m: Vec3
+    surface_id: str
+    since_ns: int
+    total_m: Vec3 = (0.0, 0.0, 0.0)
+    count: int = 0
+
+    @property
+    def mean_m(self) -> Vec3:
+        return vector.scale(self.total_m, 1.0 / self.count)
+
+
+class TwoSteps:
+    """Takes what one person does, with the time, and gives cues and goals."""
+
+    def __init__(self, config: GoalConfig, user: str) -> None:
+        """Begin with nothing known of the person `user`, and nothing proposed."""
+        self._config = config
+        self._judging = Judging(config, user)
+        self._cursor: Cursor | None = None
+        self._stay: _Stay | None = None
+        self._over: tuple[str, Vec3] | None = None
+        """Surface and place where something has come of a stay, till it is left."""
+        self._proposal: _Proposal | None = None
+        self._cues = self._goals = 0
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """Return when `pass_time` must be called at the latest; none while nothing is proposed."""
+        if self._proposal is None:
+            return None
+        return self._proposal.since_ns + round(self._config.confirm_s * NS_PER_S)
+
+    def on_map(self, environment: Environment) -> None:
+        """Take the room."""
+        self._judging.on_map(environment)
+
+    def on_pose(self, user: str, pose: UserPose) -> None:
+        """Take where `user` stands, who may be anybody."""
+        self._judging.on_pose(user, pose)
+
+    def on_interaction(self, interaction: Interaction, now_ns: int) -> list[Output]:
+        """Take what the person is about; who does not point any more takes back what they proposed."""
+        self._judging.on_interaction(interaction)
+        if self._judging.is_pointing:
+            return []
+        self._stay = self._over = None
+        return self._take_back("you stopped pointing", now_ns)
+
+    def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
+        """Take where the person points; cursors that overtook each other are left out."""
+        outputs = self.pass_time(now_ns)
+        before = self._cursor
+        if before is not None:
+            step_ns = cursor.stamp_ns - before.stamp_ns
+            if -BACK_NS <= step_ns < 0:
+                return outputs
+            if not 0 <= step_ns <= GAP_NS:
+                self._stay = None
+        self._cursor = cursor
+        place = self._judging.place(cursor)
+        if self._over is not None and self._is_away(place, cursor.surface_id, *self._over):
+            self._over = self._stay = None
+        if place is None:
+            self._stay = None
+        elif self._over is None:
+            outputs += self._follow(place, cursor, now_ns)
+        return outputs
+
+    def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
+        """Take a gesture: a press confirms what is proposed, where presses are to."""
+        outputs = self.pass_time(now_ns)
+        proposal = self._proposal
+        is_meant = self._config.confirm == "press" and event.gesture == "press"
+        if proposal is None or self._cursor is None or not is_meant or event.stamp_ns < proposal.stamp_ns:
+            return outputs
+        if abs(now_ns - event.stamp_ns) > round(self._config.max_age_s * NS_PER_S):
+            late = "your press came late, or by another clock: point there and press once more"
+            return [*outputs, *self._refuse(late, now_ns)]
+        here = self._judging.place(self._cursor)
+        if self._is_away(here, self._cursor.surface_id, proposal.surface_id, proposal.place_m):
+            return [*outputs, *self._refuse("you pointed elsewhere: point at the place as you press", now_ns)]
+        return [*outputs, *self._confirm(proposal, self._cursor, "press", now_ns)]
+
+    def pass_time(self, now_ns: int) -> list[Output]:
+        """Go on to `now_ns`: what is not confirmed in time is taken back."""
+        deadline_ns = self.deadline_ns
+        if self._proposal is None or deadline_ns is None:
+            return []
+        if self._proposal.since_ns - BACK_NS <= now_ns < deadline_ns:
+            return []
+        return self._take_back(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
+
+    def _follow(self, place: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
+        """Go on with the stay, or begin one; return what comes of it when it is long enough."""
+        stay = self._stay
+        if (
+            stay is None
+            or stay.surface_id != cursor.surface_id
+            or math.dist(stay.first_m, place) > self._config.radius_m
+        ):
+            stay = self._stay = _Stay(place, cursor.surface_id, cursor.stamp_ns)
+        stay.total_m = vector.add(stay.total_m, place)
+        stay.count += 1
+        if cursor.stamp_ns - stay.since_ns < round(self._config.dwell_s * NS_PER_S):
+            return []
+        mean_m = stay.mean_m
+        self._stay = None
+        proposal = self._proposal
+        if (
+            self._config.confirm == "again"
+            and proposal is not None
+            and proposal.surface_id == cursor.surface_id
+            and math.dist(proposal.place_m, mean_m) <= THERE * self._config.radius_m
+        ):
+            self._over = (proposal.surface_id, proposal.place_m)
+            return self._confirm(proposal, cursor, "again", now_ns)
+        self._over = (cursor.surface_id, mean_m)
+        return self._propose(mean_m, cursor, now_ns)
+
+    def _propose(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
+        why_not = self._judging.refusal(place_m, cursor, now_ns)
+        if why_not:
+            return self._refuse(why_not, now_ns, place_m)
+        self._proposal = _Proposal(place_m, cursor.surface_id, cursor.stamp_ns, now_ns)
+        how = "point elsewhere, then there again" if self._config.confirm == "again" else "press your button"
+        text = f"send a robot there? {how} within {self._config.confirm_s:g} s"
+        return [self._cue("selected", "selected", text, now_ns, place_m)]
+
+    def _confirm(
+        self, proposal: _Proposal, cursor: Cursor, by: Literal["again", "press"], now_ns: int
+    ) -> list[Output]:
+        place_m = proposal.place_m
+        why_not = self._judging.refusal(place_m, cursor, now_ns)
+        if why_not:
+            return self._refuse(why_not, now_ns, place_m)
+        self._proposal = None
+        self._goals += 1
+        goal = Goal(
+            stamp_ns=cursor.stamp_ns,
+            seq=self._goals,
+            position_m=place_m,
+            yaw_rad=self._judging.yaw_rad(place_m),
+            surface_id=proposal.surface_id,
+            age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
+            position_sigma_m=self._judging.sigma_m(place_m, cursor),
+            clearance_m=self._judging.clearance_m(place_m),
+            proposed_ns=proposal.stamp_ns,
+            confirmed_by=by,
+        )
+        return [goal, self._cue("selected", "localized", "the robot is sent there", now_ns, place_m)]
+
+    def _refuse(self, why: str, now_ns: int, place_m: Vec3 | None = None) -> list[Output]:
+        proposal, self._proposal = self._proposal, None
+        if place_m is None and proposal is not None:
+            place_m = proposal.place_m
+        return [self._cue("refused", "refused", why, now_ns, place_m)]
+
+    def _take_back(self, why: str, now_ns: int) -> list[Output]:
+        proposal, self._proposal = self._proposal, None
+        if proposal is None:
+            return []
+        text = f"no robot is sent: {why}"
+        return [self._cue("deselected", "deselected", text, now_ns, proposal.place_m)]
+
+    def _is_away(self, here: Vec3 | None, surface_id: str, other_id: str, place_m: Vec3) -> bool:
+        is_on = here is not None and surface_id == other_id
+        return not is_on or math.dist(here or place_m, place_m) > LEFT * self._config.radius_m
+
+    def _cue(self, cue: Cue, sign_of: Cue, text: str, now_ns: int, place_m: Vec3 | None) -> Feedback:
+        """Return a cue with the signs of the table; a goal sounds otherwise than what is only proposed."""
+        sign = SIGNS[sign_of]
+        self._cues += 1
+        return Feedback(
+            stamp_ns=now_ns,
+            seq=self._cues,
+            cue=cue,
+            text=text,
+            chime=sign.chime,
+            haptic_ms=sign.haptic_ms,
+            color=sign.color,
+            point_m=place_m,
+        )

@@ -1,0 +1,1 @@
+"""How frames reach the LEDs: controller protocol, wiring, power and pacing."""

@@ -1,0 +1,1 @@
+"""What shines: the layout of pixels, appearance and rendering."""

@@ -1,0 +1,150 @@
+"""What objects look like: who hovers, owns or reserves them, as colours, gauge and pattern."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pointit.schemas import Hover, Selection, UserProfile
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import StyleConfig
+from pointit.services.led_driver.picture.layout import Array, Indices
+from pointit.services.led_driver.picture.render import (
+    BODY,
+    FILL,
+    GAP,
+    MARGIN,
+    MARGIN_COLORS,
+    OWNER,
+    PATTERNS,
+    ROLES,
+    Bytes,
+)
+
+NOBODY = UserProfile(stamp_ns=0)
+"""Who has said nothing about themselves: a white cursor, solid."""
+
+WHITE: Rgb = (255, 255, 255)
+
+
+@dataclass(frozen=True, slots=True)
+class Looks:
+    """Of n objects, as `Segments` has them."""
+
+    palette: Bytes
+    progress: Array
+    margins: Indices
+    thin: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    patterns: Indices
+
+
+@dataclass(slots=True)
+class _State:
+    """What is to be told of one object."""
+
+    owner: str | None = None
+    reserver: str | None = None
+    hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
+
+
+class Wardrobe:
+    """Kinds and states of objects to their looks."""
+
+    def __init__(self, style: StyleConfig) -> None:
+        """Take `style`."""
+        self._style = style
+        self._kinds = {kind: number + 1 for number, kind in enumerate(style.kind_colors)}
+        colors = np.array([style.default_color, *style.kind_colors.values()], dtype=np.float64)
+        self._bright = np.rint(colors).astype(np.uint8)
+        self._dim = np.rint(colors * style.idle_level).astype(np.uint8)
+        self._gap = np.rint(colors * style.gap_level).astype(np.uint8)
+        self._plain = np.zeros((len(colors), ROLES, 3), dtype=np.uint8)
+        self._plain[:, BODY] = self._dim
+
+    def kind(self, name: str) -> int:
+        """Return the number of a kind; 0: it has no colour of its own."""
+        return self._kinds.get(name, 0)
+
+    def looks(
+        self,
+        kinds: Indices,
+        ids: Mapping[str, Sequence[int]],
+        hovers: Mapping[str, Hover],
+        selection: Selection | None,
+        profiles: Mapping[str, UserProfile],
+    ) -> Looks:
+        """Return the looks of objects of `kinds` (numbers); `ids` has where they are, `hovers` is by user."""
+        looks = Looks(
+            self._plain[kinds],
+            np.zeros(len(kinds)),
+            np.zeros(len(kinds), dtype=np.intp),
+            np.zeros(len(kinds), dtype=np.bool_),
+            np.zeros(len(kinds), dtype=np.intp),
+        )
+        for object_id, state in _states(hovers, selection).items():
+            for index in ids.get(object_id, ()):
+                self._dress(looks, index, int(kinds[index]), state, profiles)
+        return looks
+
+    def _dress(
+        self, looks: Looks, index: int, kind: int, state: _State, profiles: Mapping[str, UserProfile]
+    ) -> None:
+        selected = state.owner is not None
+        palette = looks.palette[index]
+        levels = (self._dim[kind], self._bright[kind])
+        palette[BODY] = levels[selected]
+        palette[FILL] = levels[not selected]
+        palette[GAP] = self._gap[kind]
+        colors = [profiles.get(user, NOBODY).cursor_color for user in sorted(state.hovers)]
+        if state.owner is not None:
+            owner = profiles.get(state.owner)
+            color = self._style.unknown_owner_color if owner is None else owner.cursor_color
+            palette[OWNER] = color
+            looks.patterns[index] = 0 if owner is None else PATTERNS.index(owner.pattern)
+            colors = _with_owner(color, colors, _color(self._gap[kind]))
+        elif state.reserver is not None:
+            color = profiles.get(state.reserver, NOBODY).cursor_color
+            looks.thin[index] = not colors
+            colors = [color, *(each for each in colors if each != color)]
+        colors = colors[:MARGIN_COLORS]
+        palette[MARGIN : MARGIN + len(colors)] = colors
+        looks.margins[index] = len(colors)
+        looks.progress[index] = max(
+            (hover.progress for hover in state.hovers.values() if _changes(hover, selected=selected)),
+            default=0.0,
+        )
+
+
+def _with_owner(color: Rgb, hoverers: list[Rgb], dark: Rgb) -> list[Rgb]:
+    """Return the margins of what is selected: the owner's colour first, so that it is the outermost."""
+    others = [each for each in hoverers if each != color]
+    if others or not hoverers:
+        return [color, *others]
+    # the owner hovers it: their colour beside itself would tell nothing
+    return [color, dark if color == WHITE else WHITE]
+
+
+def _color(values: Bytes) -> Rgb:
+    red, green, blue = values.tolist()
+    return (red, green, blue)
+
+
+def _changes(hover: Hover, *, selected: bool) -> bool:
+    """Tell whether to go on as `hover` says would change the object."""
+    return hover.action in {"", "deselect" if selected else "select"}
+
+
+def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[str, _State]:
+    states: dict[str, _State] = {}
+    if selection is not None:
+        for reserved in selection.reserved:
+            states.setdefault(reserved.id, _State()).reserver = reserved.user
+        for item in selection.objects:
+            states.setdefault(item.id, _State()).owner = item.user
+    for user, hover in hovers.items():
+        if hover.object_id:
+            state = states.setdefault(hover.object_id, _State())
+            state.hovers[user] = hover
+            if hover.taken_by and state.owner is None and state.reserver is None:
+                state.reserver = hover.taken_by
+    return states

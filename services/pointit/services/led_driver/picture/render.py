@@ -1,0 +1,227 @@
+"""Segments, cursors and their states to pixels (paper, §III-E), each kind of thing in one go.
+
+The language of light: an object is a segment in the colour of its kind, dim, or bright when it is selected.
+Its margins are in the colour of whoever hovers it, or has it selected; in several colours pixel by pixel
+when there are several to tell. The body changes from both ends to the middle as far as the selection has
+come. Dark pixels in the body of what is selected make the owner's pattern. Cursors lie on top; where
+several meet, they alternate pixel by pixel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.config import StyleConfig
+from pointit.services.led_driver.picture.layout import Array, Indices, Layout
+
+Bytes = NDArray[np.uint8]
+
+PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
+"""As in the profile; a segment has the index."""
+_DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)
+
+BODY, FILL, GAP, OWNER, MARGIN = range(5)
+"""Roles of pixels: what the gauge would make of the body, the dark of patterns, the owner's, the margins'."""
+MARGIN_COLORS = 4
+"""So many alternate at most."""
+ROLES = MARGIN + MARGIN_COLORS
+
+_ROUNDING = 1e-6
+"""Pixels."""
+_ROUNDING_M = 1e-9
+"""How far beyond an object's end a pixel is still on it."""
+_MANY = 1e9
+"""Pixels: more are not counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Objects to draw, n of them, each centred on `at_m` of a line of the layout; later ones lie on top."""
+
+    lines: Indices
+    at_m: Array
+    half_m: Array
+    forth: NDArray[np.bool_]
+    """It moves from the line's start to its end, or stands."""
+    tail_m: tuple[Array, Array] | None
+    """Lengths of the tails before the starts and after the ends; none when nothing moves."""
+    palette: Bytes
+    """n x `ROLES` x 3."""
+    progress: Array
+    """How far the body is filled, 0 to 1."""
+    margins: Indices
+    """How many colours the margins have; 0: there are none."""
+    thin: NDArray[np.bool_]
+    """Margins of one pixel only."""
+    patterns: Indices
+    """Index into `PATTERNS`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CursorMark:
+    """A cursor to draw."""
+
+    line: int
+    at_m: float
+    width_m: float
+    color: Rgb
+
+
+def tails(
+    layout: Layout, lines: Indices, half_m: Array, speed_mps: Array, style: StyleConfig
+) -> tuple[Array, Array] | None:
+    """Return the tails of objects as `Segments` has them; what may slip between two pixels has none."""
+    length_m = np.minimum(np.abs(speed_mps) * style.tail_s, style.tail_max_m)
+    length_m[layout.narrow(lines, 2.0 * half_m)] = 0.0
+    if not length_m.any():
+        return None
+    return np.where(speed_mps > 0.0, length_m, 0.0), np.where(speed_mps < 0.0, length_m, 0.0)
+
+
+class Renderer:
+    """Draws frames on one layout; all strips lie in one buffer: what concerns all is one operation."""
+
+    def __init__(self, layout: Layout, style: StyleConfig | None = None) -> None:
+        """Draw on `layout` in `style`."""
+        self._style = style if style is not None else StyleConfig()
+        self._layout = layout
+        self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
+        margin = np.clip(np.rint(self._style.margin_m / layout.pitch_m), 1, 4096).astype(np.intp)
+        self._margin: Indices = margin[layout.run]
+        """Pixels of a margin, for every entry of the layout."""
+
+    def render(self, segments: Segments, cursors: list[CursorMark]) -> Bytes:
+        """Return all pixels (n x 3, red green blue) in the layout's order; the next call changes them."""
+        self._buffer.fill(0)
+        if len(segments.lines):
+            self._draw_segments(segments)
+        if cursors:
+            self._draw_cursors(cursors)
+        return self._buffer
+
+    def _draw_segments(self, segments: Segments) -> None:
+        layout = self._layout
+        start_m, end_m = segments.at_m - segments.half_m, segments.at_m + segments.half_m
+        tails_m = segments.tail_m
+        if tails_m is None:
+            whose, entries = layout.lit(segments.lines, start_m, end_m)
+        else:
+            whose, entries = layout.lit(segments.lines, start_m - tails_m[0], end_m + tails_m[1])
+        if not len(entries):
+            return
+        at_m = layout.at_m[entries]
+        before_m, after_m = at_m - start_m[whose], end_m[whose] - at_m
+        if tails_m is not None:
+            tail_m = tails_m[0] + tails_m[1]
+            outside_m = np.minimum(before_m, after_m)
+            behind = (outside_m < -_ROUNDING_M) & (tail_m > 0.0)[whose]
+            tail = np.flatnonzero(behind)
+            if len(tail):
+                fade = self._style.tail_level * (1.0 + outside_m[tail] / tail_m[whose[tail]])
+                colors = segments.palette[whose[tail], BODY] * np.maximum(fade, 0.0)[:, None]
+                self._buffer[layout.pixels[entries[tail]]] = colors
+                body = np.flatnonzero(~behind)
+                whose, entries, before_m, after_m = whose[body], entries[body], before_m[body], after_m[body]
+        roles = np.zeros(len(whose), dtype=np.intp)
+        stated = np.flatnonzero((segments.margins > 0)[whose])
+        if len(stated):
+            those, these = whose[stated], entries[stated]
+            first, last = self._counted(segments, those, these, start_m, end_m)
+            roles[stated] = self._roles(segments, those, self._margin[these], first, last)
+        self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
+
+    def _counted(
+        self, segments: Segments, whose: Indices, entries: Indices, start_m: Array, end_m: Array
+    ) -> tuple[Indices, Indices]:
+        """Return of each pixel how many of its segment lie before it on the same strip, and after it.
+
+        Where the strip ends within the segment, those count that it would have if it went on.
+        """
+        layout = self._layout
+        run, number = layout.run[entries], layout.number[entries]
+        stated = np.cumsum(segments.margins > 0) - 1
+        slot = stated[whose] * len(layout.pitch_m) + run
+        low = np.full((int(stated[-1]) + 1) * len(layout.pitch_m), layout.count, dtype=np.intp)
+        high = np.zeros_like(low)
+        np.minimum.at(low, slot, number)
+        np.maximum.at(high, slot, number)
+        low, high = low[slot], high[slot]
+        pitch_m = layout.pitch_m[run]
+        before = _whole((layout.first_m[run] - start_m[whose]) / pitch_m) * (low == 0)
+        after = _whole((end_m[whose] - layout.last_m[run]) / pitch_m) * (high == layout.pixels_of[run] - 1)
+        return number - low + before, high - number + after
+
+    @staticmethod
+    def _roles(segments: Segments, whose: Indices, widest: Indices, first: Indices, last: Indices) -> Indices:
+        """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
+        nearer = np.minimum(first, last)
+        count = first + last + 1
+        roles = np.zeros(len(whose), dtype=np.intp)
+        roles[nearer < np.rint(segments.progress[whose] * count / 2.0)] = FILL
+        margin = np.minimum(widest, count // 3)
+        patterns = segments.patterns[whose]
+        if patterns.any():
+            trailing = np.where(segments.forth[whose], first, last)
+            _draw_patterns(
+                roles,
+                patterns,
+                inward=nearer - margin,
+                along=first - margin,
+                trailing=trailing - margin,
+                body=count - 2 * margin,
+            )
+        margin = np.where(segments.thin[whose], np.minimum(margin, 1), margin)
+        colors = segments.margins[whose]
+        # each end begins with another colour when there are more of them than pixels
+        turn = (nearer + (last < first) * np.maximum(colors - margin, 0)) % np.maximum(colors, 1)
+        ends = nearer < margin
+        roles[ends] = MARGIN + turn[ends]
+        return roles
+
+    def _draw_cursors(self, cursors: list[CursorMark]) -> None:
+        layout = self._layout
+        at_m = np.array([mark.at_m for mark in cursors])
+        half_m = np.array([mark.width_m for mark in cursors]) / 2.0
+        lines = np.array([mark.line for mark in cursors], dtype=np.intp)
+        whose, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
+        pixels = layout.pixels[entries]
+        colors = np.array([mark.color for mark in cursors], dtype=np.uint8)
+        if len(cursors) > 1 and len(pixels):
+            # the k-th cursor over a pixel shows when k is the pixel's number modulo how many there are
+            order = np.lexsort((whose, pixels))
+            pixels, whose = pixels[order], whose[order]
+            begins = np.ones(len(pixels), dtype=np.bool_)
+            np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
+            group = np.cumsum(begins) - 1
+            rank = np.arange(len(pixels)) - np.flatnonzero(begins)[group]
+            shown = rank == layout.wire[pixels] % np.bincount(group)[group]
+            pixels, whose = pixels[shown], whose[shown]
+        self._buffer[pixels] = colors[whose]
+
+
+def _whole(pixels: Array) -> Indices:
+    """Return how many whole pixels they are."""
+    return np.minimum(np.maximum(pixels + _ROUNDING, 0.0), _MANY).astype(np.intp)
+
+
+def _draw_patterns(
+    roles: Indices, patterns: Indices, *, inward: Indices, along: Indices, trailing: Indices, body: Indices
+) -> None:
+    """Set the roles of pixels that make a pattern.
+
+    Args:
+        roles: to change.
+        patterns: of the segment of each pixel.
+        inward: pixels from the nearer end of the body, from 0 on; less than 0 in the margins.
+        along: pixels from the start of the body.
+        trailing: pixels from the end of the body that comes last.
+        body: how many pixels the body has; in fewer than three no pattern is to be seen.
+    """
+    patterns = np.where((inward >= 0) & (body >= 3), patterns, 0)
+    roles[(patterns == _DASHED) & (inward % 4 == 0)] = GAP
+    roles[(patterns == _DOTTED) & (along % 2 == 1)] = GAP
+    roles[(patterns == _HOLLOW) & (inward >= 1)] = GAP
+    roles[(patterns == _STRIPED) & (along % 2 == 1)] = OWNER
+    roles[(patterns == _TAILED) & (trailing < body // 2)] = OWNER

@@ -1,0 +1,264 @@
+"""What is to be seen on the strips now: the newest of everything, as long as it is fresh."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.colormap import colormap
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Hover,
+    Passed,
+    Selection,
+    TrackedObject,
+    TrackedObjects,
+    UserProfile,
+)
+from pointit.schemas.base import Rgb
+from pointit.schemas.pointing import LINES
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.picture.appearance import NOBODY, Looks, Wardrobe
+from pointit.services.led_driver.picture.layout import Array, Indices, Layout
+from pointit.services.led_driver.picture.render import CursorMark, Segments, tails
+
+T = TypeVar("T")
+
+BLINK_NS = NS_PER_S // 2
+"""The pixel nearest to who points past is lit for so long, then dark for as long: at 1 Hz."""
+
+NOWHERE = Cursor(stamp_ns=0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """The objects that are on the layout, as arrays; built when they come, not when they are drawn."""
+
+    lines: Indices
+    at_m: Array
+    half_m: Array
+    speed_mps: Array
+    forth: NDArray[np.bool_]
+    tail_m: tuple[Array, Array] | None
+    stamp_ns: NDArray[np.int64]
+    kinds: Indices
+    ids: dict[str, list[int]]
+
+
+class Scene:
+    """Keeps what was heard and forgets what has grown old; ages count from arrival."""
+
+    def __init__(self, config: LedDriverConfig) -> None:
+        """Begin with nothing heard, and no layout."""
+        self._cursor_looks = config.cursors
+        self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
+        self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
+        self._style = config.style
+        self._wardrobe = Wardrobe(config.style)
+        self._layout = Layout(())
+        self._cursors: dict[str, tuple[int, Cursor]] = {}
+        self._hovers: dict[str, tuple[int, Hover]] = {}
+        self._objects: dict[str, tuple[int, TrackedObjects]] = {}
+        self._profiles: dict[str, UserProfile] = {}
+        self._selection: Selection | None = None
+        self._new_ns: int | None = None
+        self._blink_ns: int | None = None
+        """When a pixel nearest to who points past changes next."""
+        self._placed: _Placed | None = None
+        self._looks: Looks | None = None
+
+    def set_layout(self, layout: Layout) -> None:
+        """Draw on `layout` from now on."""
+        self._layout = layout
+        self._placed = self._looks = None
+
+    def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
+        """Take where `user` points; return whether that shows.
+
+        It does if their cursor is, or was, on a line, or if another pixel is nearest to who points past.
+        """
+        _, before = self._cursors.get(user, (0, NOWHERE))
+        self._cursors[user] = (now_ns, cursor)
+        if cursor.surface in LINES:
+            self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
+            return True
+        if before.surface in LINES:
+            return True
+        return cursor.passed != before.passed and self._pixels(cursor) != self._pixels(before)
+
+    def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
+        """Take what `user`'s cursor is on."""
+        self._hovers[user] = (now_ns, hover)
+        self._looks = None
+
+    def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
+        """Take all objects of `tracker`."""
+        self._objects[tracker] = (now_ns, objects)
+        self._placed = self._looks = None
+
+    def set_selection(self, selection: Selection) -> None:
+        """Take what is selected."""
+        self._selection = selection
+        self._looks = None
+
+    def set_profile(self, user: str, profile: UserProfile) -> None:
+        """Take `user`'s colour, pattern and cursor width.
+
+        Raises:
+            UnknownColormapError: there is no colormap of that name; the cursor keeps its colour.
+        """
+        self._profiles[user] = profile.model_copy(update={"cursor_colormap": ""})
+        self._looks = None
+        if profile.cursor_colormap:
+            colormap(profile.cursor_colormap)
+            self._profiles[user] = profile
+
+    def forget(self, now_ns: int) -> None:
+        """Drop what is too old, or came at a time still to come: the clock was set back."""
+        _forget(self._cursors, now_ns, self._cursor_timeout_ns)
+        if _forget(self._hovers, now_ns, self._cursor_timeout_ns):
+            self._looks = None
+        if _forget(self._objects, now_ns, self._objects_timeout_ns):
+            self._placed = self._looks = None
+
+    def next_change_ns(self) -> int | None:
+        """Return when something will be too old if nothing more is heard of it, or blinks."""
+        ends = [at + self._cursor_timeout_ns for at, _ in (*self._cursors.values(), *self._hovers.values())]
+        ends += [at + self._objects_timeout_ns for at, _ in self._objects.values()]
+        if self._blink_ns is not None:
+            ends.append(self._blink_ns)
+        return min(ends, default=None)
+
+    def take_new_ns(self) -> int | None:
+        """Return the newest capture time of the cursors on lines that came since the last call."""
+        new_ns, self._new_ns = self._new_ns, None
+        return new_ns
+
+    def cursors(self, now_ns: int) -> list[CursorMark]:
+        """Return the cursors on strips and belts, by user name, and pixels nearest to who points past."""
+        marks: list[CursorMark] = []
+        blinks = now_ns // BLINK_NS
+        self._blink_ns = None
+        for user in sorted(self._cursors):
+            cursor = self._cursors[user][1]
+            if cursor.passed is not None and (marked := self._pixel(user, cursor.passed)):
+                self._blink_ns = (blinks + 1) * BLINK_NS
+                marks += marked if blinks % 2 == 0 else []
+            if cursor.surface not in LINES:
+                continue
+            line = self._layout.line(cursor.surface, cursor.surface_id)
+            if line is not None:
+                profile = self._profiles.get(user, NOBODY)
+                marks.append(
+                    CursorMark(
+                        line=line,
+                        at_m=self._drawn_at_m(user, cursor),
+                        width_m=profile.cursor_width_m,
+                        color=self._color(profile, cursor),
+                    )
+                )
+        return marks
+
+    def _pixel(self, user: str, passed: Passed) -> list[CursorMark]:
+        """Return the mark of a person who points past everything: a pixel, dim, where they come nearest."""
+        line = self._layout.line(passed.surface, passed.surface_id)
+        if line is None:
+            return []
+        profile = self._profiles.get(user, NOBODY)
+        tints = profile.cursor_colormap
+        color = colormap(tints).rgb(0.0) if tints else profile.cursor_color
+        red, green, blue = (round(value * self._cursor_looks.passed_level) for value in color)
+        return [CursorMark(line=line, at_m=passed.position_m, width_m=0.0, color=(red, green, blue))]
+
+    def _pixels(self, cursor: Cursor) -> list[int]:
+        """Return the numbers of the pixels that `_pixel` lights, one of each strip beside a belt."""
+        passed = cursor.passed
+        line = None if passed is None else self._layout.line(passed.surface, passed.surface_id)
+        if passed is None or line is None:
+            return []
+        at_m = np.array([passed.position_m])
+        _, entries = self._layout.lit(np.array([line], dtype=np.intp), at_m, at_m)
+        return [int(pixel) for pixel in self._layout.pixels[entries]]
+
+    def _drawn_at_m(self, user: str, cursor: Cursor) -> float:
+        if self._cursor_looks.draw_snapped and user in self._hovers:
+            snapped_m = self._hovers[user][1].snapped_position_m
+            if snapped_m is not None:
+                return snapped_m
+        return cursor.position_m
+
+    def _color(self, profile: UserProfile, cursor: Cursor) -> Rgb:
+        if not profile.cursor_colormap:
+            return profile.cursor_color
+        if self._cursor_looks.distance == "angle":
+            share = cursor.miss_rad / math.radians(self._cursor_looks.range_deg)
+        else:
+            share = cursor.miss_m / self._cursor_looks.range_m
+        return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
+
+    def segments(self, now_ns: int) -> Segments:
+        """Return the objects on strips and belts where they are at `now_ns`."""
+        if self._placed is None:
+            self._placed = self._place()
+        placed = self._placed
+        if self._looks is None:
+            hovers = {user: hover for user, (_, hover) in self._hovers.items()}
+            self._looks = self._wardrobe.looks(
+                placed.kinds, placed.ids, hovers, self._selection, self._profiles
+            )
+        looks = self._looks
+        # never beyond the time-out, and a clock that is ahead of ours must not move them backwards
+        elapsed_s = np.clip(now_ns - placed.stamp_ns, 0, self._objects_timeout_ns) / NS_PER_S
+        return Segments(
+            lines=placed.lines,
+            at_m=placed.at_m + placed.speed_mps * elapsed_s,
+            half_m=placed.half_m,
+            forth=placed.forth,
+            tail_m=placed.tail_m,
+            palette=looks.palette,
+            progress=looks.progress,
+            margins=looks.margins,
+            thin=looks.thin,
+            patterns=looks.patterns,
+        )
+
+    def _place(self) -> _Placed:
+        rows: list[tuple[int, TrackedObject, int]] = []
+        for _, tracked in self._objects.values():
+            rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
+        ids: dict[str, list[int]] = {}
+        for index, (_, item, _) in enumerate(rows):
+            ids.setdefault(item.id, []).append(index)
+        lines = np.array([line for line, _, _ in rows], dtype=np.intp)
+        half_m = np.array([item.length_m for _, item, _ in rows]) / 2.0
+        speed_mps = np.array([item.surface_speed_mps for _, item, _ in rows])
+        return _Placed(
+            lines=lines,
+            at_m=np.array([item.surface_position_m for _, item, _ in rows]),
+            half_m=half_m,
+            speed_mps=speed_mps,
+            forth=speed_mps >= 0.0,
+            tail_m=tails(self._layout, lines, half_m, speed_mps, self._style),
+            stamp_ns=np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64),
+            kinds=np.array([self._wardrobe.kind(item.kind) for _, item, _ in rows], dtype=np.intp),
+            ids=ids,
+        )
+
+    def _on_lines(self, objects: Iterable[TrackedObject]) -> Iterable[tuple[int, TrackedObject]]:
+        for item in objects:
+            if item.surface in LINES:
+                line = self._layout.line(item.surface, item.surface_id)
+                if line is not None:
+                    yield line, item
+
+
+def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
+    """Drop what is too old; return whether anything was."""
+    old = [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]
+    for name in old:
+        del heard[name]
+    return bool(old)

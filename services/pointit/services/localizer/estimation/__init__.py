@@ -1,0 +1,1 @@
+"""From rays to a pose and its uncertainty, by least squares."""

@@ -1,0 +1,154 @@
+"""Where the person stands, from rays in {H} that were pointed at known places in {W} (pointing.md §4).
+
+Maximum a posteriori on angles for x, y, yaw, the person's own elevation bias and, within what body measures
+leave open, the height of the eyes, the feet on the floor; from many starts, because reflected poses are
+minima too. The weights are those of the unrest within a hold, one measurement each 0.15 s: what errs all
+hold long goes into yaw and bias, and weighing it heavier made recorded people's places worse. How sure the
+pose is comes from `certainty`, where all of the errors count.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from pointit.services.localizer.estimation.acceptance import AMBIGUOUS_COST, NOWHERE, accepted, untimely
+from pointit.services.localizer.estimation.angular_residuals import Array, Rays, misses
+from pointit.services.localizer.estimation.levenberg_marquardt import costs_of, descend, starts
+from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks
+from pointit.services.localizer.estimation.solution import Refusal, Solution, Trust
+from pointit.services.localizer.estimation.uncertainty import covariance, independent
+
+__all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "Trust", "solve"]
+
+NEGLIGIBLE = 1e-3
+"""A place less probable than this is left out of the uncertainty."""
+
+NEAREST_M = 0.4
+"""Nobody points with a straight arm at what is nearer to their eyes."""
+
+TRIMMED = 0.1
+"""Share of the samples, the worst, that may be bad without spoiling the rest."""
+
+LESS = math.sqrt(1.0 + TRIMMED * math.log(TRIMMED) / (1.0 - TRIMMED))
+"""Rms of the others beside that of all, for normal errors on both axes: their squares are exponential."""
+
+SAME_PLACE_M = 0.05
+"""Targets closer together than this are one."""
+
+
+def solve(
+    pointings: Pointings,
+    trust: Trust | None = None,
+    *,
+    floor_m: float = 0.0,
+    start: Solution | None = None,
+) -> Solution | Refusal:
+    """Return the pose whose view of the targets fits the rays best, or why none can be had.
+
+    Single bad samples pull less (Huber), and must not decide either: rays that miss the targets by too much
+    are tried once more without the worst tenth of them.
+
+    Args:
+        pointings: at least `trust.min_samples`, at two or more places.
+        trust: weights and limits.
+        floor_m: height in {W} of the floor on which the person stands.
+        start: a pose found before, to begin from besides.
+    """
+    trust = trust if trust is not None else Trust()
+    count = len(pointings)
+    if count < trust.min_samples:
+        return Refusal(f"only {count} rays were gathered and {trust.min_samples} are needed; see the IMU")
+    targets = pointings.targets_m
+    spread_m = np.ptp(targets, axis=0)
+    if float(spread_m.max()) < SAME_PLACE_M:
+        return Refusal("all pointing was at one place; point at two or more different ones")
+    if float(spread_m[:2].max()) < SAME_PLACE_M:
+        return Refusal("all targets are above one another, which tells no direction; add one to the side")
+    summary = blocks(pointings)
+    means = summary.pointings
+    centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # numbers stay small wherever the origin is
+    rays = Rays.of(means.origins_m, means.directions, means.targets_m - centre)
+    weights = trust.weights()
+    first = starts(rays, weights)
+    if start is not None:
+        first = np.vstack([first, _pose_of(start, centre)])
+    poses = _out_of_reach(rays, descend(rays, first, weights).poses)
+    if not len(poses):
+        return Refusal(NOWHERE)
+    solution = _solution(rays, summary, poses, trust)
+    missed = _missed_rad(Rays.of(pointings.origins_m, pointings.directions, targets - centre), poses[0])
+    residual_rad = math.sqrt(float(np.mean(missed * missed)))
+    limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
+    if residual_rad > limit_rad and trust.trims:
+        kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
+        again = solve(pointings.only(kept), trust.trimmed(LESS), floor_m=floor_m, start=start)
+        if isinstance(again, Solution):
+            return again
+    solution = replace(
+        solution,
+        x_m=float(solution.x_m + centre[0]),
+        y_m=float(solution.y_m + centre[1]),
+        residual_rad=residual_rad,
+        samples=count,
+    )
+    place_m = (float(poses[0, 0]), float(poses[0, 1]))
+    result = accepted(solution, place_m, rays, trust, limit_rad)
+    if isinstance(result, Refusal) and solution.late.any():
+        timely = replace(solution, covariance=solution.covariance - solution.late)
+        if isinstance(accepted(timely, place_m, rays, trust, limit_rad), Solution):
+            return Refusal(untimely(solution, trust), result.residual_rad)
+    return result
+
+
+def _out_of_reach(rays: Rays, poses: Array) -> Array:
+    """Return those of `poses` (k x 5) with no target nearer to the eyes than a straight arm allows."""
+    turned = np.exp(1j * poses[:, 2])[:, None] * (rays.origins * np.conj(rays.back))
+    level = np.abs(rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None] - turned)
+    nearest = np.hypot(level, rays.heights - poses[:, 4, None]).min(axis=1)
+    return np.asarray(poses[nearest >= NEAREST_M], dtype=np.float64)
+
+
+def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Solution:
+    """Return the likeliest of `poses`, about the centre; the others that fit, too, are in its covariance."""
+    weights, doubt = trust.weights(), trust.doubt(is_still=summary.is_still)
+    worth = independent(summary, doubt.independent_hz)
+    costs = costs_of(rays, poses, replace(weights, sigma_rad=doubt.sigma_rad), worth)
+    odds: Array = np.exp(costs.min() - costs)
+    odds /= odds.sum()
+    best = poses[0]
+    spread, late = np.zeros((2, len(best), len(best)))
+    for pose, share in zip(poses[odds >= NEGLIGIBLE], odds[odds >= NEGLIGIBLE], strict=True):
+        off = pose - best
+        off[2] = math.remainder(float(off[2]), math.tau)
+        found, of_latency = covariance(
+            rays, pose, worth, weights, doubt, velocities_mps=summary.velocities_mps
+        )
+        spread += share * (found + np.outer(off, off))
+        late += share * of_latency
+    sigma = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    return Solution(
+        x_m=float(best[0]),
+        y_m=float(best[1]),
+        yaw_rad=math.remainder(float(best[2]), math.tau),
+        bias_rad=float(best[3]),
+        covariance=spread[:3, :3],
+        residual_rad=0.0,
+        samples=0,
+        z_m=float(best[4]),
+        z_sigma_m=float(sigma[4]),
+        bias_sigma_rad=float(sigma[3]),
+        rival=float(1.0 - odds[0]),
+        late=late[:3, :3],
+    )
+
+
+def _missed_rad(rays: Rays, pose: Array) -> Array:
+    """Return the angles (n) between `rays` and the targets as `pose` (5) would see them."""
+    left, above = misses(rays, pose[None])
+    return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
+
+
+def _pose_of(solution: Solution, centre: Array) -> Array:
+    place = [solution.x_m - centre[0], solution.y_m - centre[1]]
+    return np.array([*place, solution.yaw_rad, solution.bias_rad, solution.z_m])

@@ -1,0 +1,101 @@
+"""Rays as the solver and anchors want them: the person's offset taken out, but not filtered.
+
+A filter lags behind the arm; what is averaged anyway needs none.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import FARTHEST, PointingRay
+from pointit.services.localizer.estimation.angular_residuals import Array
+from pointit.services.localizer.estimation.estimator import Trust
+
+LEAST_BIAS_SIGMA_RAD = math.radians(1.0)
+"""Nobody's elevation is known better, whatever a calibration says: people scatter by it (pointing.md §3)."""
+
+
+def unfiltered(ray: PointingRay) -> Vec3:
+    """Return the direction of `ray` in {H}, corrected by the person's offset but not filtered."""
+    raw = ray.raw_direction
+    if raw is None:
+        return ray.direction
+    if ray.azimuth_correction_rad == 0.0 and ray.elevation_correction_rad == 0.0:
+        return raw
+    return vector.direction(
+        vector.azimuth(raw) + ray.azimuth_correction_rad,
+        vector.elevation(raw) + ray.elevation_correction_rad,
+    )
+
+
+def directions(rays: Sequence[PointingRay]) -> Array:
+    """Return the unfiltered directions of `rays` (n x 3)."""
+    return np.array([unfiltered(ray) for ray in rays], dtype=np.float64).reshape(-1, 3)
+
+
+def origins(rays: Sequence[PointingRay]) -> Array:
+    """Return where `rays` begin (n x 3, {H})."""
+    return np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3)
+
+
+def believed(trust: Trust, rays: Iterable[PointingRay]) -> Trust:
+    """Return `trust` with what the calibration of the person says about their elevation.
+
+    Only where every ray is of a calibrated person; the largest sigma counts.
+    """
+    sigmas = [ray.elevation_sigma_rad for ray in rays]
+    known = [sigma for sigma in sigmas if sigma is not None]
+    if not known or len(known) < len(sigmas):
+        return trust
+    return replace(trust, bias_sigma_rad=max(LEAST_BIAS_SIGMA_RAD, min(max(known), trust.bias_sigma_rad)))
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """Many rays as one."""
+
+    origin_m: Vec3
+    direction: Vec3
+    """Unfiltered, unit, {H}."""
+    raw_direction: Vec3
+    """Neither filtered nor corrected."""
+    spread_rad: float
+    """Rms angle of the rays about their mean."""
+    stamp_ns: int
+    """The middle of their time."""
+    samples: int
+
+
+def mean(rays: Sequence[PointingRay]) -> Mean | None:
+    """Return the mean of `rays`, in order of time; none when there is none, or they cancel each other."""
+    if not rays:
+        return None
+    all_directions = directions(rays)
+    middle = _unit(all_directions)
+    raw = _unit(np.array([ray.raw_direction or ray.direction for ray in rays]))
+    if middle is None or raw is None:
+        return None
+    across = np.linalg.norm(np.cross(all_directions, middle), axis=1)
+    angles = np.arctan2(across, all_directions @ middle)
+    return Mean(
+        origin_m=_vec3(np.clip(origins(rays).mean(axis=0), -FARTHEST, FARTHEST)),
+        direction=_vec3(middle),
+        raw_direction=_vec3(raw),
+        spread_rad=float(np.sqrt(np.mean(angles**2))),
+        stamp_ns=rays[0].stamp_ns + (rays[-1].stamp_ns - rays[0].stamp_ns) // 2,
+        samples=len(rays),
+    )
+
+
+def _unit(vectors: Array) -> Array | None:
+    total: Array = vectors.mean(axis=0)
+    length = float(np.linalg.norm(total))
+    return total / length if length > 1e-6 else None
+
+
+def _vec3(values: Array) -> Vec3:
+    return (float(values[0]), float(values[1]), float(values[2]))

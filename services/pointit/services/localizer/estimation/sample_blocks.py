@@ -1,0 +1,131 @@
+"""Samples brought together: what was measured within a fraction of a second errs as one."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.services.localizer.estimation.angular_residuals import Array
+
+GAP_S = 0.5
+"""A longer pause between two samples is no time of pointing."""
+
+BLOCK_S = 0.15
+"""Half of the time for which the unrest of a hold lasts (pointing.md §7): one measurement each."""
+
+MAX_BLOCKS = 64
+"""Longer pointing makes longer blocks: more of them tell nothing more."""
+
+JUMP_M = 0.3
+"""A target further from where it was a sample ago is another one."""
+
+STILL_M = 0.05
+"""A target that keeps within this stands still."""
+
+SHORTEST_S = 1e-3
+"""Least time between two blocks of which a velocity is told."""
+
+LEAP_RAD = math.radians(20.0)
+"""A ray that turns more within one sample belongs to another block."""
+
+
+@dataclass(frozen=True)
+class Pointings:
+    """Rays and what they were pointed at, one row a sample, in order of time."""
+
+    stamps_s: Array
+    """n."""
+    origins_m: Array
+    """n x 3, {H}."""
+    directions: Array
+    """n x 3, unit, {H}."""
+    targets_m: Array
+    """n x 3, {W}."""
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.stamps_s)
+
+    @property
+    def span_s(self) -> float:
+        """Return the time spent pointing, pauses taken out."""
+        steps = np.diff(self.stamps_s)
+        return float(np.sum(steps[(steps > 0.0) & (steps <= GAP_S)]))
+
+    def only(self, kept: NDArray[np.bool_]) -> "Pointings":
+        """Return those that are `kept` (n)."""
+        return Pointings(
+            self.stamps_s[kept], self.origins_m[kept], self.directions[kept], self.targets_m[kept]
+        )
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Means over samples, one row a block, and what the samples told besides."""
+
+    pointings: Pointings
+    """m rows; directions have norm 1."""
+    samples: Array
+    """m: how many samples each holds."""
+    hold: Array
+    """m: number of the hold, a stretch without a pause at one target, to which each belongs."""
+    held_s: Array
+    """Of each hold, how long it lasted."""
+    velocities_mps: Array
+    """m x 3: of the targets, {W}."""
+    is_still: bool
+    """Whether no target moved while it was pointed at."""
+
+
+def blocks(pointings: Pointings) -> Blocks:
+    """Return `pointings` brought together; at least one sample, stamps never falling."""
+    t, targets = pointings.stamps_s, pointings.targets_m
+    steps = np.diff(t, prepend=t[0])
+    moves = np.abs(np.diff(targets, axis=0, prepend=targets[:1])).max(axis=1)
+    begins = (steps > GAP_S) | (moves > JUMP_M)
+    begins[0] = True
+    hold = np.cumsum(begins) - 1
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(t)) - 1
+    held_s = t[last] - t[first]
+    block_s = max(BLOCK_S, float(held_s.sum()) / MAX_BLOCKS)
+    number = np.floor((t - t[first][hold]) / block_s)
+    turned = np.einsum("ij,ij->i", pointings.directions[1:], pointings.directions[:-1])
+    edges = begins | (np.diff(number, prepend=-1.0) > 0.0)
+    edges[1:] |= turned < math.cos(LEAP_RAD)
+    where = np.flatnonzero(edges)
+    count = np.diff(np.append(where, len(t))).astype(np.float64)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.add.reduceat(values, where, axis=0) / count[:, None], dtype=np.float64)
+
+    directions = mean(pointings.directions)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    drift = np.abs(targets - targets[first][hold]).max()
+    means_m = mean(targets)
+    return Blocks(
+        Pointings(t[where], mean(pointings.origins_m), directions, means_m),
+        count,
+        hold[where].astype(np.float64),
+        held_s,
+        _velocities(mean(t[:, None]), means_m, hold[where]),
+        is_still=bool(drift <= STILL_M),
+    )
+
+
+def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Array:
+    """Return central differences of `places_m` (m x 3), one-sided at the ends of a hold.
+
+    Args:
+        times_s: of the blocks, m x 1.
+        places_m: of their targets, m x 3.
+        hold: to which each belongs, m.
+    """
+    index = np.arange(len(hold))
+    after = np.minimum(index + 1, index[-1])
+    after = np.where(hold[after] == hold, after, index)
+    before = np.maximum(index - 1, 0)
+    before = np.where(hold[before] == hold, before, index)
+    steps_s = np.maximum(times_s[after] - times_s[before], SHORTEST_S)
+    return np.asarray((places_m[after] - places_m[before]) / steps_s, dtype=np.float64)

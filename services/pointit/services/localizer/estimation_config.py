@@ -1,0 +1,170 @@
+"""Parameters of what is believed: of rays, of drift, and of a pose that is sure enough."""
+
+import math
+
+from pydantic import Field
+
+from pointit.runtime.config.config import Config
+from pointit.services.localizer.drift.filter import DriftSettings
+from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.procedures.target_plan import Choice
+
+FREE_HEIGHT_M = 10.0
+"""One sigma of a height that is not known."""
+
+_TRUST = Trust()
+_CHOICE = Choice()
+_DRIFT = DriftSettings()
+
+
+def _degrees(angle_rad: float) -> float:
+    return round(math.degrees(angle_rad), 6)
+
+
+class TrustConfig(Config):
+    """How far rays are believed, and which poses are accepted."""
+
+    ray_sigma_deg: float = Field(
+        default=_degrees(_TRUST.ray_sigma_rad),
+        gt=0,
+        le=30,
+        description="1 sigma sideways of pointing at what moves, degrees",
+    )
+    elevation_sigma_deg: float = Field(
+        default=_degrees(_TRUST.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
+    )
+    act_sigma_deg: float = Field(
+        default=_degrees(_TRUST.act_sigma_rad),
+        gt=0,
+        le=30,
+        description="1 sigma sideways of one pointing at what stands still, degrees",
+    )
+    bias_sigma_deg: float = Field(
+        default=_degrees(_TRUST.bias_sigma_rad),
+        gt=0,
+        le=45,
+        description="1 sigma of people's elevation bias, degrees; ~1 once known",
+    )
+    body_sigma_m: float = Field(
+        default=_TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of where the eyes are over the feet, m"
+    )
+    height_sigma_m: float = Field(
+        default=_TRUST.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
+    )
+    independent_hz: float = Field(
+        default=_TRUST.independent_hz,
+        gt=0,
+        le=100,
+        description="independent pointings per second, Hz: a hold errs as one",
+    )
+    latency_sigma_s: float = Field(
+        default=_TRUST.latency_sigma_s,
+        ge=0,
+        le=10,
+        description="moving_target: 1 sigma of the latency of a tracker that does not state it "
+        "(`TrackedObjects.latency_sigma_s`), s",
+    )
+    min_samples: int = Field(default=_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
+    model_sigma_deg: float = Field(
+        default=_degrees(_TRUST.model_sigma_rad),
+        ge=0,
+        le=45,
+        description="1 sigma of a constant error of the rays, fixed to the body: eyes or finger "
+        "beside the model, degrees",
+    )
+    max_residual_deg: float = Field(
+        default=_degrees(_TRUST.max_residual_rad),
+        gt=0,
+        le=90,
+        description="moving_target: rms angle above which the person did not follow it, degrees",
+    )
+    max_act_residual_deg: float = Field(
+        default=_degrees(_TRUST.max_act_residual_rad),
+        gt=0,
+        le=90,
+        description="static_targets: rms angle above which the person did not point at the lamps, degrees",
+    )
+    bias_sigma_limit: float = Field(
+        default=_TRUST.bias_sigma_limit,
+        gt=0,
+        le=10,
+        description="sigmas of the elevation bias beyond which it is no way of pointing",
+    )
+    max_position_sigma_m: float = Field(
+        default=_TRUST.max_position_sigma_m,
+        gt=0,
+        le=10,
+        description="poses less certain than this are refused, m",
+    )
+    max_yaw_sigma_deg: float = Field(
+        default=_degrees(_TRUST.max_yaw_sigma_rad),
+        gt=0,
+        le=90,
+        description="poses less certain than this are refused, degrees",
+    )
+
+    def trust(self, *, free_height: bool = False) -> Trust:
+        """Return it in radians, for the solver."""
+        return Trust(
+            ray_sigma_rad=math.radians(self.ray_sigma_deg),
+            elevation_sigma_rad=math.radians(self.elevation_sigma_deg),
+            act_sigma_rad=math.radians(self.act_sigma_deg),
+            bias_sigma_rad=math.radians(self.bias_sigma_deg),
+            body_sigma_m=self.body_sigma_m,
+            height_sigma_m=FREE_HEIGHT_M if free_height else self.height_sigma_m,
+            independent_hz=self.independent_hz,
+            latency_sigma_s=self.latency_sigma_s,
+            min_samples=self.min_samples,
+            model_sigma_rad=math.radians(self.model_sigma_deg),
+            max_residual_rad=math.radians(self.max_residual_deg),
+            max_act_residual_rad=math.radians(self.max_act_residual_deg),
+            bias_sigma_limit=self.bias_sigma_limit,
+            max_position_sigma_m=self.max_position_sigma_m,
+            max_yaw_sigma_rad=math.radians(self.max_yaw_sigma_deg),
+        )
+
+
+class EnoughConfig(Config):
+    """When an informative choice of lamps may end: both must be reached, or all lamps were used."""
+
+    position_m: float = Field(
+        default=_CHOICE.position_sigma_m,
+        gt=0,
+        le=10,
+        description="1 sigma of the position along its worse direction, m: two times of three the person "
+        "stands nearer to what is stated; a pointing errs by 5 degrees, so that 3 to 5 lamps reach 0.45",
+    )
+    yaw_deg: float = Field(
+        default=_degrees(_CHOICE.yaw_sigma_rad), gt=0, le=90, description="1 sigma of the yaw, degrees"
+    )
+
+
+class DriftConfig(Config):
+    """How poses are followed while the IMU's yaw drifts."""
+
+    rate_sigma_degps: float = Field(
+        default=_degrees(_DRIFT.rate_sigma_radps),
+        gt=0,
+        le=10,
+        description="1 sigma of an IMU's yaw drift before it is known, degrees/s",
+    )
+    anchor_sigma_deg: float = Field(
+        default=_degrees(_DRIFT.anchor_sigma_rad),
+        gt=0,
+        le=30,
+        description="1 sigma of one pointing at a lamp, sideways, degrees",
+    )
+    max_yaw_sigma_deg: float = Field(
+        default=15.0,
+        gt=0,
+        le=180,
+        description="health warns when the yaw is less certain than this, degrees; not below "
+        "trust.max_yaw_sigma_deg, or every pose that was just found would be warned of",
+    )
+
+    def settings(self) -> DriftSettings:
+        """Return it in radians, for the filter."""
+        return DriftSettings(
+            rate_sigma_radps=math.radians(self.rate_sigma_degps),
+            anchor_sigma_rad=math.radians(self.anchor_sigma_deg),
+        )

@@ -1,0 +1,273 @@
+"""Where one person stands, from whatever tells it: the one who decides which procedure runs.
+
+Pure: messages, requests and the time go in; what is to be published comes out.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pointit.schemas import (
+    Environment,
+    ImuSample,
+    Interaction,
+    Localization,
+    PointingRay,
+    SetPose,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.topics import SET_POSE, START_LOCALIZATION
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.outputs import Output, StandBack
+from pointit.services.localizer.procedure_runner import Procedures
+from pointit.services.localizer.procedures.external_pose import OutsidePose, stands_back
+from pointit.services.localizer.procedures.facing import Facing
+from pointit.services.localizer.procedures.lamp_queue import in_turn
+from pointit.services.localizer.tracking.pose_tracking import Tracking
+from pointit.services.localizer.tracking.yaw_origin import YawOrigin
+
+IDLE_S = 2.0
+"""How long nothing need be looked at while nothing is followed."""
+
+NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+Method = Literal["fixed", "static_targets", "moving_target"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a request comes to."""
+
+    message: str
+    outputs: Sequence[Output] = ()
+
+
+class Locating:
+    """Knows the pose that pointing found or somebody gave, and has a procedure run when one is asked for."""
+
+    def __init__(self, user: str, config: LocalizerConfig) -> None:
+        self._user = user
+        self._config = config
+        self._tracking = Tracking(config.drift.settings(), follow=config.track_drift)
+        self._outside = OutsidePose()
+        self._facing = Facing()
+        self._origin = YawOrigin()
+        self._procedures = Procedures(user, config, self._tracking)
+        self._is_cursor_shown = False
+
+    @property
+    def is_busy(self) -> bool:
+        """Return whether a procedure runs and wants to be stepped."""
+        return self._procedures.is_busy
+
+    @property
+    def is_followed(self) -> bool:
+        """Return whether the pose is to be looked at from time to time."""
+        return self._tracking.follows or self._outside.pose is not None
+
+    def begin(self, now_ns: int) -> list[Output]:
+        """Say the first word, and begin what the configuration begins by itself."""
+        out: list[Output] = [Localization(stamp_ns=now_ns, phase="idle")]
+        config = self._config
+        if config.method == "fixed":
+            out.append(self._tracking.given(config.fixed(now_ns), now_ns))
+        elif config.method == "moving_target" and config.autostart:
+            out += self._procedures.follow(now_ns)
+        return out
+
+    def on_map(self, room: Environment, now_ns: int) -> list[Output]:
+        """Take the room."""
+        return self._procedures.on_map(room, now_ns)
+
+    def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
+        """Mind the others who are localized."""
+        return self._procedures.on_localization(news, user, now_ns)
+
+    def on_absence(self, user: str, now_ns: int) -> list[Output]:
+        """Take note that `user`, or their localizer, is not present any more."""
+        return self._procedures.on_absence(user, now_ns)
+
+    def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
+        """Take a ray of the person."""
+        self._facing.add(ray)
+        self._procedures.on_ray(ray)
+        changed = self._tracking.on_ray(ray, now_ns)
+        return [] if changed is None else [changed]
+
+    def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
+        """Take where things are."""
+        self._procedures.on_objects(objects, tracker)
+
+    def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
+        """Take the arm's orientation.
+
+        Where its yaw counts from another origin than before, the pose's yaw is unknown. While no cursor is
+        steered, a resting arm shows the IMU's drift.
+        """
+        change = self._origin.add(sample)
+        out: list[Output] = []
+        if change:
+            self._facing = Facing()
+            pose = self._tracking.lose_yaw(now_ns, is_restarted=change == "restarted")
+            out = [*self._procedures.lose_yaw(now_ns), *([] if pose is None else [pose])]
+        if not self._is_cursor_shown and not self._procedures.is_following:
+            self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns, now_ns)
+        return out
+
+    def on_interaction(self, news: Interaction) -> None:
+        """Take what the person is about."""
+        self._is_cursor_shown = news.state == "pointing"
+        if self._is_cursor_shown:
+            self._tracking.disturb()
+
+    def on_pose(self, pose: UserPose, now_ns: int) -> list[Output]:
+        """Stand back when a tracker gives the pose."""
+        if pose.method != "external":
+            return []
+        is_first = self._outside.hear(pose, now_ns)
+        self._tracking.outside(pose)
+        if not is_first:
+            return []
+        reason = stands_back(self._user)
+        stopped = self._procedures.stop(now_ns, reason)
+        return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), StandBack()]
+
+    def step(self, now_ns: int) -> list[Output]:
+        """Go on with the procedure, if there is one."""
+        return self._procedures.step(now_ns)
+
+    def due(self, now_ns: int) -> list[Output]:
+        """Return the pose when it is time to publish it again."""
+        pose = self._tracking.due(now_ns)
+        return [] if pose is None else [pose]
+
+    def wait_s(self, now_ns: int) -> float:
+        """Return when to ask for what is due again, s."""
+        return min(IDLE_S, self._tracking.wait_s(now_ns))
+
+    def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
+        """Yield name, value and unit of what health shows; no value takes it away."""
+        yield "external pose", 1.0 if self._outside.pose is not None else None, ""
+        yield from self._tracking.figures(now_ns)
+
+    def worry(self, now_ns: int) -> str:
+        """Return what is wrong with the pose and what to do; empty when nothing is."""
+        if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
+            return self._silent(now_ns)
+        if self._tracking.has_lost_yaw:
+            user = self._user
+            return (
+                f"the IMU of {user} was restarted or turned: its yaw is unknown; localize again, point at "
+                f"a lamp (`pointit anchor {user}`), or face a known direction "
+                f"(`pointit pose {user} --facing …`)"
+            )
+        sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
+        if sigma_deg <= self._config.drift.max_yaw_sigma_deg:
+            return ""
+        return (
+            f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "
+            f"point at a lamp once: `pointit anchor {self._user}`, or a double press of the button"
+        )
+
+    def start(self, method: Method | None, now_ns: int) -> Answer | Refusal:
+        """Begin to localize, by `method` or as configured; what cannot begin stops nothing."""
+        method = method or self._config.method
+        if taken := self._outside.busy(self._user, now_ns):
+            return Refusal(taken)
+        if method == "fixed":
+            out = self._procedures.stop(now_ns)
+            self._outside.take_over()
+            out.append(self._tracking.given(self._config.fixed(now_ns), now_ns))
+            out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
+            return Answer("the pose is fixed by the configuration", out)
+        procedures = self._procedures
+        begun = procedures.follow(now_ns) if method == "moving_target" else procedures.at_lamps(now_ns)
+        if isinstance(begun, Refusal):
+            return begun
+        self._outside.take_over()
+        return Answer(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
+
+    def cancel(self, now_ns: int) -> Answer:
+        """Stop what goes on."""
+        out = self._procedures.stop(now_ns)
+        return Answer("cancelled; the last pose stays" if out else "nothing was going on", out)
+
+    def set_pose(self, query: SetPose, now_ns: int) -> Answer | Refusal:
+        """Take the pose from a person."""
+        if taken := self._outside.busy(self._user, now_ns):
+            return Refusal(taken)
+        out = self._procedures.stop(now_ns)
+        self._outside.take_over()
+        pose = UserPose(
+            stamp_ns=now_ns,
+            position_m=query.position_m,
+            yaw_rad=query.yaw_rad,
+            method=query.method,
+            covariance=query.covariance or NO_COVARIANCE,
+            elevation_bias_rad=query.elevation_bias_rad,
+        )
+        if query.covariance is None:
+            out.append(self._tracking.given(pose, now_ns))
+        else:  # pointing told it once, whatever it was before, and its localizer died
+            out.append(self._tracking.given_back(pose, now_ns))
+        return Answer(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
+
+    def set_heading(self, azimuth_rad: float, now_ns: int) -> Answer | Refusal:
+        """Take that the person points towards `azimuth_rad` right now."""
+        if taken := self._outside.busy(self._user, now_ns):
+            return Refusal(taken)
+        if self._procedures.is_busy:
+            return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
+        mean = self._facing.mean(now_ns)
+        if isinstance(mean, Refusal):
+            return mean
+        if self._tracking.base is None or self._outside.pose is not None:
+            if self._config.method != "fixed":
+                return Refusal(self._nowhere())
+            self._outside.take_over()
+            self._tracking.given(self._config.fixed(now_ns), now_ns)
+        result = self._tracking.heading(mean, azimuth_rad, now_ns)
+        pose = self._tracking.pose(now_ns)
+        if not result.accepted or pose is None:
+            return Refusal(result.reason)
+        note = f"; {result.note}" if result.note else ""
+        return Answer(f"the yaw is set; {math.degrees(pose.yaw_rad):.1f}°{note}", [pose])
+
+    def point_anchor(self, asked: str, now_ns: int) -> Answer | Refusal:
+        """Have the person point at the lamp that is `asked` for, or at the one that tells most."""
+        if self._procedures.is_localizing:
+            return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
+        if self._tracking.base is None:
+            return Refusal(self._nowhere())
+        if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
+            return Refusal(self._silent(now_ns))
+        out = self._procedures.anchor(asked, self._facing.eyes_m, now_ns)
+        if isinstance(out, Refusal):
+            return out
+        return Answer(self._queued() or f"point at {self._procedures.lit}", out)
+
+    def stop(self, now_ns: int) -> list[Output]:
+        """End what goes on, lamps off."""
+        return self._procedures.stop(now_ns)
+
+    def _queued(self) -> str:
+        """Return for whom is waited; empty when it has begun."""
+        ahead = self._procedures.ahead
+        return in_turn(self._user, ahead) if ahead else ""
+
+    def _nowhere(self) -> str:
+        user = self._user
+        return (
+            f"no pose of {user} is known; localize first (`pointit call {START_LOCALIZATION.at(user)}`), or "
+            f"set it (`pointit call {SET_POSE.at(user)}`)"
+        )
+
+    def _silent(self, now_ns: int) -> str:
+        age_s = self._outside.age_s(now_ns)
+        return (
+            f"the tracker that gave the pose of {self._user} is silent for {age_s:.0f} s; start it again, or "
+            "localize"
+        )

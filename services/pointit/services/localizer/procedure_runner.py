@@ -1,0 +1,277 @@
+"""What goes on to find out where one person stands: at most one procedure at a time.
+
+Pure: messages, requests and the time go in; what is to be published comes out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pointit.schemas import (
+    NS_PER_S,
+    Anchor,
+    Environment,
+    Lamp,
+    Localization,
+    PointingRay,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.outputs import LampSwitch, Output
+from pointit.services.localizer.procedures import lamps as lamp_choice
+from pointit.services.localizer.procedures.anchoring import Anchoring
+from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
+from pointit.services.localizer.procedures.lamp_queue import Turns, too_long
+from pointit.services.localizer.procedures.moving_target import MovingTarget
+from pointit.services.localizer.procedures.next_target import Acuity, best_for_yaw
+from pointit.services.localizer.procedures.queued_pointing import Make, Waiting, Wish
+from pointit.services.localizer.procedures.static_targets import StaticTargets
+from pointit.services.localizer.tracking.pose_tracking import Tracking
+
+SAY_NS = NS_PER_S
+"""How often who is localized, or waits, says so at least, and lights their lamp again."""
+
+
+class Procedures:
+    """Makes procedures, runs one of them in turn, and gives what it finds to who keeps the pose."""
+
+    def __init__(self, user: str, config: LocalizerConfig, tracking: Tracking) -> None:
+        self._user = user
+        self._config = config
+        self._tracking = tracking
+        self._room: Environment | None = None
+        self._turns = Turns(user)
+        self._wish: Wish | None = None
+        """What the lamps are for that are pointed at, or waited for."""
+        self._running: LampProcedure | MovingTarget | Waiting | None = None
+        self._said_ns = 0
+
+    @property
+    def is_busy(self) -> bool:
+        """Return whether a procedure runs, or waits, and wants to be stepped."""
+        return self._running is not None
+
+    @property
+    def is_localizing(self) -> bool:
+        """Return whether one runs, or waits, that finds the pose, rather than an anchor."""
+        running = self._running
+        if isinstance(running, Waiting):
+            return running.purpose == "pose"
+        return running is not None and not isinstance(running, Anchoring)
+
+    @property
+    def is_following(self) -> bool:
+        """Return whether the arm follows something that moves."""
+        return isinstance(self._running, MovingTarget)
+
+    @property
+    def ahead(self) -> tuple[str, ...]:
+        """Return for whom is waited; empty when nothing is waited for."""
+        return self._running.ahead if isinstance(self._running, Waiting) else ()
+
+    @property
+    def lit(self) -> str:
+        """Return the lamp that is pointed at; empty when none is."""
+        return self._running.lit if isinstance(self._running, LampProcedure) else ""
+
+    def on_map(self, room: Environment, now_ns: int) -> list[Output]:
+        """Take the room; switch off what a localizer that was killed left lit, unless it is somebody's.
+
+        Who points at a lamp that is not there any more tells nothing: that is stopped.
+        """
+        is_first, self._room = self._room is None, room
+        running = self._running
+        if isinstance(running, Waiting):
+            made = running.wish.make(now_ns)
+            if isinstance(made, Refusal):
+                return self._leave_queue(running, now_ns, made.reason)
+            running.lamp_ids = made.lamp_ids
+            return self._wait_on(running, now_ns)
+        if isinstance(running, LampProcedure):
+            change = lamp_choice.change(running.targets, room)
+            reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
+            return self.stop(now_ns, reason) if change else []
+        if not is_first or self._config.method != "static_targets" or running is not None:
+            return []
+        wanted = self._config.lamps
+        ids = [lamp.id for lamp in room.lamps if not wanted or lamp.id in wanted]
+        return [] if self._turns.pointing(ids, now_ns) else [LampSwitch(lamp_id, on=False) for lamp_id in ids]
+
+    def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
+        """Mind the others who are localized: the lamps are theirs who asked first."""
+        if user == self._user:
+            return []
+        return self._mind(now_ns, has_ended=self._turns.hear(user, news, now_ns))
+
+    def on_absence(self, user: str, now_ns: int) -> list[Output]:
+        """Take note that `user`, or their localizer, is gone: their place in the queue is free."""
+        if user == self._user or not self._turns.leave(user):
+            return []
+        return self._mind(now_ns, has_ended=True)
+
+    def on_ray(self, ray: PointingRay) -> None:
+        """Take a ray of the person."""
+        if self._running is not None and not isinstance(self._running, Waiting):
+            self._running.on_ray(ray)
+
+    def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
+        """Take where things are."""
+        if isinstance(self._running, MovingTarget):
+            self._running.on_objects(tracker, objects)
+
+    def lose_yaw(self, now_ns: int) -> list[Output]:
+        """Begin anew, or refuse: rays of two yaw origins do not belong together."""
+        running = self._running
+        if running is None or isinstance(running, Waiting):
+            return []
+        if isinstance(running, MovingTarget):
+            return running.start(now_ns)
+        reason = f"the IMU of {self._user} was restarted or turned meanwhile; start again"
+        return self._passed(running.refuse(now_ns, reason), now_ns)
+
+    def step(self, now_ns: int) -> list[Output]:
+        """Go on with what runs or waits, if something does."""
+        running = self._running
+        if running is None:
+            return []
+        if isinstance(running, Waiting):
+            return self._wait_on(running, now_ns)
+        out = self._passed(running.step(now_ns), now_ns)
+        if isinstance(self._running, LampProcedure) and abs(now_ns - self._said_ns) >= SAY_NS:
+            out += self._say_again(self._running, now_ns)
+        return out
+
+    def follow(self, now_ns: int) -> list[Output]:
+        """Have a robot followed, instead of what goes on."""
+        config = self._config
+        out = self.stop(now_ns)
+        self._running = MovingTarget(config.following(), config.believed(), floor=config.floor())
+        self._tracking.disturb()
+        return [*out, *self._running.start(now_ns)]
+
+    def at_lamps(self, now_ns: int) -> list[Output] | Refusal:
+        """Have the person point at lamps, in turn, instead of what goes on; or return why they cannot."""
+        return self._ask(self._static, now_ns)
+
+    def anchor(self, asked: str, eyes_m: float, now_ns: int) -> list[Output] | Refusal:
+        """Have the person point at the lamp that is `asked` for, or at the one that tells most, in turn.
+
+        A pose must be known.
+        """
+        return self._ask(lambda then_ns: self._anchoring(asked, eyes_m, then_ns), now_ns)
+
+    def stop(self, now_ns: int, reason: str = "") -> list[Output]:
+        """End what goes on, lamps off."""
+        running = self._running
+        if isinstance(running, Waiting):
+            self._running = None
+            return [running.end("cancelled", now_ns, reason)]
+        return [] if running is None else self._passed(running.cancel(now_ns, reason), now_ns)
+
+    def _ask(self, make: Make, now_ns: int) -> list[Output] | Refusal:
+        procedure = make(now_ns)
+        if isinstance(procedure, Refusal):
+            return procedure
+        out = self.stop(now_ns)
+        wish = Wish(make, now_ns)
+        ahead = self._turns.ahead(procedure.lamp_ids, wish.since_ns, now_ns)
+        return [*out, *(self._queue(wish, procedure, ahead, now_ns) or self._begin(wish, procedure, now_ns))]
+
+    def _queue(
+        self, wish: Wish, procedure: LampProcedure, ahead: tuple[str, ...], now_ns: int
+    ) -> list[Output]:
+        """Wait for those `ahead`; for nobody, do nothing."""
+        if not ahead:
+            return []
+        waiting = Waiting(wish, procedure, now_ns, self._config.queue_timeout_s)
+        self._running, self._said_ns = waiting, now_ns
+        return [waiting.say(ahead, now_ns)]
+
+    def _begin(self, wish: Wish, procedure: LampProcedure, now_ns: int) -> list[Output]:
+        self._wish, self._running, self._said_ns = wish, procedure, now_ns
+        return procedure.start(now_ns, wish.since_ns)
+
+    def _wait_on(self, waiting: Waiting, now_ns: int) -> list[Output]:
+        """Begin when it is their turn; say how long the queue is when that is news, and from time to time."""
+        is_too_long = waiting.is_too_long(now_ns)
+        wish = waiting.wish
+        ahead = self._turns.ahead(waiting.lamp_ids, wish.since_ns, now_ns)
+        if not ahead:
+            procedure = wish.make(now_ns)
+            if isinstance(procedure, Refusal):
+                return self._leave_queue(waiting, now_ns, procedure.reason)
+            return self._begin(wish, procedure, now_ns)
+        if is_too_long:
+            reason = too_long(self._user, ahead, self._config.queue_timeout_s)
+            return self._leave_queue(waiting, now_ns, reason)
+        if ahead == waiting.ahead and abs(now_ns - self._said_ns) < SAY_NS:
+            return []
+        self._said_ns = now_ns
+        return [waiting.say(ahead, now_ns)]
+
+    def _leave_queue(self, waiting: Waiting, now_ns: int, reason: str) -> list[Output]:
+        self._running = None
+        return [waiting.end("refused", now_ns, reason)]
+
+    def _mind(self, now_ns: int, *, has_ended: bool) -> list[Output]:
+        """Begin, or let others go first, as what was heard just now demands."""
+        running, wish = self._running, self._wish
+        if isinstance(running, Waiting):
+            return self._wait_on(running, now_ns)
+        if not isinstance(running, LampProcedure) or wish is None:
+            return []
+        first = self._turns.first(running.lamp_ids, running.since_ns, running.begun_ns, now_ns)
+        if first:
+            again = replace(wish, since_ns=running.since_ns)
+            return [*running.withdraw(), *self._queue(again, running, first, now_ns)]
+        return self._say_again(running, now_ns) if has_ended else []  # they may have switched our lamp off
+
+    def _static(self, _now_ns: int) -> StaticTargets | Refusal:
+        config = self._config
+        lamps = lamp_choice.for_a_pose(self._room, config.lamps, config.choice())
+        if isinstance(lamps, Refusal):
+            return lamps
+        return StaticTargets(lamps, config.timing(), config.believed(), config.choice(), floor=config.floor())
+
+    def _anchoring(self, asked: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
+        config = self._config
+        lamps = lamp_choice.for_an_anchor(self._room, config.lamps, asked)
+        if isinstance(lamps, Refusal):
+            return lamps
+        occupied = set(config.lamps)
+        if not occupied and self._room is not None:  # theirs are all: another that is lit would mislead
+            occupied = {lamp.id for lamp in self._room.lamps}
+        lamp = self._telling(lamps, eyes_m, now_ns)
+        return Anchoring(lamp, self._tracking.anchor, config.timing(), config.steadiness(), occupies=occupied)
+
+    def _telling(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
+        """Return the lamp that tells most about the yaw."""
+        place, covariance = self._tracking.uncertainty(now_ns)
+        drift = self._config.drift.settings()
+        acuity = Acuity(
+            ray_sigma_rad=drift.anchor_sigma_rad,
+            elevation_sigma_rad=drift.elevation_sigma_rad,
+            eyes_m=eyes_m,
+        )
+        places = [lamp.position_m for lamp in lamps]
+        return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]
+
+    def _say_again(self, procedure: LampProcedure, now_ns: int) -> list[Output]:
+        self._said_ns = now_ns
+        return procedure.again(now_ns)
+
+    def _passed(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
+        """Return what a procedure gave, its pose as it is followed from now on; forget one that has ended."""
+        running, out = self._running, list[Output]()
+        for output in outputs:
+            if isinstance(output, UserPose) and isinstance(running, StaticTargets | MovingTarget):
+                out.append(self._tracking.found(output, *running.times_ns, now_ns))
+                continue
+            out.append(output)
+            if isinstance(output, Anchor) and output.accepted:
+                pose = self._tracking.pose(now_ns)
+                out += [] if pose is None else [pose]
+        if isinstance(running, LampProcedure | MovingTarget) and not running.running:
+            self._running = None
+        return out

@@ -1,0 +1,1 @@
+"""Localization procedures: static lamps, moving targets, external trackers."""

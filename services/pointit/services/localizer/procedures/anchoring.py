@@ -1,0 +1,91 @@
+"""Pointing at one lamp to set the pose right: "point at the lamp once" (pointing.md §3, §4).
+
+Pure: rays and the time go in; the lamp, progress and the anchor come out.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from pointit.schemas import Lamp
+from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.outputs import Judged, Output
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steadiness:
+    """What makes a hold an anchor."""
+
+    max_spread_rad: float = math.radians(3.0)
+    """Rms of the rays about their mean."""
+    min_samples: int = 10
+
+
+class Anchoring(LampProcedure):
+    """One pointing at one lamp; `start` begins it again."""
+
+    PURPOSE: ClassVar[Literal["pose", "anchor"]] = "anchor"
+
+    def __init__(
+        self,
+        lamp: Lamp,
+        judge: Callable[[Lamp, Mean, str, int], Judged],
+        timing: Timing | None = None,
+        steadiness: Steadiness | None = None,
+        *,
+        occupies: Iterable[str] = (),
+    ) -> None:
+        """Prepare.
+
+        Args:
+            lamp: to point at.
+            judge: returns what becomes of the anchor that lamp and mean ray make, and does with it what is
+                to be done; the text is why it must not be taken, mostly empty, the number the time, ns.
+            timing: how long the lamp is lit.
+            steadiness: what is demanded.
+            occupies: ids of the lamps that nobody else may use meanwhile, besides `lamp`.
+        """
+        self._steadiness = steadiness if steadiness is not None else Steadiness()
+        super().__init__((lamp.id, *occupies), timing, self._steadiness.min_samples, "ask again")
+        self._target = lamp
+        self._judge = judge
+
+    @property
+    def targets(self) -> Sequence[Lamp]:
+        """Return the one lamp."""
+        return (self._target,)
+
+    def _forget(self) -> None:
+        """Have nothing to forget: the hold is new each time."""
+
+    def _next_lamp(self) -> Lamp:
+        return self._target
+
+    def _held(self, now_ns: int) -> list[Output]:
+        mean = ray_math.mean(self._hold.rays)
+        if mean is None:
+            return self._end(now_ns, "the rays point to all sides; hold the arm still and try again")
+        limit_rad = self._steadiness.max_spread_rad
+        wrong = ""
+        if mean.spread_rad > limit_rad:
+            wrong = (
+                f"the arm wandered by {math.degrees(mean.spread_rad):.1f}° while {self._lamp.id} was lit and "
+                f"at most {math.degrees(limit_rad):.1f}° is accepted; hold it still and try again"
+            )
+        judged = self._judge(self._lamp, mean, wrong, now_ns)
+        anchor = judged.anchor
+        if not judged.is_done:
+            return [anchor, *self._end(now_ns, anchor.reason)]
+        self._running = False
+        return [
+            self._switch(on=False),
+            anchor,
+            self._localization(now_ns, "solved", progress=1.0, reason=anchor.reason),
+        ]
+
+    def _share(self, now_ns: int) -> float:
+        return self._hold.share(now_ns)

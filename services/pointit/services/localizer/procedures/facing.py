@@ -1,0 +1,70 @@
+"""Where the person points right now: "face the wall and press"."""
+
+import math
+from collections import deque
+
+from pointit.geometry import vector
+from pointit.schemas import NS_PER_S, PointingRay
+from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.procedures.clock_step import BACK_NS
+from pointit.services.localizer.procedures.next_target import EYES_M
+
+RECENT_S = 0.5
+"""Over so long the rays are averaged."""
+
+FRESH_S = 0.3
+"""The newest of them must not be older."""
+
+FEWEST_RAYS = 5
+
+MOST_RAYS = 1024
+"""However fast they come."""
+
+STEEPEST_RAD = math.radians(60.0)
+"""A steeper arm does not tell a direction."""
+
+
+class Facing:
+    """Keeps the newest rays."""
+
+    def __init__(self, max_spread_rad: float = math.radians(2.0)) -> None:
+        self._max_spread_rad = max_spread_rad
+        self._rays: deque[PointingRay] = deque(maxlen=MOST_RAYS)
+
+    def add(self, ray: PointingRay) -> None:
+        """Take `ray` unless it is a repeated one; after a clock was set back it begins anew."""
+        rays = self._rays
+        if rays and ray.stamp_ns < rays[-1].stamp_ns - BACK_NS:
+            rays.clear()
+        if rays and ray.stamp_ns <= rays[-1].stamp_ns:
+            return
+        rays.append(ray)
+        while rays[0].stamp_ns < ray.stamp_ns - round(RECENT_S * NS_PER_S):
+            rays.popleft()
+
+    @property
+    def eyes_m(self) -> float:
+        """Return the height of the eyes over the floor, by the newest ray."""
+        return self._rays[-1].origin_m[2] if self._rays else EYES_M
+
+    def mean(self, now_ns: int) -> Mean | Refusal:
+        """Return the mean of the newest rays, or why they tell no direction."""
+        rays = self._rays
+        if len(rays) < FEWEST_RAYS or rays[-1].stamp_ns < now_ns - round(FRESH_S * NS_PER_S):
+            return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
+        mean = ray_math.mean(list(rays))
+        if mean is None or mean.spread_rad > self._max_spread_rad:
+            wandered = "" if mean is None else f" by {math.degrees(mean.spread_rad):.1f}°"
+            return Refusal(
+                f"the arm moves{wandered} and at most {math.degrees(self._max_spread_rad):.1f}° is accepted; "
+                "point at the wall, hold still and ask again"
+            )
+        elevation_rad = vector.elevation(mean.direction)
+        if abs(elevation_rad) > STEEPEST_RAD:
+            return Refusal(
+                f"the arm points {math.degrees(elevation_rad):+.0f}° up, too steeply to tell a direction; "
+                "point level at the wall and ask again"
+            )
+        return mean

@@ -1,0 +1,89 @@
+"""Which lamps of the room a person can be asked to point at."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pointit.schemas import Environment, Lamp
+from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
+from pointit.services.localizer.procedures.target_plan import Choice
+
+MOST_NAMED = 4
+"""Of more lamps a sentence names the first ones."""
+
+
+def usable(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Refusal:
+    """Return the lamps called `wanted`, in that order, or all when none are named; or why that cannot be."""
+    if room is None:
+        return Refusal("there is no map yet; start pui, which publishes it")
+    known = {lamp.id: lamp for lamp in room.lamps}
+    missing = [lamp_id for lamp_id in wanted if lamp_id not in known]
+    if missing:
+        return Refusal(
+            f"lamps {', '.join(missing)} are not on map {room.name!r}, which has "
+            f"{', '.join(known) or 'none'}; correct `lamps`"
+        )
+    return [known[lamp_id] for lamp_id in wanted] if wanted else list(known.values())
+
+
+def for_a_pose(
+    room: Environment | None, wanted: tuple[str, ...], choice: Choice | None = None
+) -> list[Lamp] | Refusal:
+    """Return lamps of which those that are lit can tell a pose, or why there are none.
+
+    Args:
+        room: the map; none: there is none yet.
+        wanted: ids; empty: all of the map.
+        choice: which of them are lit; none: all.
+    """
+    lamps = usable(room, wanted)
+    if isinstance(lamps, Refusal):
+        return lamps
+    used = choice.used(lamps) if choice is not None else lamps
+    needs = "pointing at lamps needs two at different places"
+    if len(used) < 2:
+        name = "" if room is None else room.name
+        return Refusal(f"{needs}, map {name!r} gives {len(used)}; add lamps to the map, or correct `lamps`")
+    spread_m = np.ptp([lamp.position_m for lamp in used], axis=0)
+    if float(spread_m.max()) < SAME_PLACE_M:
+        return Refusal(f"{needs}, and {_named(used)} are at one; add one elsewhere, or correct the map")
+    if float(spread_m[:2].max()) < SAME_PLACE_M:
+        return Refusal(
+            f"{_named(used)} are above one another, which tells no direction; add a lamp to the side, or "
+            "correct the map"
+        )
+    return lamps
+
+
+def change(lamps: Sequence[Lamp], room: Environment) -> str:
+    """Return what became of `lamps` on a new map, as in `lamp a left`; empty when all are where they were."""
+    places = {lamp.id: lamp.position_m for lamp in room.lamps}
+    for lamp in lamps:
+        place_m = places.get(lamp.id)
+        if place_m is None:
+            return f"lamp {lamp.id} left"
+        moved_m = math.dist(place_m, lamp.position_m)
+        if moved_m > SAME_PLACE_M:
+            return f"lamp {lamp.id} moved by {moved_m:.2f} m"
+    return ""
+
+
+def _named(lamps: Sequence[Lamp]) -> str:
+    names = [lamp.id for lamp in lamps[:MOST_NAMED]]
+    if len(lamps) > MOST_NAMED:
+        return f"{', '.join(names)} and {len(lamps) - MOST_NAMED} more"
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def for_an_anchor(room: Environment | None, wanted: tuple[str, ...], asked: str) -> list[Lamp] | Refusal:
+    """Return the lamp that was `asked` for, or those to choose from; or why there is none."""
+    lamps = usable(room, (asked,) if asked else wanted)
+    if isinstance(lamps, Refusal):
+        return (
+            Refusal(lamps.reason.replace("; correct `lamps`", "; ask for one of those")) if asked else lamps
+        )
+    if not lamps:
+        name = "" if room is None else room.name
+        return Refusal(f"pointing at a lamp needs one, map {name!r} has none; add it to the map")
+    return lamps

@@ -1,0 +1,163 @@
+"""Localization by pointing at lamps that are lit one after the other (paper, §III-B).
+
+In the order given (two of them are the paper's case), or each time the one that tells most: as many as were
+asked for, or until the pose is sure enough. Pure: rays and the time go in, lamps to switch, progress and the
+pose come out.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pointit.schemas import NS_PER_S, Lamp, PointingRay
+from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.outputs import Floor, Output, extent, pose_message
+from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
+from pointit.services.localizer.procedures.next_target import EYES_M, Acuity, next_target
+from pointit.services.localizer.procedures.target_plan import Choice
+
+FEWEST = 2
+"""Lamps before a pose can be tried."""
+
+WORTHWHILE = 0.9
+"""A lamp comes again when the hold before has made the pose surer by this factor, or the pose will not do."""
+
+
+class StaticTargets(LampProcedure):
+    """One run of the procedure; `start` begins it again."""
+
+    def __init__(
+        self,
+        lamps: Sequence[Lamp],
+        timing: Timing | None = None,
+        trust: Trust | None = None,
+        choice: Choice | None = None,
+        *,
+        floor: Floor | None = None,
+    ) -> None:
+        """Take the lamps in the order in which they are lit, at least one."""
+        self._lamps = tuple(lamps)
+        self._trust = trust if trust is not None else Trust()
+        self._choice = choice if choice is not None else Choice()
+        self._floor = floor if floor is not None else Floor()
+        self._most = self._choice.most(len(self._lamps))
+        shared = self._most if self._choice.order == "given" or self._choice.targets else FEWEST
+        super().__init__(
+            (lamp.id for lamp in lamps), timing, -(-self._trust.min_samples // shared), "start again"
+        )
+        self._forget()
+
+    @property
+    def targets(self) -> Sequence[Lamp]:
+        """Return the lamps that are, were or may be pointed at."""
+        return self._choice.used(self._lamps)
+
+    @property
+    def times_ns(self) -> tuple[int, int]:
+        """Return when the first ray was captured, and when the middle one was; -1 when there is none."""
+        rays = self._rays
+        return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
+
+    @property
+    def _rays(self) -> list[PointingRay]:
+        return [ray for hold, _ in self._holds for ray in hold.rays]
+
+    def _forget(self) -> None:
+        self._solution: Solution | None = None
+        """With what was gathered so far, however uncertain."""
+        self._lacking = math.inf
+        """How many times less certain than what is sure enough."""
+
+    def _next_lamp(self) -> Lamp:
+        """Return the lamp to light now."""
+        if self._choice.order == "given":
+            return self._lamps[len(self._holds)]
+        trust, rays, solution = self._trust, self._rays, self._solution
+        acuity = Acuity(
+            ray_sigma_rad=trust.act_sigma_rad,
+            elevation_sigma_rad=trust.elevation_sigma_rad,
+            bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
+            body_sigma_m=trust.body_sigma_m,
+            eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
+        )
+        chosen = [lamp.id for _, lamp in self._holds]
+        best = next_target(
+            [lamp.position_m for lamp in self._lamps],
+            [chosen.count(lamp.id) for lamp in self._lamps],
+            acuity,
+            floor_m=self._floor.height_m,
+            place_m=None if solution is None else (solution.x_m, solution.y_m),
+        )
+        return self._lamps[best]
+
+    def _held(self, now_ns: int) -> list[Output]:
+        """Light the next lamp, or end."""
+        off = self._switch(on=False)
+        count = len(self._holds)
+        if self._choice.order == "given":
+            if count < self._most:
+                return [off, *self._light(now_ns)]
+            return self._finish(now_ns, self._solve(self._trust))
+        result = self._solve(self._trust) if count >= FEWEST else None
+        sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
+        self._solution = sofar if isinstance(sofar, Solution) else None
+        before, self._lacking = self._lacking, self._choice.lack(self._solution)
+        if result is None or (count < self._most and self._goes_on(result, before)):
+            return [off, *self._light(now_ns)]
+        return self._finish(now_ns, result)
+
+    def _goes_on(self, result: Solution | Refusal, before: float) -> bool:
+        """Return whether another hold is worth the person's while.
+
+        Where the number is given, it is. Else until the pose is sure enough; but once all lamps were used,
+        and the pose will do, only as long as it still gains.
+        """
+        if isinstance(result, Refusal) or self._choice.targets:
+            return True
+        is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
+        return self._lacking > 1.0 and (is_new or self._lacking < WORTHWHILE * before)
+
+    def _solve(self, trust: Trust) -> Solution | Refusal:
+        rays = self._rays
+        targets = [lamp.position_m for hold, lamp in self._holds for _ in hold.rays]
+        stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
+        positions = np.array(targets, dtype=np.float64).reshape(-1, 3)
+        pointings = Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions)
+        return solve(pointings, ray_math.believed(trust, rays), floor_m=self._floor.height_m)
+
+    def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
+        if isinstance(result, Refusal):
+            reason, tried = result.reason, len(self._holds)
+            if self._choice.order == "informative" and tried > FEWEST:
+                reason = f"after pointing {tried} times {reason}"
+            return self._end(now_ns, reason, result.residual_rad)
+        self._solution = result
+        self._running = False
+        return [
+            self._switch(on=False),
+            pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._floor),
+            self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
+        ]
+
+    def _share(self, now_ns: int) -> float:
+        return (len(self._holds) - 1 + self._hold.share(now_ns)) / self._count
+
+    @property
+    def _count(self) -> int:
+        return max(len(self._holds), self._choice.planned(len(self._lamps)))
+
+    @property
+    def _sigmas(self) -> tuple[float | None, float | None]:
+        solution = self._solution
+        if solution is None:
+            return None, None
+        return extent(solution.position_sigma_m), extent(solution.yaw_sigma_rad)
+
+
+def _lax(trust: Trust) -> Trust:
+    """Return `trust` for a pose so far: how uncertain it is does not matter."""
+    return replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)

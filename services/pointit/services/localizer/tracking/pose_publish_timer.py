@@ -1,0 +1,75 @@
+"""When a pose that changes by itself is published again, and with which stamp."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from pointit.schemas import NS_PER_S, UserPose
+from pointit.services.localizer.drift.filter import DriftPose
+
+SHORTEST_S = 0.2
+"""The pose is published at most this often while it drifts."""
+
+LONGEST_S = 2.0
+"""It is published at least this often."""
+
+NOTICEABLE_RAD = math.radians(0.1)
+NOTICEABLE_SHARE = 0.05
+"""A change of the yaw, and one of a sigma as a share of it, that is worth a message."""
+
+AHEAD_NS = NS_PER_S
+"""Who published a pose further ahead of the time did so before the clock was set back."""
+
+
+class Pace:
+    """Remembers what was published."""
+
+    def __init__(self) -> None:
+        self._last: UserPose | None = None
+        self._newest_ns = 0
+        """Stamp of the newest pose, whoever published it."""
+
+    def heard(self, stamp_ns: int) -> None:
+        """Take note that somebody else published a pose."""
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+
+    def stamped(self, pose: UserPose, now_ns: int) -> UserPose:
+        """Return `pose` to be published now, newer than every one before: readers take the newest."""
+        if self._newest_ns > now_ns + AHEAD_NS:
+            self._newest_ns = 0
+        self._newest_ns = max(pose.stamp_ns, self._newest_ns + 1)
+        if pose.stamp_ns != self._newest_ns:
+            pose = pose.model_copy(update={"stamp_ns": self._newest_ns})
+        self._last = pose
+        return pose
+
+    def is_due(self, now: DriftPose) -> bool:
+        """Return whether the pose of now is to be published."""
+        last = self._last
+        if last is None:
+            return True
+        passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
+        if passed_s < -AHEAD_NS / NS_PER_S or passed_s >= LONGEST_S:
+            return True
+        return passed_s >= SHORTEST_S and _has_changed(last, now)
+
+    def wait_s(self, now_ns: int, at: Callable[[int], DriftPose]) -> float:
+        """Return how long to wait until the pose may be due, s; `at` tells it at a time."""
+        last = self._last
+        if last is not None:
+            for wait_s in (SHORTEST_S, 0.5, 1.0):
+                if _has_changed(last, at(now_ns + round(wait_s * NS_PER_S))):
+                    return wait_s
+        return LONGEST_S
+
+
+def _has_changed(last: UserPose, now: DriftPose) -> bool:
+    c = last.covariance
+    yaw_sigma = math.sqrt(max(0.0, c[8]))
+    position_sigma = math.sqrt(max(0.0, float(np.linalg.eigvalsh([[c[0], c[1]], [c[3], c[4]]])[-1])))
+    return (
+        abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
+        or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma
+        or abs(now.position_sigma_m - position_sigma) > NOTICEABLE_SHARE * position_sigma
+    )

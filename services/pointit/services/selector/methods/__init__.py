@@ -1,0 +1,1 @@
+"""Selection methods: hold, fraction, gauge."""

@@ -1,0 +1,195 @@
+"""One person who points: what they hover, how steadily, and when that fires."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pointit.schemas import NS_PER_S, Cursor
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.methods.dwell import Dwell
+from pointit.services.selector.methods.gauge import Gauges
+from pointit.services.selector.methods.ray_speed import Steadiness
+from pointit.services.selector.objects.view import View
+
+SET_BACK_NS = 2 * NS_PER_S
+"""A stamp that is earlier by more comes of a clock that was set back, an earlier one is late."""
+
+HISTORY_NS = NS_PER_S
+"""So long it is remembered what was hovered."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pointed:
+    """What came of one cursor."""
+
+    object_id: str | None
+    """Hovered."""
+    fired: str | None
+    """Object on which the person stayed long enough."""
+    progress: float
+    """Towards that, 0 to 1; 0 while it is too little to be shown."""
+    is_shown: bool
+    """Whether it is enough to be shown: from then on the object is reserved."""
+
+
+class Pointer:
+    """Follows one person's cursors with the configured method."""
+
+    def __init__(self, config: SelectorConfig) -> None:
+        gauge = config.gauge
+        self._snap_rad = math.radians(gauge.snap_deg)
+        self._sparse_rad = math.radians(gauge.sparse_deg)
+        self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
+        self._gap_ns = round(config.longest_gap_s * NS_PER_S)
+        self._steadiness = Steadiness(gauge.speed_window_s)
+        self._set_method(config)
+        self.hovered: str | None = None
+        """With the last cursor."""
+        self._ready: str | None = None
+        self._stamp_ns: int | None = None
+        self._press_ns: int | None = None
+        self._history: deque[tuple[int, str | None]] = deque()
+        """What was hovered since when."""
+
+    def use(self, config: SelectorConfig) -> None:
+        """Take another method, or other times of it: progress begins anew.
+
+        What was toggled and not left since still does nothing until it is left.
+        """
+        latched = set((self._gauges if self._dwell is None else self._dwell).latched)
+        self._set_method(config)
+        for object_id in latched:
+            self.latch(object_id)
+
+    def is_timely(self, stamp_ns: int) -> bool:
+        """Return whether a cursor of `stamp_ns` is new; after a clock was set back all begins anew."""
+        if self._stamp_ns is None or stamp_ns > self._stamp_ns:
+            return True
+        if self._stamp_ns - stamp_ns <= SET_BACK_NS:
+            return False
+        self._forget()
+        return True
+
+    def step(
+        self, cursor: Cursor, view: View | None, under: str | None, acts: Callable[[str], bool]
+    ) -> Pointed:
+        """Take a timely cursor.
+
+        Args:
+            cursor: whose stamp counts.
+            view: the objects along its ray; none: it has no ray, or nothing is there.
+            under: the object it is on by metres, for the methods of the paper and cursors without a ray.
+            acts: whether staying on an object would do anything.
+        """
+        stamp_ns = cursor.stamp_ns
+        if self._stamp_ns is not None and stamp_ns - self._stamp_ns > self._gap_ns:
+            self._steadiness.clear()
+        self._stamp_ns = stamp_ns
+        if self._dwell is None:
+            pointed = self._fill(cursor, view, under, acts)
+        else:
+            pointed = self._stay(self._dwell, stamp_ns, under, acts)
+        if pointed.fired is not None and self._config.confirm == "press":
+            self._ready = pointed.fired
+        if pointed.object_id != self._ready:
+            self._ready = None
+        elif self._ready is not None:
+            pointed = Pointed(pointed.object_id, None, 1.0, is_shown=True)
+        self._remember(stamp_ns, pointed.object_id)
+        return pointed
+
+    def press(self, stamp_ns: int) -> str | None:
+        """Return what was hovered shortly before the press of `stamp_ns`; none: nothing, or it is old."""
+        if self._press_ns is not None and -SET_BACK_NS <= stamp_ns - self._press_ns <= 0:
+            return None
+        self._press_ns = stamp_ns
+        meant_ns = stamp_ns - round(self._config.look_back_s * NS_PER_S)
+        if self._stamp_ns is None or meant_ns - self._stamp_ns > self._gap_ns:
+            return None  # the last cursor is too old to say
+        for since_ns, object_id in reversed(self._history):
+            if since_ns <= meant_ns:
+                return object_id
+        return None
+
+    def latch(self, object_id: str) -> None:
+        """Have staying on `object_id` do nothing until it is left: it was changed in another way."""
+        (self._gauges if self._dwell is None else self._dwell).latch(object_id)
+        self._ready = None
+
+    def is_latched(self, object_id: str) -> bool:
+        """Return whether staying on `object_id` does nothing until it is left."""
+        return object_id in (self._gauges if self._dwell is None else self._dwell).latched
+
+    def _set_method(self, config: SelectorConfig) -> None:
+        self._config = config
+        self._gauges = Gauges(
+            drain_share=config.gauge.drain_share,
+            leave_s=config.gauge.leave_s,
+            longest_gap_s=config.longest_gap_s,
+            full_s=config.gauge.full_s,
+        )
+        self._dwell = (
+            None
+            if config.method == "gauge"
+            else Dwell(
+                config.method,
+                window_s=config.window_s,
+                timestep_s=config.timestep_s,
+                fraction=config.fraction,
+                release_s=config.release_s,
+                longest_gap_s=config.longest_gap_s,
+            )
+        )
+
+    def _forget(self) -> None:
+        self._gauges.clear()
+        if self._dwell is not None:
+            self._dwell.clear()
+        self._steadiness.clear()
+        self._history.clear()
+        self.hovered = self._ready = self._stamp_ns = self._press_ns = None
+
+    def _fill(
+        self, cursor: Cursor, view: View | None, under: str | None, acts: Callable[[str], bool]
+    ) -> Pointed:
+        gauge = self._config.gauge
+        gauges = self._gauges
+        hovered, fills, full_s, near = under, True, gauge.full_s, set[str]()
+        if cursor.direction is not None:
+            self._steadiness.add(cursor.stamp_ns, cursor.direction)
+        if view is not None:
+            hovered = view.pick(self.hovered, self._snap_rad, gauge.hysteresis)
+            latched = gauges.latched
+            if latched:
+                near = view.near(latched, self._snap_rad, gauge.leave_factor)
+        elif under is not None:
+            near = {under}
+        if hovered is not None and view is not None:
+            rate = self._steadiness.rate()
+            fills = rate is not None and view.relative_rate(hovered, rate) < self._steady_rad_s
+            if gauge.sparse_full_s != full_s and view.is_lone(self._sparse_rad):
+                full_s = gauge.sparse_full_s
+        fills = fills and hovered is not None and acts(hovered)
+        fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, near=near)
+        self.hovered = hovered
+        if hovered is None:
+            return Pointed(None, fired, 0.0, is_shown=False)
+        is_shown = gauges.filled_s(hovered) >= self._config.show_after_s
+        return Pointed(hovered, fired, gauges.fill(hovered) if is_shown else 0.0, is_shown)
+
+    def _stay(self, dwell: Dwell, stamp_ns: int, under: str | None, acts: Callable[[str], bool]) -> Pointed:
+        fired = dwell.step(stamp_ns, under)
+        self.hovered = under
+        if under is None or not acts(under):
+            return Pointed(under, fired, 0.0, is_shown=False)
+        progress = dwell.progress(under)
+        is_shown = progress > 0.0 and progress * self._config.window_s >= self._config.show_after_s
+        return Pointed(under, fired, progress if is_shown else 0.0, is_shown)
+
+    def _remember(self, stamp_ns: int, object_id: str | None) -> None:
+        history = self._history
+        if not history or history[-1][1] != object_id:
+            history.append((stamp_ns, object_id))
+        while len(history) > 1 and history[1][0] < stamp_ns - HISTORY_NS:
+            history.popleft()

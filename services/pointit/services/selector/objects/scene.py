@@ -1,0 +1,217 @@
+"""Where objects are seen from somebody's eyes: as angles to their ray, at the time of their ray."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
+from pointit.schemas.pointing import LINES
+from pointit.services.selector.objects.lines import Lines
+from pointit.services.selector.objects.view import OnLine, Seen, View
+
+Array = NDArray[np.float64]
+
+NEAREST_M = 1e-3
+"""Nothing is nearer to the eyes."""
+
+HAIR_M = 1e-6
+
+MOST_SEEN = 32
+"""Of more objects near a ray, those at the smallest angles are seen."""
+
+STRAIGHT_M = 0.02
+"""A way so short is straight: on an arc of 0.5 m radius that is wrong by 0.4 mm."""
+
+OPAQUE = frozenset({"box", "cylinder", "sphere"})
+"""Solids that hide what is behind them; planes are floors and table tops, on which things stand."""
+
+XYZ = np.ones(3)
+
+
+class Scene:
+    """Knows the map's lines and every tracker's objects, and sees them from any eyes at any time."""
+
+    def __init__(
+        self,
+        *,
+        stale_after_s: float = 1.0,
+        display_lag_s: float = 0.0,
+        reach_rad: float = math.radians(10.0),
+        leave_factor: float = 1.5,
+        aim: Literal["cursor", "ray"] = "cursor",
+    ) -> None:
+        """Begin with an empty room.
+
+        Args:
+            stale_after_s: objects whose list is farther from a ray in time are not seen.
+            display_lag_s: at t people see an object where it was that much earlier.
+            reach_rad: objects are near a ray within this beside `leave_factor` times their half width.
+            leave_factor: see there; who is farther from an object has left it.
+            aim: angles are taken from the ray; with `cursor`, where that is on a line, from the direction
+                in which it is shown. A line shows nothing of how far the ray passes beside it, so people
+                cannot correct that: their ray may pass by degrees while the light is on the object.
+        """
+        self._stale_s = stale_after_s
+        self._lag_s = display_lag_s
+        self._reach_rad = reach_rad
+        self._leave_factor = leave_factor
+        self._aims_at_cursor = aim == "cursor"
+        self._lines = Lines({})
+        self._listings: dict[str, TrackedObjects] = {}
+        self._set([], [])
+
+    def on_map(self, environment: Environment) -> None:
+        """Take the lines of the map; one without length is none."""
+        lines: dict[tuple[str, str], Polyline] = {}
+        for surface, those in (("strip", environment.strips), ("belt", environment.belts)):
+            for item in those:
+                try:
+                    lines[surface, item.id] = Polyline(item.line_m)
+                except ValueError:
+                    continue  # whoever publishes the map complains about it; its objects move straight on
+        self._lines = Lines(lines)
+        self._relist()
+
+    def update(self, tracker: str, message: TrackedObjects) -> None:
+        """Take the list of `tracker` in place of its last one."""
+        self._listings[tracker] = message
+        self._relist()
+
+    def forget(self, tracker: str) -> None:
+        """Forget what `tracker` listed."""
+        if self._listings.pop(tracker, None) is not None:
+            self._relist()
+
+    def look(self, cursor: Cursor) -> View | None:
+        """Return how the objects lie about the ray of `cursor`; none when it has none or nothing is there."""
+        direction = cursor.direction
+        if cursor.origin_m is None or direction is None or not self._tracked:
+            return None
+        age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
+        elapsed_s = age_s - self._lag_s
+        if self._ages_s is not None:
+            centers_m = self._moved_m(elapsed_s + self._ages_s)
+        elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
+            centers_m = self._centers_m + self._velocities_mps * elapsed_s
+        else:
+            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
+        reach_m = centers_m - cursor.origin_m
+        # a hair more than it is: nothing is divided by zero, and cosines stay above -1
+        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
+        aim = direction
+        if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
+            shown = vector.subtract(cursor.point_m, cursor.origin_m)
+            aim = vector.normalized(shown) if vector.norm(shown) > NEAREST_M else direction
+        angles = np.arccos(np.minimum(reach_m @ aim / ranges_m, 1.0))
+        near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
+        if len(near) > MOST_SEEN:
+            near = near[angles[near].argpartition(MOST_SEEN)[:MOST_SEEN]]
+        seen = [
+            self._seen(index, cursor, centers_m, angle, range_m)
+            for index, angle, range_m in zip(
+                near.tolist(), angles[near].tolist(), ranges_m[near].tolist(), strict=True
+            )
+            if self._is_fresh(index, age_s) and not _is_hidden(range_m - self._halves_m[index], cursor)
+        ]
+        return View(direction, seen)
+
+    def _seen(self, index: int, cursor: Cursor, centers_m: Array, angle_rad: float, range_m: float) -> Seen:
+        tracked = self._tracked[index]
+        x, y, z = centers_m[index].tolist()
+        center_m = (x, y, z)
+        half_m = tracked.length_m / 2.0
+        range_m = max(range_m, NEAREST_M)
+        along, velocity_mps, place = (0.0, 0.0, 0.0), tracked.velocity_mps, None
+        across = 1.0
+        if index < self._on_lines:
+            age_s = 0.0 if self._ages_s is None else float(self._ages_s[index])
+            elapsed_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S - self._lag_s + age_s
+            position_m = tracked.surface_position_m + tracked.surface_speed_mps * elapsed_s
+            line = self._lines.line(tracked.surface, tracked.surface_id)
+            along = self._tangents[index]
+            if not self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
+                along = line.tangent_at(position_m)
+            velocity_mps = vector.scale(along, tracked.surface_speed_mps)
+            place = OnLine(tracked.surface, tracked.surface_id, position_m, line)
+            reach = vector.subtract(center_m, cursor.origin_m or center_m)
+            foreshortened = vector.dot(along, reach) / range_m
+            across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
+        return Seen(
+            tracked.id,
+            angle_rad,
+            math.atan(half_m * across / range_m),
+            center_m,
+            velocity_mps,
+            along,
+            half_m,
+            range_m,
+            place,
+        )
+
+    def _is_fresh(self, index: int, age_s: float) -> bool:
+        if self._ages_s is not None:
+            age_s += float(self._ages_s[index])
+        return abs(age_s) <= self._stale_s
+
+    def _moved_m(self, elapsed_s: Array) -> Array:
+        """Return the centres after `elapsed_s` (n): along their lines, or straight on."""
+        count = self._on_lines
+        centers_m = self._centers_m + self._velocities_mps * elapsed_s[:, None]
+        if count:
+            along_m = self._along_m + self._speeds_mps * elapsed_s[:count]
+            centers_m[:count] = self._beside_m + self._lines.at(self._which, along_m)[0]
+        return centers_m
+
+    def _relist(self) -> None:
+        on_lines: list[tuple[TrackedObject, int]] = []
+        free: list[tuple[TrackedObject, int]] = []
+        for message in self._listings.values():
+            for tracked in message.objects:
+                is_on_line = self._lines.has(tracked.surface, tracked.surface_id)
+                (on_lines if is_on_line else free).append((tracked, message.stamp_ns))
+        self._set(on_lines, free)
+
+    def _set(
+        self, on_lines: Sequence[tuple[TrackedObject, int]], free: Sequence[tuple[TrackedObject, int]]
+    ) -> None:
+        everything = [*on_lines, *free]
+        self._tracked = [tracked for tracked, _ in everything]
+        stamps_ns = [stamp_ns for _, stamp_ns in everything]
+        self._base_ns = max(stamps_ns, default=0)
+        self._ages_s: Array | None = None
+        if min(stamps_ns, default=0) != self._base_ns:  # of several trackers
+            self._ages_s = np.array([(self._base_ns - stamp_ns) / NS_PER_S for stamp_ns in stamps_ns])
+        count = self._on_lines = len(on_lines)
+        lined = self._tracked[:count]
+        self._halves_m: Array = np.array([one.length_m / 2.0 for one in self._tracked])
+        self._centers_m: Array = np.array([one.position_m for one in self._tracked]).reshape(-1, 3)
+        self._velocities_mps: Array = np.array([one.velocity_mps for one in self._tracked]).reshape(-1, 3)
+        self._straight_s = (-math.inf, math.inf)
+        if count:
+            self._which = np.array([self._lines.index(one.surface, one.surface_id) for one in lined])
+            self._along_m: Array = np.array([one.surface_position_m for one in lined])
+            self._speeds_mps: Array = np.array([one.surface_speed_mps for one in lined])
+            points_m, tangents, before_m, after_m = self._lines.around(self._which, self._along_m)
+            self._beside_m = self._centers_m[:count] - points_m
+            """What is carried along: height above the line, the tracker's noise."""
+            self._velocities_mps[:count] = tangents * self._speeds_mps[:, None]
+            self._tangents: list[Vec3] = [(x, y, z) for x, y, z in tangents.tolist()]
+            self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
+
+
+def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:
+    """Return from when until when all move straight on, with so much line before and after them."""
+    fast = np.maximum(np.abs(speeds_mps), 1e-9)
+    onwards = np.maximum(np.where(speeds_mps >= 0.0, after_m, before_m), STRAIGHT_M) / fast
+    backwards = np.maximum(np.where(speeds_mps >= 0.0, before_m, after_m), STRAIGHT_M) / fast
+    return -float(backwards.min()), float(onwards.min())
+
+
+def _is_hidden(begins_m: float, cursor: Cursor) -> bool:
+    return cursor.solid in OPAQUE and begins_m > cursor.range_m

@@ -1,0 +1,1 @@
+"""Who owns, reserves and may change an object."""

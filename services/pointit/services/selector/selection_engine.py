@@ -1,0 +1,296 @@
+"""Selecting, whole: what is pointed at goes in; hovers, the selection, its events and cues come out."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from pointit.schemas import (
+    ButtonEvent,
+    ConveyorState,
+    Cursor,
+    Environment,
+    Selection,
+    SelectionEvent,
+    TrackedObjects,
+)
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.methods.pointer import Pointed, Pointer
+from pointit.services.selector.objects.departures import OWN, Departures
+from pointit.services.selector.objects.object_positions import Whereabouts
+from pointit.services.selector.objects.scene import Scene
+from pointit.services.selector.objects.view import View
+from pointit.services.selector.outputs import Action, Cause, Output, Owned, Record
+from pointit.services.selector.ownership.ledger import Ledger
+from pointit.services.selector.ownership.reservations import Reservations
+from pointit.services.selector.ownership.user_presence import Presences
+from pointit.services.selector.selection_publisher import Telling
+
+
+class Selecting:
+    """Everybody's pointing, and what is selected by it.
+
+    Stamps decide, never arrival: late and doubled cursors are left out, a clock set back begins anew.
+    Whatever happens to an object is given to `record` before it is returned, for a journal.
+    """
+
+    def __init__(self, config: SelectorConfig, record: Callable[[Record], None] | None = None) -> None:
+        """Begin with nothing selected, nobody there, an empty room."""
+        self._config = config
+        self._is_by_metres = config.method != "gauge"
+        self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
+        self._whereabouts = Whereabouts(
+            margin_m=config.margin_m,
+            stale_after_s=config.objects_stale_after_s,
+            display_lag_s=config.display_lag_s,
+            ended_after_s=config.unseen_after_s,
+            lead_s=config.lead_s,
+        )
+        self._scene = Scene(
+            stale_after_s=config.objects_stale_after_s,
+            display_lag_s=config.display_lag_s,
+            reach_rad=math.radians(
+                max(config.gauge.sparse_deg, 4.0 * config.gauge.aim_sigma_deg, 4.0 * config.gauge.snap_deg)
+            ),
+            leave_factor=config.gauge.leave_factor,
+            aim=config.gauge.aim,
+        )
+        self._presences = Presences(config.ownerless_after_s)
+        self._ledger = Ledger(
+            self._presences.is_gone, self._whereabouts.too_late, undo_steps=config.undo_steps
+        )
+        self._reservations = Reservations(config.reserve_s)
+        self._departures = Departures(config.left_after_s, config.unseen_after_s)
+        self._people: dict[str, Pointer] = {}
+        self._telling = Telling(record, method=config.method, snap_rad=math.radians(config.gauge.snap_deg))
+
+    def use(self, config: SelectorConfig) -> None:
+        """Take another method, or other times of it; what is selected and reserved stays as it is."""
+        self._config = config
+        self._is_by_metres = config.method != "gauge"
+        self._telling.method = config.method
+        for pointer in self._people.values():
+            pointer.use(config)
+
+    def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
+        """Take up what was selected before a restart, and go on counting from `events`."""
+        self._ledger.restore(entries)
+        self._telling.go_on(events)
+        for entry in entries.values():
+            self._presences.hear(entry.user, now_ns)
+        self._departures.await_(entries, now_ns)
+
+    @property
+    def has_selected(self) -> bool:
+        """Return whether anything is selected."""
+        return bool(self._ledger.entries)
+
+    def selection(self, now_ns: int) -> Selection:
+        """Return what is selected and reserved now."""
+        return self._telling.selection(now_ns, self._ledger.objects(), self._reservations.objects())
+
+    def silent(self, now_ns: int) -> list[str]:
+        """Return the trackers that have not been heard of for so long that nothing of theirs is hovered."""
+        return self._whereabouts.silent(now_ns)
+
+    def on_map(self, environment: Environment) -> list[Output]:
+        """Take the lines on which objects move."""
+        self._scene.on_map(environment)
+        return []
+
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
+        """Take what `tracker` lists; what it has listed no longer for a while has left."""
+        for forgotten in self._whereabouts.update(tracker, objects):
+            self._scene.forget(forgotten)
+        self._scene.update(tracker, objects)
+        return self._depart(objects.stamp_ns, tracker)
+
+    def on_conveyor(self, state: ConveyorState) -> list[Output]:
+        """Close the entries of what has left the conveyor, with the time and the bay at which it did."""
+        left: list[Record] = []
+        for gone in state.departures:
+            if gone.object_id in self._ledger.entries:
+                where = f"left at bay {gone.bay}" if gone.bay else ""
+                left += self._ledger.drop((gone.object_id,), gone.stamp_ns, where)
+        return self._close(left, state.stamp_ns)
+
+    def on_event(self, event: SelectionEvent) -> list[Output]:
+        """Take back what the conveyor refuses: what was accepted here has come too late to it."""
+        if event.event != "refused" or event.cause:  # its own refusals have a cause
+            return []
+        now_ns = event.stamp_ns
+        record = self._ledger.correct(event.object_id, now_ns, event.reason)
+        if record is None:
+            return []
+        self._latch(event.object_id)
+        outputs = [Output("", self.selection(now_ns)), *self._telling.event(record)]
+        return [*outputs, self._telling.cue(record.owner, "refused", event.reason, now_ns)]
+
+    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+        """Take where `user` points."""
+        pointer = self._people.get(user)
+        if pointer is None:
+            pointer = self._people[user] = Pointer(self._config)
+        if not pointer.is_timely(cursor.stamp_ns):
+            return []
+        now_ns = cursor.stamp_ns
+        self._presences.hear(user, now_ns)
+        is_news = self._reservations.expire(now_ns)
+        view = self._scene.look(cursor)
+        tracked = self._whereabouts.under(cursor) if view is None or self._is_by_metres else None
+        pointed = pointer.step(
+            cursor,
+            view,
+            None if tracked is None else tracked.id,
+            lambda object_id: self._action(user, object_id, now_ns)[0] != "",
+        )
+        action, taken_by = self._standing(user, pointer, pointed, now_ns)
+        if pointed.is_shown and pointed.object_id and action in ("select", "deselect"):
+            is_news |= self._reservations.reserve(pointed.object_id, user, now_ns)
+        is_selected = pointed.object_id in self._ledger.entries
+        outputs = [
+            self._telling.hover(
+                user, cursor, view, pointed, action=action, taken_by=taken_by, is_selected=is_selected
+            )
+        ]
+        if pointed.fired is not None:
+            outputs += self._act(user, pointed.fired, now_ns, "dwell", view)
+        if is_news and not any(isinstance(output.message, Selection) for output in outputs):
+            outputs.append(Output("", self.selection(now_ns)))
+        return outputs
+
+    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+        """Take a gesture of `user`'s button, which confirms what they hovered where that is configured."""
+        pointer = self._people.get(user)
+        wanted = self._config.confirm == "press" and button.gesture == self._config.confirm_gesture
+        if pointer is None or not wanted:
+            return []
+        object_id = pointer.press(button.stamp_ns)
+        if object_id is None:
+            return []
+        outputs = self._act(user, object_id, button.stamp_ns, "button", None)
+        pointer.latch(object_id)
+        return outputs
+
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+        """Take whether `user` is announced."""
+        self._presences.set_present(user, now_ns, present=present)
+        return []
+
+    def pass_time(self, now_ns: int) -> list[Output]:
+        """Mind trackers that have ended, objects that have left, reservations that are over."""
+        for tracker in self._whereabouts.forget(now_ns):
+            self._scene.forget(tracker)
+        is_news = self._reservations.expire(now_ns)
+        outputs = self._depart(now_ns)
+        if is_news and not outputs:
+            outputs.append(Output("", self.selection(now_ns)))
+        return outputs
+
+    def undo(self, user: str, now_ns: int) -> list[Output]:
+        """Take back `user`'s last step; refused with a cue when there is none."""
+        records = self._ledger.undo(user, now_ns, self._whereabouts.objects)
+        if not records:
+            return [self._telling.cue(user, "refused", "there is nothing to take back", now_ns)]
+        return self._tell(user, records, now_ns)
+
+    def clear(self, user: str, now_ns: int) -> list[Output]:
+        """Deselect everything that is `user`'s."""
+        return self._tell(user, self._ledger.clear(user, now_ns), now_ns)
+
+    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
+        """Deselect `object_id`, whoever's it is, or take it over; refused with a cue when it is not selected.
+
+        `user` is who asks: a supervisor, or the person who wants it.
+        """
+        entry = self._ledger.entries.get(object_id)
+        records = self._ledger.release(object_id, user, now_ns, take_over=take_over)
+        if entry is None or not records:
+            why = "is not selected" if entry is None else "is yours already"
+            return [self._telling.cue(user, "refused", f"object {object_id} {why}", now_ns)]
+        outputs = self._tell(user, records, now_ns)
+        if entry.user != user and records[0].event != "refused":
+            done = "taken over" if take_over else "released"
+            text = f"{entry.kind or 'object'} was {done} by {user}"
+            outputs.append(self._telling.cue(entry.user, "deselected", text, now_ns))
+        return outputs
+
+    def _action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
+        """Return what staying on an object would do, and who else has it."""
+        keeper = self._ledger.keeper(object_id, user, now_ns)
+        if keeper:
+            return "refuse", keeper
+        holder = self._reservations.holder(object_id)
+        if holder and holder != user:
+            return "refuse", holder
+        is_selected = object_id in self._ledger.entries
+        if is_selected and self._config.mode == "select_only":
+            return "", ""
+        if self._whereabouts.too_late(object_id, now_ns):
+            return "refuse", ""
+        return ("deselect" if is_selected else "select"), ""
+
+    def _standing(self, user: str, pointer: Pointer, pointed: Pointed, now_ns: int) -> tuple[Action, str]:
+        """Return what staying on what is pointed at would do, and who else has it."""
+        object_id = pointed.object_id
+        if object_id is None:
+            return "", ""
+        action, taken_by = self._action(user, object_id, now_ns)
+        is_done = pointer.is_latched(object_id) and pointed.progress == 0.0
+        return ("", taken_by) if is_done else (action, taken_by)
+
+    def _act(self, user: str, object_id: str, now_ns: int, cause: Cause, view: View | None) -> list[Output]:
+        """Do what staying on an object, or pressing, means."""
+        tracked = self._whereabouts.objects.get(object_id)
+        if tracked is None:  # it has left in the meantime
+            return []
+        kind = tracked.kind
+        action, taken_by = self._action(user, object_id, now_ns)
+        confidence = None if view is None else view.confidence(object_id, self._aim_rad)
+        if action == "":
+            return []
+        if taken_by and object_id not in self._ledger.entries:
+            record = Record(
+                stamp_ns=now_ns,
+                event="refused",
+                object_id=object_id,
+                kind=kind,
+                user=user,
+                cause=cause,
+                confidence=confidence,
+                reason=f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one",
+            )
+        else:
+            record = self._ledger.toggle(object_id, kind, user, now_ns, cause=cause, confidence=confidence)
+            if record.event != "refused":
+                self._reservations.free(object_id)
+        return self._tell(user, [record], now_ns)
+
+    def _depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
+        entries = self._ledger.entries
+        if not entries:
+            return []
+        left = self._departures.step(entries, self._whereabouts.objects, now_ns, clock)
+        return self._close(self._ledger.drop(left, now_ns), now_ns)
+
+    def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
+        """Free and journal what has left; return the selection if anything has."""
+        for record in left:
+            self._reservations.free(record.object_id)
+            self._telling.write(record)
+        return [Output("", self.selection(now_ns))] if left else []
+
+    def _tell(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
+        """Return what tells everybody what happened, the selection first."""
+        outputs: list[Output] = []
+        if any(record.event != "refused" for record in records):
+            outputs.append(Output("", self.selection(now_ns)))
+        for record in records:
+            outputs += self._telling.event(record)
+            if record.cause not in ("dwell", "button"):
+                self._latch(record.object_id)
+        return outputs + self._telling.cues(user, records, now_ns)
+
+    def _latch(self, object_id: str) -> None:
+        """Keep those who rest on an object from changing it again without wanting to."""
+        for pointer in self._people.values():
+            if pointer.hovered == object_id:
+                pointer.latch(object_id)

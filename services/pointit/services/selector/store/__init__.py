@@ -1,0 +1,1 @@
+"""The selector's journal on disk."""

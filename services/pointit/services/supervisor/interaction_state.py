@@ -1,0 +1,139 @@
+"""Where the person is in the interaction, and how they are told: the scene on which the life cycle plays."""
+
+from pointit.schemas import Feedback, Interaction, UserPose
+from pointit.schemas.cues import Cue
+from pointit.services.supervisor import user_messages
+from pointit.services.supervisor.interaction_publisher import State, Voice
+from pointit.services.supervisor.localization_attempt import Purpose, Search
+from pointit.services.supervisor.outputs import Output
+from pointit.services.supervisor.readiness import Readiness
+
+
+class Stage:
+    """Goes from state to state as it is told; says each state that is news, with its cues."""
+
+    def __init__(
+        self,
+        readiness: Readiness,
+        *,
+        localizes: bool,
+        follows_robot: bool,
+        press_ends: bool,
+        unsure_variance: float,
+    ) -> None:
+        self.state: State = "idle"
+        self.search: Search | None = None
+        """While localizing."""
+        self.pose_ns: int | None = None
+        """Stamp of the newest pose; none: the person's place is not known."""
+        self.heard_ns = 0
+        """When the wrist was heard, or listening to it began."""
+        self.over_ns = 0
+        """When the last search ended; what began before is over."""
+        self.reason = ""
+        self._readiness = readiness
+        self._localizes = localizes
+        self._follows_robot = follows_robot
+        self._press_ends = press_ends
+        self._unsure_variance = unsure_variance
+        self._is_unsure = False
+        """Whether the yaw of the pose is so uncertain that an anchor is wanted."""
+        self._runs = 0
+        self._voice = Voice()
+
+    def take_pose(self, pose: UserPose) -> None:
+        """Take the person's place."""
+        self.pose_ns = pose.stamp_ns
+        self._is_unsure = pose.method != "external" and pose.covariance[8] > self._unsure_variance
+
+    def set_back(self, by_ns: int) -> None:
+        """Take that the clock was set back: what was noted would be to come for so long."""
+        self.heard_ns -= by_ns
+        self.over_ns = 0
+        if self.search is not None:
+            self.search.set_back(by_ns)
+
+    def seek(
+        self,
+        purpose: Purpose,
+        reason: str,
+        now_ns: int,
+        *,
+        since_ns: int | None = None,
+        then: State | None = None,
+        otherwise: State | None = None,
+        is_joined: bool = False,
+    ) -> Search:
+        """Begin a search, from `since_ns` on; where it leads is where the person is, unless that is given."""
+        if self.state != "pointing":  # the silence counts from here, as nobody listened before
+            self.heard_ns = now_ns
+        self._runs += 1
+        self.search = Search(
+            self._runs,
+            purpose,
+            since_ns=now_ns if since_ns is None else since_ns,
+            now_ns=now_ns,
+            then=then or self.state,
+            otherwise=otherwise or self.state,
+            is_joined=is_joined,
+        )
+        self.state = "localizing"
+        self.reason = reason
+        return self.search
+
+    def seek_again(self, search: Search, reason: str) -> None:
+        """Begin a search again in its place and time."""
+        self._runs += 1
+        self.reason = reason
+        search.again(self._runs)
+
+    def point(self, now_ns: int, reason: str, *, was_heard: bool = False) -> list[Output]:
+        """Let the person point; `was_heard`: their wrist was listened to until now."""
+        if not was_heard:
+            self.heard_ns = now_ns  # the silence counts from here
+        self._enter("pointing", now_ns, reason)
+        return [*self.show(now_ns), self.cue(now_ns, "started", self._pointing)]
+
+    def rest(self, now_ns: int, cue: Cue, reason: str) -> list[Output]:
+        """Let the person rest."""
+        self._enter("idle", now_ns, reason)
+        return [*self.show(now_ns), self.cue(now_ns, cue, reason)]
+
+    def show(self, now_ns: int) -> list[Interaction]:
+        """Say where the person is and what they should do next, if that is news."""
+        ahead = self.search.ahead if self.search is not None else ()
+        is_unsure = self.state == "pointing" and self._is_unsure
+        return self._voice.show(
+            now_ns, self.state, self.reason, self._next_step(), ahead, is_unsure=is_unsure
+        )
+
+    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
+        """Return a cue."""
+        return self._voice.cue(now_ns, cue, text, target_id, waits=waits)
+
+    def wait_cue(self, now_ns: int) -> Feedback:
+        """Return the cue that a search began and its target will be named."""
+        return self.cue(now_ns, "started", user_messages.WAIT, waits=True)
+
+    def _enter(self, state: State, now_ns: int, reason: str) -> None:
+        if self.search is not None:
+            self.search = None
+            self.over_ns = now_ns
+        self.state = state
+        self.reason = reason
+
+    def _next_step(self) -> str:
+        if self.search is not None:
+            return self.search.next_step
+        if self.state == "pointing":
+            return user_messages.POINT_AT_LAMP if self._is_unsure else self._pointing
+        return user_messages.rest(
+            localizes=self._localizes,
+            is_place_known=self.pose_ns is not None,
+            follows_robot=self._follows_robot,
+            is_eager=self._readiness.is_eager,
+        )
+
+    @property
+    def _pointing(self) -> str:
+        return user_messages.POINT if self._press_ends else user_messages.POINT_AND_CONFIRM

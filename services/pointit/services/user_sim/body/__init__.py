@@ -1,0 +1,1 @@
+"""The simulated body: arm, stance, noise and wristband."""

@@ -1,0 +1,131 @@
+"""The arm's true orientation over time: minimum-jerk reaches onto moving aims, unrest, tremor."""
+
+import math
+
+import numpy as np
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.body.postural_noise import Unrest
+from pointit.services.user_sim.config import ArmConfig
+from pointit.sim.aim import Aim
+
+State = tuple[float, float, float]
+"""Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
+
+
+def fading(start: State, duration_s: float, elapsed_s: float) -> State:
+    """Return the state `elapsed_s` after `start` on the minimum-jerk way to rest at 0.
+
+    The quintic that meets position, rate and acceleration at both ends (Hoff and Arbib 1993): a reach may
+    start from any movement without a jerk, and a reach from rest is the classic bell of speed.
+    """
+    if elapsed_s >= duration_s:
+        return (0.0, 0.0, 0.0)
+    s = max(elapsed_s, 0.0) / duration_s
+    s2, s3, s4, s5 = s * s, s**3, s**4, s**5
+    x, v, a = start[0], start[1] * duration_s, start[2] * duration_s**2 / 2.0
+    position = (
+        x * (1 - 10 * s3 + 15 * s4 - 6 * s5)
+        + v * (s - 6 * s3 + 8 * s4 - 3 * s5)
+        + a * (s2 - 3 * s3 + 3 * s4 - s5)
+    )
+    rate = (
+        x * (-30 * s2 + 60 * s3 - 30 * s4)
+        + v * (1 - 18 * s2 + 32 * s3 - 15 * s4)
+        + a * (2 * s - 9 * s2 + 12 * s3 - 5 * s4)
+    )
+    acceleration = (
+        x * (-60 * s + 180 * s2 - 120 * s3)
+        + v * (-36 * s + 96 * s2 - 60 * s3)
+        + a * (2 - 18 * s + 36 * s2 - 20 * s3)
+    )
+    return (position, rate / duration_s, acceleration / duration_s**2)
+
+
+class Arm:
+    """An arm that follows an aim; a reach carries it from one aim to the next."""
+
+    def __init__(self, aim: Aim, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
+        """Begin at rest on `aim`; `skill`, 0 to 1, is of who has it."""
+        self._config = config
+        self._rng = rng
+        self._aim = aim
+        self._start: tuple[State, State] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._began_ns = 0
+        self._at_ns: int | None = None
+        """When `_at` is."""
+        self._at = self._start
+        self._duration_s = config.reach_base_s
+        self._unrest = Unrest(config, rng, skill)
+
+    @property
+    def reached_ns(self) -> int:
+        """Return when the last reach is, or was, complete."""
+        return self._began_ns + round(self._duration_s * NS_PER_S)
+
+    def amplitude_rad(self, now_ns: int, aim: Aim) -> float:
+        """Return the angle from the arm's direction to `aim`."""
+        off = self.deviation(now_ns)
+        here = vector.direction(self._aim.azimuth_rad + off[0], self._aim.elevation_rad + off[1])
+        return vector.angle_between(here, vector.direction(aim.azimuth_rad, aim.elevation_rad))
+
+    def reach_s(self, amplitude_rad: float, *, with_cursor: bool = False) -> float:
+        """Return how long a reach of `amplitude_rad` takes this time (Fitts: 39 deg in 0.74 s).
+
+        Where a cursor shows people slow down to steer by it.
+        """
+        config = self._config
+        bits = math.log2(amplitude_rad / math.radians(config.reach_width_deg) + 1.0)
+        usual_s = config.reach_base_s + config.reach_per_bit_s * bits
+        usual_s *= config.reach_with_cursor if with_cursor else 1.0
+        return usual_s * math.exp(config.reach_spread * self._rng.standard_normal())
+
+    def hold_anew(self) -> None:
+        """Be steadier or less steady than before: it differs from hold to hold."""
+        self._unrest.draw()
+
+    def reach(self, now_ns: int, aim: Aim, duration_s: float) -> None:
+        """Begin to move from wherever the arm is onto `aim`, to be on it after `duration_s`."""
+        azimuth, elevation = self._states(now_ns)
+        old, self._aim = self._aim, aim
+        self._start = (
+            (
+                vector.wrap(old.azimuth_rad + azimuth[0] - aim.azimuth_rad),
+                old.azimuth_rate_radps + azimuth[1] - aim.azimuth_rate_radps,
+                azimuth[2],
+            ),
+            (
+                old.elevation_rad + elevation[0] - aim.elevation_rad,
+                old.elevation_rate_radps + elevation[1] - aim.elevation_rate_radps,
+                elevation[2],
+            ),
+        )
+        self._began_ns = now_ns
+        self._duration_s = duration_s
+        self._at_ns = None
+
+    def deviation(self, now_ns: int) -> tuple[float, float]:
+        """Return how far the arm still is from its aim, azimuth and elevation, rad, unrest apart."""
+        azimuth, elevation = self._states(now_ns)
+        return (azimuth[0], elevation[0])
+
+    def follow(self, now_ns: int, aim: Aim) -> Quaternion:
+        """Return the arm's orientation in {W} while its aim has become `aim`."""
+        self._aim = aim
+        off = self.deviation(now_ns)
+        unrest = self._unrest.at(now_ns)
+        return rotation.from_azimuth_elevation(
+            aim.azimuth_rad + off[0] + unrest[0], aim.elevation_rad + off[1] + unrest[1]
+        )
+
+    def _states(self, now_ns: int) -> tuple[State, State]:
+        if now_ns != self._at_ns:
+            elapsed_s = (now_ns - self._began_ns) / NS_PER_S
+            self._at_ns = now_ns
+            self._at = (
+                fading(self._start[0], self._duration_s, elapsed_s),
+                fading(self._start[1], self._duration_s, elapsed_s),
+            )
+        return self._at

@@ -1,0 +1,1 @@
+"""The simulated person's decisions: what to point at, when to correct and press."""

@@ -1,0 +1,198 @@
+"""What the person wants to point at now: nothing, lamps, the strips' length, anything, an object, places."""
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.decision.belief import Belief
+from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.goal import REST, Goal, on_object
+from pointit.services.user_sim.decision.selecting import Selecting
+from pointit.services.user_sim.sight.object_beliefs import Things
+from pointit.services.user_sim.sight.pixels import Kind
+from pointit.services.user_sim.sight.sight import Sight
+
+APART_M = 0.3
+"""From one strip's end to the next one's start: further is another reach, not the same movement."""
+PLACES_M = (1.2, 2.5)
+"""Places to which a robot is sent are so far away, at least and at most."""
+RAISED_M = 3.0
+"""Who looks up between points so far above them: nothing there is pointed at."""
+FIND_S = 1.0
+"""From choosing a lamp or thing until the hand is there, usually."""
+
+
+class Wish(Protocol):
+    """What a person does while they may point."""
+
+    def goal(self, now_ns: int, sight: Sight) -> Goal:
+        """Return what to point at; called at every step."""
+        ...
+
+
+class Resting:
+    """Does nothing."""
+
+    def goal(self, now_ns: int, sight: Sight) -> Goal:  # noqa: ARG002 - the protocol's signature
+        """Return rest."""
+        return REST
+
+
+class AlongStrips:
+    """Leads the cursor along all strips from end to end, there and back; along belts where there are none."""
+
+    def __init__(self, speed_mps: float) -> None:
+        """Go at `speed_mps`."""
+        self._speed_mps = speed_mps
+        self._start_ns: int | None = None
+
+    def goal(self, now_ns: int, sight: Sight) -> Goal:
+        """Return the point that runs along the strips."""
+        kind: Kind = "strip"
+        lines = sight.lines_of(kind)
+        if not lines:
+            kind = "belt"
+            lines = sight.lines_of(kind)
+        if not lines:
+            self._start_ns = None
+            return REST
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        total_m = math.fsum(line.length_m for line in lines)
+        at_m = (now_ns - self._start_ns) / NS_PER_S * self._speed_mps % (2.0 * total_m)
+        sign = 1.0 if at_m <= total_m else -1.0
+        at_m = min(at_m, 2.0 * total_m - at_m)
+        stretch = 0
+        last = lines[0]
+        for number, line in enumerate(lines):
+            stretch += number > 0 and _gap_m(last, line) > APART_M
+            last = line
+            if at_m <= line.length_m:
+                break
+            at_m -= line.length_m if number < len(lines) - 1 else 0.0
+        return Goal(
+            key=f"{kind}s {stretch}",
+            point_m=last.point_at(at_m),
+            velocity_mps=vector.scale(last.tangent_at(at_m), sign * self._speed_mps),
+            stamp_ns=now_ns,
+            closed_loop=True,
+            kind=kind,
+        )
+
+
+class OneAfterTheOther:
+    """Points at places of its choice, at each for a while."""
+
+    def __init__(self, choose: Callable[[str, int, Sight], Goal | None], hold_s: float, pace: Pace) -> None:
+        """`choose` gives the next goal after the one of the given key at a time."""
+        self._choose = choose
+        self._hold_s = hold_s
+        self._pace = pace
+        self._goal = REST
+        self._until_ns: int | None = None
+
+    def goal(self, now_ns: int, sight: Sight) -> Goal:
+        """Return the present place, followed on where it moves."""
+        is_gone = bool(self._goal.object_id) and sight.find(self._goal.object_id, now_ns) is None
+        if self._until_ns is None or now_ns >= self._until_ns or is_gone:
+            self._goal = self._choose(self._goal.key, now_ns, sight) or REST
+            hold_s = FIND_S + self._hold_s * self._pace.between(0.5, 1.5)
+            self._until_ns = now_ns + round(hold_s * NS_PER_S) if self._goal is not REST else None
+        elif self._goal.object_id:
+            seen = sight.find(self._goal.object_id, now_ns)
+            if seen is not None:
+                self._goal = on_object(seen, sight, closed_loop=True)
+        return self._goal
+
+
+def next_lamp(before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG001 - as `choose` has it
+    """Return the lamp after the one of key `before`, in the map's order, round and round."""
+    goals = [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+    if not goals:
+        return None
+    keys = [goal.key for goal in goals]
+    return goals[(keys.index(before) + 1) % len(goals) if before in keys else 0]
+
+
+class Anything:
+    """Chooses anything there is: an object, a lamp, a place on a strip or belt."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        """Choose by `rng`."""
+        self._rng = rng
+
+    def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:
+        """Return something other than what has the key `before`, if there is."""
+        goals = [on_object(seen, sight, closed_loop=True) for seen in sight.objects(now_ns)]
+        goals += [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+        for key, line in sight.lines.items():
+            along_m = float(self._rng.uniform(0.0, line.length_m))
+            name = f"{key[0]} {key[1]} {along_m:.2f}"
+            goals.append(Goal(key=name, point_m=line.point_at(along_m), closed_loop=True, kind=key[0]))
+        others = [goal for goal in goals if goal.key != before] or goals
+        return others[int(self._rng.integers(len(others)))] if others else None
+
+
+class Sending:
+    """Points at a place on the floor, up, and there again, as who sends a robot; then at another place."""
+
+    def __init__(self, feet_m: Vec3, rng: np.random.Generator) -> None:
+        """Choose places around `feet_m` by `rng`."""
+        self._feet_m = feet_m
+        self._rng = rng
+        self._step = -1
+        self._place_m = feet_m
+
+    def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG002 - as `choose` has it
+        """Return the next of the four steps: there, up, there again, up."""
+        self._step += 1
+        if self._step % 4 == 0:
+            way = vector.direction(float(self._rng.uniform(-math.pi, math.pi)), 0.0)
+            self._place_m = vector.add(self._feet_m, vector.scale(way, float(self._rng.uniform(*PLACES_M))))
+        up_m = RAISED_M if self._step % 2 else 0.0
+        return Goal(key=f"place {self._step}", point_m=vector.add(self._place_m, (0.0, 0.0, up_m)))
+
+
+def wish_of(config: UserSimConfig, things: Things, pace: Pace, rng: np.random.Generator) -> Wish:
+    """Return the wish that `config.behaviour` names."""
+    match config.behaviour:
+        case "rest":
+            return Resting()
+        case "lamps":
+            return OneAfterTheOther(next_lamp, config.lamp_hold_s, pace)
+        case "strips":
+            return AlongStrips(config.strip_speed_mps)
+        case "random":
+            return OneAfterTheOther(Anything(rng), config.lamp_hold_s, pace)
+        case "send":
+            return OneAfterTheOther(Sending(config.position_m, rng), config.lamp_hold_s, pace)
+        case "select":
+            return Selecting(config, things, pace)
+
+
+def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> Goal:
+    """Return what the person is asked to point at: the lamp or thing that was named, else the lit lamp."""
+    asked = belief.target
+    if belief.is_queuing:
+        return REST
+    lamp = asked if asked in sight.lamps_m else sight.lit_lamp() if not asked else ""
+    if lamp:
+        return Goal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
+    seen = sight.find(asked, now_ns) if asked else None
+    return on_object(seen, sight, closed_loop=False) if seen is not None else REST
+
+
+def _gap_m(line: Polyline, following: Polyline) -> float:
+    return math.dist(_end(line, -1), _end(following, 0))
+
+
+def _end(line: Polyline, index: int) -> Vec3:
+    x, y, z = line.vertices_m[index].tolist()
+    return (x, y, z)

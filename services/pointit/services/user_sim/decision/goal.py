@@ -1,0 +1,64 @@
+"""Something that the person points at, and how it moves on meanwhile."""
+
+from dataclasses import dataclass
+
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.sight.pixels import Kind
+from pointit.services.user_sim.sight.sight import SeenObject, Sight
+
+PURSUIT_S = 1.5
+"""How long a thing that was lost from view is followed along its way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Something to point at that moves evenly; no point: let the arm rest."""
+
+    key: str
+    """Two goals with the same key are the same thing seen at different times."""
+    point_m: Vec3 | None = None
+    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
+    stamp_ns: int = 0
+    closed_loop: bool = False
+    """Whether the system shows a cursor that the person may correct by."""
+    kind: Kind = "strip"
+    """What the cursor is looked for along."""
+    curve: Polyline | None = None
+    """A way with bends that it follows."""
+    along_m: float = 0.0
+    speed_mps: float = 0.0
+    object_id: str = ""
+
+    def point_at(self, now_ns: int) -> Vec3 | None:
+        """Return where the person expects it at `now_ns`."""
+        if self.point_m is None:
+            return None
+        passed_s = min((now_ns - self.stamp_ns) / NS_PER_S, PURSUIT_S)
+        if self.curve is not None:
+            return self.curve.point_at(self.along_m + self.speed_mps * passed_s)
+        return vector.add(self.point_m, vector.scale(self.velocity_mps, passed_s))
+
+
+REST = Goal("rest")
+
+
+def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> Goal:
+    """Return the goal to point at the middle of an object."""
+    thing = seen.thing
+    line = sight.lines.get(seen.key) if seen.key is not None else None
+    is_bent = line is not None and len(line.tangents) > 1 and thing.surface_speed_mps != 0.0
+    return Goal(
+        key=f"object {thing.id}",
+        point_m=thing.position_m,
+        velocity_mps=thing.velocity_mps,
+        stamp_ns=seen.stamp_ns,
+        closed_loop=closed_loop,
+        kind="belt" if thing.surface == "belt" else "strip",
+        curve=line if is_bent else None,
+        along_m=thing.surface_position_m,
+        speed_mps=thing.surface_speed_mps,
+        object_id=thing.id,
+    )

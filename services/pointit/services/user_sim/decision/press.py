@@ -1,0 +1,116 @@
+"""When the person presses their button: to begin, when the cursor stays away, and twice for a lamp anew."""
+
+import math
+from typing import Literal
+
+from pointit.schemas import NS_PER_S, ButtonEvent
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.decision.belief import Belief
+
+OFF_S = 2.0
+"""How long the cursor is off before the person does something about it."""
+PATIENCE_S = 15.0
+"""How long an anchor that was asked for may take to help before it is asked for again."""
+GREETING_S = 3.0
+"""Who has not heard of their profile for so long presses all the same."""
+
+Gesture = Literal["press", "double"]
+
+
+class Press:
+    """The thumb on the button."""
+
+    def __init__(self, config: UserSimConfig) -> None:
+        """Press as `config` says."""
+        self._think_ns = round(config.think_s * NS_PER_S)
+        self._pause_ns = round(config.press_pause_s * NS_PER_S)
+        self._every_ns = round(config.anchor_every_s * NS_PER_S)
+        self._lost_ns = round(config.lost_press_s * NS_PER_S)
+        self._off_rad = math.radians(config.anchor_when_off_deg)
+        self._born_ns: int | None = None
+        self._pressed_ns: int | None = None
+        self._anchored_ns: int | None = None
+        self._on_ns = 0
+        """When the cursor was last where it should be."""
+        self._in_vain_ns = 0
+        """How long it has been looked for since it was seen last."""
+        self._before_ns = 0
+        self._presses = 0
+        self._free_ns: int | None = None
+        """When somebody else had the button last; none: nobody ever."""
+
+    def wait(self, now_ns: int) -> None:
+        """Press nothing, as somebody else has the button; nothing that was waited for goes on."""
+        self._free_ns = self._on_ns = self._before_ns = now_ns
+        self._in_vain_ns = 0
+
+    def step(
+        self,
+        now_ns: int,
+        belief: Belief,
+        *,
+        known_ns: int | None,
+        off_rad: float = 0.0,
+        sees: bool | None = None,
+    ) -> ButtonEvent | None:
+        """Return what the person does now.
+
+        Args:
+            now_ns: the time.
+            belief: what they take to be going on.
+            known_ns: since when they know that the system knows them; none: they do not.
+            off_rad: how far the cursor is from where they feel to point.
+            sees: whether they see their cursor; none: they do not look for it.
+        """
+        if self._born_ns is None or now_ns < self._born_ns:
+            self._born_ns = now_ns
+        passed_ns, self._before_ns = now_ns - self._before_ns, now_ns
+        if sees is not None:
+            self._in_vain_ns = 0 if sees else self._in_vain_ns + max(0, min(passed_ns, NS_PER_S))
+        if belief.state == "pointing":
+            return self._anchor(now_ns, belief, off_rad) or self._look_for(now_ns, belief)
+        self._on_ns = now_ns
+        if belief.state == "idle":
+            self._anchored_ns = None
+            return self._begin(now_ns, belief, known_ns)
+        return None
+
+    def _begin(self, now_ns: int, belief: Belief, known_ns: int | None) -> ButtonEvent | None:
+        greeted_ns = (self._born_ns or 0) + round(GREETING_S * NS_PER_S)
+        ready_ns = max(belief.since_ns, greeted_ns if known_ns is None else known_ns) + self._think_ns
+        if self._free_ns is not None and self._free_ns <= now_ns:
+            ready_ns = max(ready_ns, self._free_ns + self._think_ns)
+        if self._pressed_ns is not None and self._pressed_ns <= now_ns:
+            ready_ns = max(ready_ns, self._pressed_ns + self._pause_ns)
+        if now_ns < ready_ns <= now_ns + self._think_ns + self._pause_ns + 10 * NS_PER_S:
+            return None
+        self._pressed_ns = now_ns
+        return self._event(now_ns, "press")
+
+    def _look_for(self, now_ns: int, belief: Belief) -> ButtonEvent | None:
+        """Press when no cursor was seen for long: perhaps nobody thinks that they point."""
+        if self._lost_ns == 0 or self._in_vain_ns <= self._lost_ns:
+            return None
+        self._in_vain_ns = 0
+        self._pressed_ns = now_ns
+        belief.doubt(now_ns)
+        return self._event(now_ns, "press")
+
+    def _anchor(self, now_ns: int, belief: Belief, off_rad: float) -> ButtonEvent | None:
+        """Press twice when the last anchor, or the start, is long ago, or the cursor is off for long."""
+        if off_rad <= self._off_rad:
+            self._on_ns = now_ns
+        asked_ns = self._anchored_ns
+        since_ns = belief.since_ns if asked_ns is None else asked_ns
+        is_old = 0 < self._every_ns <= now_ns - since_ns
+        is_off = self._off_rad > 0.0 and now_ns - self._on_ns > OFF_S * NS_PER_S
+        may_again = asked_ns is None or now_ns - asked_ns > PATIENCE_S * NS_PER_S
+        if not is_old and not (is_off and may_again):
+            return None
+        self._anchored_ns = self._on_ns = now_ns
+        self._in_vain_ns = 0
+        return self._event(now_ns, "double")
+
+    def _event(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
+        self._presses += 1
+        return ButtonEvent(stamp_ns=now_ns, seq=self._presses, source="simulated", gesture=gesture)

@@ -1,0 +1,136 @@
+"""Selecting every object of some kinds, one after the other, and taking back what was no target."""
+
+import math
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.goal import REST, Goal, on_object
+from pointit.services.user_sim.sight.object_beliefs import Things
+from pointit.services.user_sim.sight.sight import SeenObject, Sight
+
+DWELL_S = 0.8
+"""What staying on a thing takes until it is selected, as people come to know it."""
+LEAVE_S = (1.0, 1.5)
+"""After turning to a thing, when somebody is off again who takes it for selected too early."""
+
+
+class Selecting:
+    """Stays with one object until it is done, gone, or has taken too long; then finds the next.
+
+    That is the one that leaves first among those that leave enough time; of those that stand still, the
+    nearest to the last one. What somebody else has, or is about to have, is left to them.
+    """
+
+    def __init__(self, config: UserSimConfig, things: Things, pace: Pace) -> None:
+        """Know what is what by `things`."""
+        self._kinds = frozenset(config.target_kinds)
+        self._things = things
+        self._pace = pace
+        self._give_up_ns = round(config.give_up_s * NS_PER_S)
+        self._retry_ns = round(config.retry_s * NS_PER_S)
+        self._look_ns = round(config.mind.check_period_s * NS_PER_S)
+        arm = config.arm
+        # a common reach, with what it takes to begin and to be selected; less than that is not worth trying
+        self._needed_s = config.aim.reaction_s + arm.reach_base_s + 3.0 * arm.reach_per_bit_s + DWELL_S
+        self._current = ""
+        self._next = ""
+        self._mistaken = ""
+        """What was chosen although it should not be."""
+        self._ready_ns = 0
+        self._look_again_ns = 0
+        self._since_ns = 0
+        self._leave_ns: int | None = None
+        self._goal = REST
+        self._pause_until_ns: dict[str, int] = {}
+
+    def goal(self, now_ns: int, sight: Sight) -> Goal:
+        """Return the object to hold the cursor on, or rest."""
+        if self._current:
+            self._go_on(now_ns, sight)
+        if not self._current:
+            self._find(now_ns, sight)
+        if not self._current and not self._next:
+            self._goal = REST
+        elif self._goal.object_id:  # also while the next one is looked for, the hand stays
+            seen = sight.find(self._goal.object_id, now_ns)
+            self._goal = REST if seen is None else on_object(seen, sight, closed_loop=True)
+        return self._goal
+
+    def _go_on(self, now_ns: int, sight: Sight) -> None:
+        """End with the current object if it is done or in vain."""
+        seen = sight.find(self._current, now_ns)
+        if seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
+            self._end()
+        elif self._leave_ns is not None and now_ns >= self._leave_ns:
+            self._things.believe(self._current, "mine", now_ns)
+            self._end()
+        elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
+            self._pause_until_ns[self._current] = now_ns + self._retry_ns
+            self._end()
+
+    def _end(self) -> None:
+        self._current = self._mistaken = ""
+        self._leave_ns = None
+
+    def _find(self, now_ns: int, sight: Sight) -> None:
+        """Look for the next one, which takes its time, and turn to it."""
+        if self._next and now_ns < self._ready_ns:
+            return
+        if self._next:
+            seen = sight.find(self._next, now_ns)
+            if seen is not None and self._is_task(seen) and not self._is_decided(seen, now_ns):
+                self._current, self._since_ns = self._next, now_ns
+                self._goal = on_object(seen, sight, closed_loop=True)
+                if self._pace.lapses():
+                    self._leave_ns = now_ns + round(self._pace.between(*LEAVE_S) * NS_PER_S)
+            self._next = ""
+            return
+        if 0 <= self._look_again_ns - now_ns <= self._look_ns:
+            return
+        self._look_again_ns = now_ns + self._look_ns
+        objects = sight.objects(now_ns)
+        tasks = [seen for seen in objects if self._is_worth(seen, now_ns, sight)]
+        if not tasks:
+            return
+        chosen = min(tasks, key=lambda seen: (sight.time_left_s(seen, now_ns), self._way_m(seen)))
+        if self._pace.lapses():
+            chosen = self._mistake(chosen, objects)
+        self._next = chosen.thing.id
+        self._ready_ns = now_ns + round(self._pace.find_s(len(objects), len(tasks)) * NS_PER_S)
+
+    def _is_task(self, seen: SeenObject) -> bool:
+        thing = seen.thing
+        status = self._things.status(thing.id)
+        return status == "free" if self._is_target(seen) else status == "mine"
+
+    @staticmethod
+    def _is_decided(seen: SeenObject, now_ns: int) -> bool:
+        """Return True if nothing changes any more which way the object goes: it cannot be had."""
+        return seen.thing.bay_until_ns is not None and now_ns >= seen.thing.bay_until_ns
+
+    def _is_target(self, seen: SeenObject) -> bool:
+        return seen.thing.kind in self._kinds or seen.thing.id == self._mistaken
+
+    def _is_worth(self, seen: SeenObject, now_ns: int, sight: Sight) -> bool:
+        """Return whether to turn to an object now: there is something to do, and time for it."""
+        if not self._is_task(seen) or not sight.has_come(seen, now_ns):
+            return False
+        until_ns = self._pause_until_ns.get(seen.thing.id, 0)
+        is_paused = 0 < until_ns - now_ns <= self._retry_ns
+        return not is_paused and sight.time_left_s(seen, now_ns) >= self._needed_s
+
+    def _way_m(self, seen: SeenObject) -> float:
+        here: Vec3 | None = self._goal.point_m
+        return 0.0 if here is None else math.dist(here, seen.thing.position_m)
+
+    def _mistake(self, meant: SeenObject, objects: list[SeenObject]) -> SeenObject:
+        """Return the thing nearest to the one that is `meant`, which is taken for it."""
+        others = [seen for seen in objects if seen.thing.kind not in self._kinds]
+        if not others:
+            return meant
+        at_m = meant.thing.position_m
+        other = min(others, key=lambda seen: math.dist(at_m, seen.thing.position_m))
+        self._mistaken = other.thing.id
+        return other

@@ -1,0 +1,1 @@
+"""What the simulated person sees of strips, lamps and objects."""

@@ -1,0 +1,228 @@
+"""What the person has seen and heard so far: everything reaches the mind a delay after the light."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.schemas import (
+    NS_PER_S,
+    BeltLink,
+    Environment,
+    Feedback,
+    LampColor,
+    Message,
+    StripsFrame,
+    TrackedObject,
+    TrackedObjects,
+    UserProfile,
+)
+from pointit.services.user_sim.sight.eyes import Eyes
+from pointit.services.user_sim.sight.pixels import Key, Kind, drawable
+
+FRESH_S = 1.0
+"""Objects of a tracker that says nothing for so long, or is so far ahead, are out of sight."""
+MOST_COMING = 4096
+"""Messages on their way to the mind; with a clock that was set back they would pile up for ever."""
+END_M = 0.001
+"""So near its end a belt hands over what it carries."""
+MOST_LINKS = 64
+"""Of belts that are followed one after the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenObject:
+    """An object, and when it was there."""
+
+    thing: TrackedObject
+    stamp_ns: int
+
+    @property
+    def key(self) -> Key | None:
+        """Return the strip or belt it lies on, if it lies on one."""
+        match self.thing.surface:
+            case "strip" | "belt" as kind:
+                return (kind, self.thing.surface_id)
+            case _:
+                return None
+
+    def along_m(self, now_ns: int) -> float:
+        """Return where along its surface its middle is at `now_ns`."""
+        return self.thing.surface_position_m + self.thing.surface_speed_mps * self.age_s(now_ns)
+
+    def age_s(self, now_ns: int) -> float:
+        """Return how long ago it was there, s."""
+        return (now_ns - self.stamp_ns) / NS_PER_S
+
+
+class Sight:
+    """The person's senses; they get what the topics of the process table show, and nothing else."""
+
+    def __init__(self, delay_s: float, deadlines_m: Mapping[str, float] | None = None) -> None:
+        """Look, `delay_s` late; `deadlines_m`: from where along a belt on it is too late for a package."""
+        self._delay_ns = round(delay_s * NS_PER_S)
+        self._deadlines_m = dict(deadlines_m or {})
+        self._coming: deque[tuple[int, Message, str]] = deque()
+        self._trackers: dict[str, tuple[int, dict[str, TrackedObject]]] = {}
+        self.eyes = Eyes()
+        self.frame_ns: int | None = None
+        """When the frame before the eyes shone."""
+        self.cues: list[Feedback] = []
+        """Felt and heard with the last `look`."""
+        self.lamps_m: dict[str, Vec3] = {}
+        self.lines: dict[Key, Polyline] = {}
+        self._links: dict[str, list[BeltLink]] = {}
+        self._bays: set[str] = set()
+        """Belts that end at one."""
+        self._fed: set[str] = set()
+        """Belts that others lead to."""
+        self._colors: dict[str, LampColor] = {}
+        self.profile_ns: int | None = None
+        """When they first knew how they look to the system: it is there."""
+
+    def show(self, now_ns: int, message: Message, name: str = "") -> None:
+        """Put `message` before the senses; it is noticed later."""
+        if self._coming and self._coming[-1][0] > now_ns + self._delay_ns:  # a clock was set back
+            self._coming = deque((min(due, now_ns), late, of) for due, late, of in self._coming)
+        if len(self._coming) < MOST_COMING:
+            self._coming.append((now_ns + self._delay_ns, message, name))
+
+    def look(self, now_ns: int) -> None:
+        """Notice what has become due."""
+        self.cues.clear()
+        while self._coming and self._coming[0][0] <= now_ns:
+            due_ns, message, name = self._coming.popleft()
+            self._notice(due_ns, message, name)
+
+    def objects(self, now_ns: int) -> list[SeenObject]:
+        """Return every object in view."""
+        fresh_ns = round(FRESH_S * NS_PER_S)
+        oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
+        for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
+            del self._trackers[name]
+        return [
+            SeenObject(thing, stamp) for stamp, things in self._trackers.values() for thing in things.values()
+        ]
+
+    def find(self, object_id: str, now_ns: int) -> SeenObject | None:
+        """Return the object called `object_id`, or none that is in view."""
+        fresh_ns = round(FRESH_S * NS_PER_S)
+        for stamp, things in self._trackers.values():
+            thing = things.get(object_id)
+            if thing is not None and -fresh_ns <= now_ns - stamp <= self._delay_ns + fresh_ns:
+                return SeenObject(thing, stamp)
+        return None
+
+    def lit_lamp(self) -> str:
+        """Return the lamp that is lit; empty when none is."""
+        for lamp, shown in self._colors.items():
+            if any(shown.color) and lamp in self.lamps_m:
+                return lamp
+        return ""
+
+    def lines_of(self, kind: Kind) -> list[Polyline]:
+        """Return the lines of all strips, or of all belts."""
+        return [line for key, line in self.lines.items() if key[0] == kind]
+
+    def time_left_s(self, seen: SeenObject, now_ns: int) -> float:
+        """Return how long until it is too late to select the object: at its deadline, or where it leaves.
+
+        Or when its way is decided, if the object says so and that is earlier.
+        """
+        until_ns = seen.thing.bay_until_ns
+        decided_s = float("inf") if until_ns is None else (until_ns - now_ns) / NS_PER_S
+        return min(decided_s, self._leaves_s(seen, now_ns))
+
+    def _leaves_s(self, seen: SeenObject, now_ns: int) -> float:
+        thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
+        line = self.lines.get(key) if key is not None else None
+        if key is None or line is None or speed == 0.0:
+            return float("inf")
+        if speed < 0.0:
+            return thing.surface_position_m / -speed - seen.age_s(now_ns)
+        left_m = self._left_m(key, thing.surface_position_m)
+        return left_m / speed - seen.age_s(now_ns)
+
+    def has_come(self, seen: SeenObject, now_ns: int) -> bool:
+        """Return whether all of an object, and half as much again, has come in where its surface begins."""
+        thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
+        line = self.lines.get(key) if key is not None else None
+        if line is None or speed == 0.0 or self._is_fed(thing):
+            return True
+        come_m = thing.surface_position_m if speed > 0.0 else line.length_m - thing.surface_position_m
+        return come_m + abs(speed) * seen.age_s(now_ns) >= thing.length_m
+
+    def _is_fed(self, thing: TrackedObject) -> bool:
+        """Return whether its belt goes on from others, so that it was there before."""
+        return thing.surface == "belt" and thing.surface_id in self._fed
+
+    def _left_m(self, key: Key, at_m: float) -> float:
+        """Return the way from `at_m` on to the first deadline, or else to where the last belt ends."""
+        total_m = 0.0
+        for _ in range(MOST_LINKS):
+            line = self.lines.get(key)
+            if line is None:
+                break
+            deadline_m = self._deadline_m(key[1]) if key[0] == "belt" else None
+            if deadline_m is not None:
+                return total_m + deadline_m - at_m  # less than nothing when it has passed
+            total_m += line.length_m - at_m
+            onward = None if key[0] != "belt" else self._onward(key[1])
+            if onward is None:
+                break
+            key, at_m = ("belt", onward.target), onward.target_position_m
+        return total_m
+
+    def _deadline_m(self, belt: str) -> float | None:
+        """Return from where along a belt on it is too late: as was said, else where it passes a bay."""
+        if self._deadlines_m:
+            return self._deadlines_m.get(belt)
+        leaves_m = [
+            link.source_position_m
+            for link in self._links.get(belt, ())
+            if link.source_position_m is not None
+            and link.target in self._bays
+            and link is not self._onward(belt)
+        ]
+        return min(leaves_m, default=None)
+
+    def _onward(self, belt: str) -> BeltLink | None:
+        """Return the link at a belt's end."""
+        for link in self._links.get(belt, ()):
+            line = self.lines.get(("belt", belt))
+            at_m = link.source_position_m
+            if at_m is None or (line is not None and at_m >= line.length_m - END_M):
+                return link
+        return None
+
+    def _notice(self, due_ns: int, message: Message, name: str) -> None:
+        match message:
+            case StripsFrame():
+                self.frame_ns = due_ns - self._delay_ns
+                self.eyes.open(message)
+            case TrackedObjects():
+                self._trackers[name] = (message.stamp_ns, {thing.id: thing for thing in message.objects})
+            case Feedback():
+                self.cues.append(message)
+            case LampColor():
+                self._colors[name] = message
+            case UserProfile():
+                if self.profile_ns is None:
+                    self.profile_ns = due_ns
+                self.eyes.set_profile(message)
+            case Environment():
+                self._learn(message)
+            case _:
+                raise TypeError(f"a person cannot see {type(message).__name__}")
+
+    def _learn(self, room: Environment) -> None:
+        self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps}
+        self.lines = {("strip", strip.id): line for strip, line in drawable(room.strips)}
+        self.lines |= {("belt", belt.id): line for belt, line in drawable(room.belts)}
+        self._bays = {bay.belt for bay in room.bays}
+        self._fed = {link.target for link in room.links}
+        self._links = {}
+        for link in room.links:
+            self._links.setdefault(link.source, []).append(link)
+        self.eyes.learn(room)

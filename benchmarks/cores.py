@@ -45,11 +45,11 @@ def _cursors(room: Environment) -> list[dict[str, Any]]:
     person = PersonCursor(exact)
     person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     ways: dict[str, Callable[[Vec3, Vec3], object]] = {
-        "exact": exact.meet,
+        "exact": exact.hit_test,
         "message and all": lambda eyes, direction: person.cursor(
             PointingRay.model_construct(stamp_ns=0, origin_m=eyes, direction=direction)
         ),
-        "kd_tree": Surfaces(room, kinds, method="kd_tree").meet,
+        "kd_tree": Surfaces(room, kinds, method="kd_tree").hit_test,
         "the paper's": PaperCursor(points).meet,
         "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
     }
@@ -64,9 +64,9 @@ def _clouds() -> list[dict[str, Any]]:
     room = Environment(stamp_ns=0, name="a million points", clouds=(cloud,))
     clouds = {"walls": points}
     ways: dict[str, Callable[[Vec3, Vec3], object]] = {
-        "exact": Surfaces(room, ("points",), clouds=clouds).meet,
-        "exact, metres": Surfaces(room, ("points",), clouds=clouds, tolerance_m=TOLERANCE_M).meet,
-        "kd_tree": Surfaces(room, ("points",), clouds=clouds, method="kd_tree").meet,
+        "exact": Surfaces(room, ("points",), clouds=clouds).hit_test,
+        "exact, metres": Surfaces(room, ("points",), clouds=clouds, tolerance_m=TOLERANCE_M).hit_test,
+        "kd_tree": Surfaces(room, ("points",), clouds=clouds, method="kd_tree").hit_test,
         "the paper's": PaperCursor(points).meet,
         "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
     }

@@ -18,7 +18,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.picture.layout import Layout
 
 NOW_NS = 1_700_000_000 * NS_PER_S
@@ -105,7 +105,7 @@ def frame_rows(room: Environment) -> list[dict[str, Any]]:
         )
         for n in range(PACKAGES)
     ]
-    lights = Lights(LedDriverConfig())
+    lights = LightState(LedDriverConfig())
     lights.on_map(room)
     lights.on_objects("conveyor", TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects)), NOW_NS)
     selected = SelectedObject(id="p5", user=USERS[0], since_ns=NOW_NS)

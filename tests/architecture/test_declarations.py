@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.config.config import Config
 from pointit.runtime.health.service_bus import ServiceBus
@@ -53,7 +53,7 @@ def configuration(row: Process, folder: Path) -> Config:
 
 @pytest.mark.parametrize("row", [pytest.param(row, id=row.name) for row in PROCESSES])
 async def test_a_service_declares_what_its_row_says(row: Process, tmp_path: Path) -> None:
-    bus, clock = MemoryBus(Exchange()), ManualClock()
+    bus, clock = MemoryBus(LocalBroker()), ManualClock()
     user = "anna" if row.scope == "user" else ""
     view = ServiceBus(bus, clock, row.name, row.name, user)
     bus.announce(USER_ALIVE, "anna")  # some write for whoever is there

@@ -37,7 +37,7 @@ def read(site: Site, name: str = "*") -> list[Sink]:
 
 
 async def test_a_late_reader_gets_what_is_kept(site: Site) -> None:
-    site.a.keep(TOPICS, Shelf(anna=3, ben=5))
+    site.a.serve_retained(TOPICS, Shelf(anna=3, ben=5))
     await site.settle()
     sinks = read(site)
     await until(lambda: seen_by_all(sinks, ("anna", 3), ("ben", 5)))
@@ -48,7 +48,7 @@ async def test_a_late_reader_gets_what_is_kept(site: Site) -> None:
 async def test_a_topic_without_names_is_kept(site: Site) -> None:
     shelf = Shelf()
     shelf.values[SELECTION.key] = {"": Selection(stamp_ns=1, seq=7)}
-    site.c.keep(TOPICS, shelf)
+    site.c.serve_retained(TOPICS, shelf)
     await site.settle()
     sinks = [Sink() for _ in site.buses]
     for bus, sink in zip(site.buses, sinks, strict=True):
@@ -59,14 +59,14 @@ async def test_a_topic_without_names_is_kept(site: Site) -> None:
 async def test_readers_that_were_there_before_get_it_too(site: Site) -> None:
     sinks = read(site)
     await site.settle()
-    site.b.keep(TOPICS, Shelf(anna=3))
+    site.b.serve_retained(TOPICS, Shelf(anna=3))
     await until(lambda: seen_by_all(sinks, ("anna", 3)))
 
 
 async def test_a_living_writer_wins_over_what_is_kept(site: Site) -> None:
     writer = site.a.publisher(PROFILE, "anna")
     writer.put(profile(2))
-    site.b.keep(TOPICS, Shelf(anna=9, ben=1))  # even if its clock is ahead
+    site.b.serve_retained(TOPICS, Shelf(anna=9, ben=1))  # even if its clock is ahead
     await site.settle()
     sinks = read(site)
     await until(lambda: all(sink.of("anna")[-1:] == [2] and sink.of("ben") == [1] for sink in sinks))
@@ -82,17 +82,17 @@ async def test_a_keeper_that_comes_again_says_nothing_old(site: Site) -> None:
     writer.put(profile(2))
     await until(lambda: seen_by_all(sinks, ("anna", 2)))
     writer.close()
-    kept = site.b.keep(TOPICS, Shelf(anna=2, ben=4))
+    kept = site.b.serve_retained(TOPICS, Shelf(anna=2, ben=4))
     await until(lambda: seen_by_all(sinks, ("anna", 2), ("ben", 4)))
     kept.close()
     await site.settle()
-    site.b.keep(TOPICS, Shelf(anna=1, ben=4))
-    site.c.keep(TOPICS, Shelf(ben=3, cleo=1))
+    site.b.serve_retained(TOPICS, Shelf(anna=1, ben=4))
+    site.c.serve_retained(TOPICS, Shelf(ben=3, cleo=1))
     await until(lambda: seen_by_all(sinks, ("anna", 2), ("ben", 4), ("cleo", 1)))
 
 
 async def test_what_is_kept_and_then_put_is_handled_once(site: Site) -> None:
-    site.a.keep(TOPICS, Shelf(anna=2))
+    site.a.serve_retained(TOPICS, Shelf(anna=2))
     await site.settle()
     sinks = read(site)
     await until(lambda: seen_by_all(sinks, ("anna", 2)))
@@ -104,7 +104,7 @@ async def test_what_is_kept_and_then_put_is_handled_once(site: Site) -> None:
 
 
 async def test_nothing_comes_from_who_has_stopped_keeping(site: Site) -> None:
-    kept = site.a.keep(TOPICS, Shelf(anna=2))
+    kept = site.a.serve_retained(TOPICS, Shelf(anna=2))
     await site.settle()
     kept.close()
     kept.close()
@@ -118,7 +118,7 @@ async def test_nothing_comes_from_who_has_stopped_keeping(site: Site) -> None:
 async def test_only_the_topics_that_are_kept_and_only_for_who_wants_them(site: Site) -> None:
     shelf = Shelf(anna=2)
     shelf.values[POSE.key] = shelf.values[IMU.key] = shelf.values[PROFILE.key]
-    site.a.keep(TOPICS, shelf)
+    site.a.serve_retained(TOPICS, shelf)
     await site.settle()
     sinks = [Sink() for _ in site.buses]
     wanted = Sink()

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from pointit.runtime.bus.contract import Bus, present
+from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import (
@@ -165,7 +165,7 @@ class TestClose:
         assert time.monotonic() - began_s < 30
 
     async def test_the_bus_has_no_trouble(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
-        assert [bus.trouble for bus in site.buses] == [""] * 3
+        assert [bus.problem for bus in site.buses] == [""] * 3
         buses: tuple[Bus, ...] = site.buses
         for bus in reversed(buses):  # the one that the others are connected to comes last
             await bus.close()
@@ -179,17 +179,17 @@ class TestPresent:
         await site.settle()
         assert isinstance(site.c, MemoryBus)
         declared = set(site.c.declarations)
-        assert await present(site.c, USER_ALIVE, 1.0) == {"anna", "ben"}
+        assert await list_present(site.c, USER_ALIVE, 1.0) == {"anna", "ben"}
         assert site.c.declarations == declared, "it watches no longer"
         tokens[0].close()
         await site.settle()
         for bus in site.buses:
-            assert await present(bus, USER_ALIVE, 1.0) == {"ben"}
+            assert await list_present(bus, USER_ALIVE, 1.0) == {"ben"}
 
     async def test_who_leaves_meanwhile_is_not(self, site: Site) -> None:
         token = site.a.announce(USER_ALIVE, "anna")
         await site.settle()
-        asking = asyncio.create_task(present(site.b, USER_ALIVE, 1.0))
+        asking = asyncio.create_task(list_present(site.b, USER_ALIVE, 1.0))
         await asyncio.sleep(0.1)
         token.close()
         assert await asking == set()

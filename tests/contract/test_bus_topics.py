@@ -215,7 +215,7 @@ class TestState:
     async def test_a_retired_writer_is_gone_from_everywhere_a_moment_later(self, site: Site) -> None:
         retired = site.a.publisher(PROFILE, "anna")
         retired.put(profile(1))
-        retired.retire()
+        retired.close_nowait()
         with pytest.raises(BusClosedError):
             retired.put(profile(2))
         await asyncio.sleep(RETIRED_S)

@@ -18,7 +18,7 @@ KINDS: dict[str, type[Message | Query]] = {kind.__name__: kind for kind in catal
 
 
 def test_the_committed_catalogue_is_what_the_code_says() -> None:
-    problems = catalogue.outdated(read_folder(FOLDER))
+    problems = catalogue.check_committed(read_folder(FOLDER))
     assert not problems, "; ".join(problems) + " -- then commit: `pointit schema --write` does the writing"
 
 

@@ -7,12 +7,12 @@ import msgpack
 import pytest
 from pydantic import Field, create_model
 
-from pointit.schemas import Message, Part, SchemaError, decode
-from pointit.schemas.catalogue.catalogue import generate, outdated, renewed
-from pointit.schemas.catalogue.compatibility import losses
+from pointit.schemas import Message, SchemaError, SchemaModel, decode
+from pointit.schemas.catalogue.catalogue import check_committed, generate, updated_files
+from pointit.schemas.catalogue.compatibility import breaking_changes
 
 
-class Wheel(Part):
+class Wheel(SchemaModel):
     """A wheel."""
 
     radius_m: Annotated[float, Field(gt=0, description="of the tyre")] = 0.3
@@ -51,7 +51,7 @@ def cart(version: int = 1, *, doc: str | None = None, **fields: Any) -> type[Mes
 def part(**fields: Any) -> Any:
     """Wheel as somebody may change it."""
     now: dict[str, Any] = {"radius_m": (Annotated[float, Field(gt=0)], 0.3), "title": (str, ""), **fields}
-    return create_model("Wheel", __base__=Part, **now)
+    return create_model("Wheel", __base__=SchemaModel, **now)
 
 
 def several(kind: Any) -> Any:
@@ -64,16 +64,16 @@ def merged(*layers: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def test_an_unchanged_message_needs_nothing() -> None:
-    assert outdated(COMMITTED, [Cart]) == []
-    assert renewed(COMMITTED, [Cart]) == {}
-    assert losses(*[Cart.model_json_schema()] * 2) == []
+    assert check_committed(COMMITTED, [Cart]) == []
+    assert updated_files(COMMITTED, [Cart]) == {}
+    assert breaking_changes(*[Cart.model_json_schema()] * 2) == []
 
 
 def test_a_missing_file_is_written_and_named() -> None:
     committed = {path: content for path, content in COMMITTED.items() if path != "messages/Cart.v1.json"}
     committed.pop("samples/Cart.v1.msgpack")
-    assert set(renewed(committed, [Cart])) == {"messages/Cart.v1.json", "samples/Cart.v1.msgpack"}
-    (problem,) = outdated(committed, [Cart])
+    assert set(updated_files(committed, [Cart])) == {"messages/Cart.v1.json", "samples/Cart.v1.msgpack"}
+    (problem,) = check_committed(committed, [Cart])
     assert "messages/Cart.v1.json, samples/Cart.v1.msgpack; run `pointit schema --write`" in problem
 
 
@@ -82,26 +82,26 @@ def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
     with pytest.raises(
         SchemaError, match=r"^Cart\.v1 has changed.*raise `version` of Cart to 2 and run"
     ) as caught:
-        renewed(COMMITTED, [changed])
+        updated_files(COMMITTED, [changed])
     assert "`pointit schema --write` again" in str(caught.value)
-    assert outdated(COMMITTED, [changed]) == [str(caught.value)]
+    assert check_committed(COMMITTED, [changed]) == [str(caught.value)]
 
 
 def test_an_added_field_of_a_part_asks_for_a_version_of_its_message() -> None:
     changed = cart(front=(part(spokes=(int, 0)), ...), wheels=(several(part(spokes=(int, 0))), ()))
-    assert "raise `version` of Cart to 2" in outdated(COMMITTED, [changed])[0]
+    assert "raise `version` of Cart to 2" in check_committed(COMMITTED, [changed])[0]
 
 
 def test_a_raised_version_is_written_beside_the_old_one() -> None:
     grown = cart(2, colour=(str, ""))
-    written = renewed(COMMITTED, [grown])
+    written = updated_files(COMMITTED, [grown])
     assert set(written) >= {"messages/Cart.v2.json", "samples/Cart.v2.msgpack"}
     assert not {"messages/Cart.v1.json", "samples/Cart.v1.msgpack"} & set(written)
     both = merged(COMMITTED, written)
-    assert outdated(both, [grown]) == []
+    assert check_committed(both, [grown]) == []
     assert (
         "raise `version` of Cart to 3"
-        in outdated(both, [cart(2, colour=(str, ""), weight_kg=(float, 0.0))])[0]
+        in check_committed(both, [cart(2, colour=(str, ""), weight_kg=(float, 0.0))])[0]
     )
     old = decode(grown, COMMITTED["samples/Cart.v1.msgpack"], "Cart.v1")
     assert msgpack.unpackb(COMMITTED["samples/Cart.v1.msgpack"])["stamp_ns"] == old.model_dump()["stamp_ns"]
@@ -109,7 +109,7 @@ def test_a_raised_version_is_written_beside_the_old_one() -> None:
 
 def test_an_added_part_field_is_growth_when_the_version_rises() -> None:
     grown = part(spokes=(int, 0))
-    assert renewed(COMMITTED, [cart(2, front=(grown, ...), wheels=(several(grown), ()))])
+    assert updated_files(COMMITTED, [cart(2, front=(grown, ...), wheels=(several(grown), ()))])
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -135,25 +135,25 @@ def test_an_added_part_field_is_growth_when_the_version_rises() -> None:
 )
 def test_anything_else_is_a_new_message(version: int, fields: dict[str, Any], clause: str) -> None:
     with pytest.raises(SchemaError) as caught:
-        renewed(COMMITTED, [cart(version, **fields)])
+        updated_files(COMMITTED, [cart(version, **fields)])
     assert str(caught.value).startswith("Cart may only grow from Cart.v1, but the field ")
     assert clause in str(caught.value)
     assert str(caught.value).endswith("undo that, or make it a new message")
 
 
 def test_a_default_changes_with_a_version_only() -> None:
-    assert "raise `version` of Cart to 2" in outdated(COMMITTED, [cart(driver=(str | None, "me"))])[0]
-    assert renewed(COMMITTED, [cart(2, driver=(str | None, "me"))])
+    assert "raise `version` of Cart to 2" in check_committed(COMMITTED, [cart(driver=(str | None, "me"))])[0]
+    assert updated_files(COMMITTED, [cart(2, driver=(str | None, "me"))])
 
 
 def test_prose_may_change_at_any_time() -> None:
     reworded = cart(doc="Something that rolls, or stands.")
-    assert set(renewed(COMMITTED, [reworded])) == {"messages/Cart.v1.json"}
+    assert set(updated_files(COMMITTED, [reworded])) == {"messages/Cart.v1.json"}
 
 
 def test_samples_that_are_there_are_never_written_again() -> None:
     committed = merged(COMMITTED, {"samples/Cart.v1.msgpack": b"as some older sender sent it"})
-    assert renewed(committed, [Cart]) == {}
+    assert updated_files(committed, [Cart]) == {}
 
 
 @pytest.mark.parametrize(
@@ -164,11 +164,11 @@ def test_samples_that_are_there_are_never_written_again() -> None:
     ],
 )
 def test_versions_rise_by_one(version: int, sentence: str) -> None:
-    assert outdated(COMMITTED, [cart(version)]) == [sentence]
+    assert check_committed(COMMITTED, [cart(version)]) == [sentence]
 
 
 def test_a_message_does_not_vanish() -> None:
-    (problem,) = outdated(COMMITTED, [])
+    (problem,) = check_committed(COMMITTED, [])
     assert problem.startswith("Cart is in the catalogue and in no row of the topic table")
 
 
@@ -181,14 +181,14 @@ def test_a_message_does_not_vanish() -> None:
 )
 def test_old_versions_keep_both_files(lost: str, sentence: str) -> None:
     grown = cart(2, colour=(str, ""))
-    both = merged(COMMITTED, renewed(COMMITTED, [grown]))
+    both = merged(COMMITTED, updated_files(COMMITTED, [grown]))
     del both[lost]
-    assert any(problem.startswith(sentence) for problem in outdated(both, [grown]))
+    assert any(problem.startswith(sentence) for problem in check_committed(both, [grown]))
 
 
 def test_strange_files_are_named() -> None:
     committed = merged(COMMITTED, {"messages/notes.txt": b"", "samples/Cart.v1.json": b"{}"})
-    assert outdated(committed, [Cart]) == [
+    assert check_committed(committed, [Cart]) == [
         "messages/notes.txt is no file of the catalogue: delete it",
         "samples/Cart.v1.json is no file of the catalogue: delete it",
     ]
@@ -197,4 +197,4 @@ def test_strange_files_are_named() -> None:
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[]", b"3"])
 def test_a_broken_schema_file_is_named(content: bytes) -> None:
     with pytest.raises(SchemaError, match=r"^messages/Cart\.v1\.json: is not .*restore it from git"):
-        outdated(merged(COMMITTED, {"messages/Cart.v1.json": content}), [Cart])
+        check_committed(merged(COMMITTED, {"messages/Cart.v1.json": content}), [Cart])

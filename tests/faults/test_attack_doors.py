@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import read_credentials, refusal
+from pointit.runtime.link.credentials import connection_refusal, read_credentials
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.session import configuration
 from tests.faults.account import Account
@@ -57,7 +57,7 @@ def expired(site: Site, path: Path) -> None:
 def _show(folder: SiteFolder, at: dt.datetime, site: Site) -> None:
     """Show a certificate to the router, whose clock is another than `at`."""
     credentials = read_credentials(folder.identity_folder("anna"), at)
-    assert "refuses anna's certificate" in refusal(credentials, endpoint_of(site.folder))
+    assert "refuses anna's certificate" in connection_refusal(credentials, endpoint_of(site.folder))
     with pytest.raises(zenoh.ZError):
         zenoh.open(
             configuration(Link(site=SITE, connect=(endpoint_of(site.folder),), credentials=credentials))

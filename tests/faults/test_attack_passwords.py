@@ -16,7 +16,7 @@ import pytest
 
 from pointit.access.recent_denials import RECENT_S
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import refusal
+from pointit.runtime.link.credentials import connection_refusal
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.session import configuration
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -185,7 +185,7 @@ async def test_an_old_password_is_worth_nothing_and_told_of(
             folder.renew(["mallory"], now())
         noticed_s = await attacked.is_told("an unknown or former password for plant/mallory")
         attacked.row(account, "a replaced password, by who was connected", noticed_s, BY)
-        await until(lambda: "refuses mallory's password" in bus.trouble, 10, "the process to know why")
+        await until(lambda: "refuses mallory's password" in bus.problem, 10, "the process to know why")
         await asyncio.to_thread(keeps_out, link_of(old, "mallory"), rightful=link_of(folder, "mallory"))
         with Member(folder, "eve") as evil:
             attacked.begin()
@@ -241,7 +241,7 @@ def test_who_pretends_to_be_the_router_is_told_no_password(tmp_path: Path) -> No
         endpoint = f"tls/127.0.0.1:{pretender.port}"
         come = partial(is_not_let_in, configuration(_link(folder, EVIL, endpoint)))
         wait(lambda: any("ALERT" in why for why in pretender.failed), "somebody to mistrust it", come)
-        assert "another authority certified it" in refusal(credentials_of(folder, EVIL), endpoint)
+        assert "another authority certified it" in connection_refusal(credentials_of(folder, EVIL), endpoint)
     assert pretender.trusted == []
     with routed(other):
         for name, protocol in (("dashboard1", "quic"), (EVIL, "tls")):

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
@@ -102,7 +102,7 @@ class Bench:
 @asynccontextmanager
 async def memory_bench(clock: Clock | None = None) -> AsyncGenerator[Bench]:
     """Yield a bench on a fresh memory bus; fails when a service of it failed."""
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     bench = Bench(bus, clock or ManualClock())
     try:
         yield bench

@@ -13,10 +13,10 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
@@ -67,7 +67,7 @@ async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
     async with contextlib.AsyncExitStack() as stack:
         buses: list[Bus] = []
         if kind == "memory":
-            exchange = Exchange()
+            exchange = LocalBroker()
             buses = [MemoryBus(exchange) for _ in range(3)]
         else:
             endpoint = (f"tcp/127.0.0.1:{free_port()}",)
@@ -75,7 +75,7 @@ async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
             if kind == "zenoh-peer":
                 links[0] = Link(site=name, listen=endpoint)
             else:
-                await stack.enter_async_context(routing(endpoint))
+                await stack.enter_async_context(running_router(endpoint))
             for link in links:
                 buses.append(await ZenohBus.open(link, patience_s=5))
         for bus in buses:

@@ -1,7 +1,7 @@
 """What travels: messages, their bytes, and the table of topics."""
 
-from pointit.schemas.base import FARTHEST, NS_PER_S, Message, Part, Query, Reply
-from pointit.schemas.codec import decode, encode, explain, pack
+from pointit.schemas.base import FARTHEST, NS_PER_S, Message, Query, Reply, SchemaModel
+from pointit.schemas.codec import decode, encode, pack, summarize_validation_error
 from pointit.schemas.environment import (
     Bay,
     BayCount,
@@ -131,7 +131,6 @@ __all__ = [
     "LampMiss",
     "Localization",
     "Message",
-    "Part",
     "Passed",
     "Plane",
     "PointAnchor",
@@ -147,6 +146,7 @@ __all__ = [
     "ResetConveyor",
     "RunScenario",
     "SchemaError",
+    "SchemaModel",
     "SelectedObject",
     "Selection",
     "SelectionEvent",
@@ -177,6 +177,6 @@ __all__ = [
     "WristSample",
     "decode",
     "encode",
-    "explain",
     "pack",
+    "summarize_validation_error",
 ]

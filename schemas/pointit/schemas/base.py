@@ -75,7 +75,7 @@ Many = Annotated[tuple[T, ...], FailFast()]
 """Any number of them; the first that is wrong is the only one told: a million complaints take seconds."""
 
 
-class Part(BaseModel):
+class SchemaModel(BaseModel):
     """A piece of a message: frozen, strict, finite, nothing unknown."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -84,7 +84,7 @@ class Part(BaseModel):
     """A longer payload is refused unread: it can be no honest message, and to read it takes time."""
 
 
-class Message(Part):
+class Message(SchemaModel):
     """A thing that travels on its own.
 
     Fields are only ever added, with a default; a change raises `version`; anything else is a new message.
@@ -102,7 +102,7 @@ class Message(Part):
         return f"{cls.__name__}.v{cls.version}"
 
 
-class Query(Part):
+class Query(SchemaModel):
     """What a request asks; same rules as a message, no time of its own."""
 
     version: ClassVar[int] = 1

@@ -6,10 +6,10 @@ from typing import Any, TypeVar
 import msgpack
 from pydantic import BaseModel, ValidationError
 
-from pointit.schemas.base import Message, Part, Query
+from pointit.schemas.base import Message, Query, SchemaModel
 from pointit.schemas.errors import DecodeError
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=SchemaModel)
 
 MAX_FIELDS = 256
 """No map of a message has more, of whatever version; what claims to have is refused before it is read."""
@@ -28,7 +28,7 @@ def _fields(part: object) -> dict[str, Any]:
     raise TypeError(f"cannot travel: {type(part).__name__}")
 
 
-def encode(part: Part) -> bytes:
+def encode(part: SchemaModel) -> bytes:
     """Return `part` as a msgpack map of its fields."""
     return msgpack.packb(part.__dict__, default=_fields)
 
@@ -62,10 +62,10 @@ def decode(kind: type[P], payload: bytes, schema: str = "") -> P:
     try:
         return kind.model_validate(data, extra="ignore" if _is_newer(kind, schema) else None)
     except ValidationError as error:
-        raise DecodeError(f"{kind.__name__}: {explain(error)}") from error
+        raise DecodeError(f"{kind.__name__}: {summarize_validation_error(error)}") from error
 
 
-def explain(error: ValidationError) -> str:
+def summarize_validation_error(error: ValidationError) -> str:
     """Return the first complaint of `error` as `field: what (value), and how many more there are`."""
     details = error.errors(include_url=False)
     first = details[0]
@@ -76,7 +76,7 @@ def explain(error: ValidationError) -> str:
     return f"{where}: {first['msg'].removeprefix('Value error, ')} (got {shown}){more}"
 
 
-def _is_newer(kind: type[Part], schema: str) -> bool:
+def _is_newer(kind: type[SchemaModel], schema: str) -> bool:
     name, _, version = schema.rpartition(".v")
     own = kind.version if issubclass(kind, Message | Query) else 0
     # nine digits at most: int() refuses thousands of them, and the sender may be anybody

@@ -17,7 +17,7 @@ MOST_FLASHES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Sign:
+class MultimodalCue:
     """A cue for the ear, the skin and the eye."""
 
     chime: Chime
@@ -26,12 +26,12 @@ class Sign:
     color: Rgb
 
 
-SIGNS: dict[Cue, Sign] = {
-    "started": Sign("up", (80,), (0, 114, 178)),  # blue
-    "stopped": Sign("down", (250,), (213, 94, 0)),  # vermilion
-    "target": Sign("single", (60, 80, 60), (240, 228, 66)),  # yellow
-    "localized": Sign("double", (60, 80, 60, 80, 60), (0, 158, 115)),  # bluish green
-    "refused": Sign("buzz", (400, 150, 400), (204, 121, 167)),  # reddish purple
-    "selected": Sign("tick", (30,), (230, 159, 0)),  # orange
-    "deselected": Sign("tock", (150, 60, 40), (130, 205, 255)),  # sky blue, lighter than orange
+SIGNS: dict[Cue, MultimodalCue] = {
+    "started": MultimodalCue("up", (80,), (0, 114, 178)),  # blue
+    "stopped": MultimodalCue("down", (250,), (213, 94, 0)),  # vermilion
+    "target": MultimodalCue("single", (60, 80, 60), (240, 228, 66)),  # yellow
+    "localized": MultimodalCue("double", (60, 80, 60, 80, 60), (0, 158, 115)),  # bluish green
+    "refused": MultimodalCue("buzz", (400, 150, 400), (204, 121, 167)),  # reddish purple
+    "selected": MultimodalCue("tick", (30,), (230, 159, 0)),  # orange
+    "deselected": MultimodalCue("tock", (150, 60, 40), (130, 205, 255)),  # sky blue, lighter than orange
 }

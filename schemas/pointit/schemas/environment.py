@@ -13,9 +13,9 @@ from pointit.schemas.base import (
     Message,
     Name,
     Ns,
-    Part,
     Real,
     Rgb,
+    SchemaModel,
     UnitVec3,
     Vec3,
 )
@@ -28,14 +28,14 @@ BESIDE_BELT_M = 0.1
 """A pixel of a strip shows what is on a belt when it is no farther beside the belt's edge."""
 
 
-class Lamp(Part):
+class Lamp(SchemaModel):
     """A single light at a known place; target of localizations."""
 
     id: Name
     position_m: Vec3
 
 
-class Strip(Part):
+class Strip(SchemaModel):
     """An LED strip along a polyline."""
 
     id: str
@@ -44,7 +44,7 @@ class Strip(Part):
     direction: Annotated[Literal[1, -1], Field(description="-1: pixel 0 sits at the line's last vertex")] = 1
 
 
-class Belt(Part):
+class Belt(SchemaModel):
     """A conveyor belt along its centre line."""
 
     id: str
@@ -52,7 +52,7 @@ class Belt(Part):
     width_m: Annotated[float, Field(gt=0, le=FARTHEST)] = 0.5
 
 
-class BeltLink(Part):
+class BeltLink(SchemaModel):
     """One belt hands its objects over to another; where several leave at one place, a diverter chooses."""
 
     source: str
@@ -63,7 +63,7 @@ class BeltLink(Part):
     target_position_m: Annotated[Along, Field(description="arc length on `target` where they enter it")] = 0.0
 
 
-class Bay(Part):
+class Bay(SchemaModel):
     """Where objects leave the conveyor: the end of a belt."""
 
     id: Name
@@ -73,7 +73,7 @@ class Bay(Part):
 Size = Annotated[float, Field(gt=0, le=FARTHEST)]
 
 
-class Box(Part):
+class Box(SchemaModel):
     """A box that stands upright."""
 
     id: Name
@@ -82,7 +82,7 @@ class Box(Part):
     yaw_rad: Annotated[Real, Field(description="of its x axis in {W}")] = 0.0
 
 
-class Plane(Part):
+class Plane(SchemaModel):
     """A flat thing that is seen from both sides: a floor, a wall, a table, a screen.
 
     Its v axis is the one in the plane that rises most (y where the plane is level), u is v x normal.
@@ -94,7 +94,7 @@ class Plane(Part):
     size_m: Annotated[tuple[Size, Size] | None, Field(description="along u and v; empty: without end")] = None
 
 
-class Cylinder(Part):
+class Cylinder(SchemaModel):
     """An upright cylinder: a column, a tank."""
 
     id: Name
@@ -103,7 +103,7 @@ class Cylinder(Part):
     height_m: Size
 
 
-class Sphere(Part):
+class Sphere(SchemaModel):
     """A ball."""
 
     id: Name
@@ -111,7 +111,7 @@ class Sphere(Part):
     radius_m: Size
 
 
-class Cloud(Part):
+class Cloud(SchemaModel):
     """A point cloud, read from a file by whoever casts; only what it is travels."""
 
     id: Name
@@ -158,7 +158,7 @@ OTHER_COLOR: Rgb = (200, 200, 200)
 """Of any other kind."""
 
 
-class TrackedObject(Part):
+class TrackedObject(SchemaModel):
     """A thing whose place is known: a package, a segment, a robot."""
 
     id: str
@@ -195,14 +195,14 @@ class TrackedObjects(Message):
     ] = None
 
 
-class BeltSpeed(Part):
+class BeltSpeed(SchemaModel):
     """How fast one belt runs."""
 
     id: str
     speed_mps: Real
 
 
-class BayCount(Part):
+class BayCount(SchemaModel):
     """What came out at a bay."""
 
     bay: str
@@ -211,7 +211,7 @@ class BayCount(Part):
     selected: Annotated[Count, Field(description="of these, how many were selected")] = 0
 
 
-class Departure(Part):
+class Departure(SchemaModel):
     """An object that came out at a bay."""
 
     object_id: str
@@ -244,7 +244,7 @@ class LampColor(Message):
     color: Rgb
 
 
-class StripFrame(Part):
+class StripFrame(SchemaModel):
     """The pixels of one strip."""
 
     id: str

@@ -4,7 +4,18 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Count, Extent, Fraction, Message, Ns, Part, QuaternionXyzw, Real, Rgb, Vec3
+from pointit.schemas.base import (
+    Count,
+    Extent,
+    Fraction,
+    Message,
+    Ns,
+    QuaternionXyzw,
+    Real,
+    Rgb,
+    SchemaModel,
+    Vec3,
+)
 
 WRIST_PATIENCE_S = 1.0
 """A page has a person's wrist until it has sent no `WristSample` for so long, wall seconds.
@@ -66,7 +77,7 @@ class ButtonEvent(Message):
     source: Annotated[str, Field(description="device, page, keyboard, joypad, simulated")] = "device"
 
 
-class BodyMeasures(Part):
+class BodyMeasures(SchemaModel):
     """Lengths of the pointing model, metres; defaults as in the ROS 2 toolkit (eyes at 1.64 m)."""
 
     footprint_to_neck_m: Annotated[float, Field(gt=0, lt=3)] = 1.43
@@ -80,7 +91,7 @@ Terms = tuple[Real, Real, Real, Real, Real, Real]
 """Coefficients of 1, a, e, a², a·e, e² with a, e of `PointingOffset`; rad."""
 
 
-class PointingOffset(Part):
+class PointingOffset(SchemaModel):
     """A person's systematic error, fitted from pointing at known targets without a cursor (pointing.md §3).
 
     What is added to the model's ray: azimuth and elevation are polynomials in a, the ray's azimuth in {W}

@@ -13,9 +13,9 @@ from pointit.schemas.base import (
     Many,
     Message,
     Ns,
-    Part,
     Real,
     Rgb,
+    SchemaModel,
     UnitVec3,
     Vec3,
 )
@@ -84,7 +84,7 @@ class UserPose(Message):
     z_sigma_m: Annotated[Extent, Field(description="1 sigma of the height; 0: the floor is known")] = 0.0
 
 
-class Candidate(Part):
+class Candidate(SchemaModel):
     """A thing that may be meant, and how probably."""
 
     object_id: str
@@ -145,14 +145,14 @@ class Anchor(Message):
     reason: Annotated[str, Field(description="why it was not, and what to do")] = ""
 
 
-class LampMiss(Part):
+class LampMiss(SchemaModel):
     """How far the ray passes a lamp."""
 
     id: str
     miss_rad: Extent
 
 
-class Passed(Part):
+class Passed(SchemaModel):
     """The thing nearest to a ray that passes everything by, and how the ray has to turn to meet it."""
 
     surface: SurfaceKind = "none"

@@ -4,10 +4,10 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Many, Message, Ns, Part
+from pointit.schemas.base import Fraction, Many, Message, Ns, SchemaModel
 
 
-class SelectedObject(Part):
+class SelectedObject(SchemaModel):
     """One selected object."""
 
     id: str
@@ -19,7 +19,7 @@ class SelectedObject(Part):
     ] = None
 
 
-class ReservedObject(Part):
+class ReservedObject(SchemaModel):
     """An object that somebody is about to select; others see it as taken."""
 
     id: str

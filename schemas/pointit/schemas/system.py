@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Many, Message, Part
+from pointit.schemas.base import Many, Message, SchemaModel
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.table_types import check_name
 
@@ -32,7 +32,7 @@ class ClockTick(Message):
     speed: Annotated[float, Field(gt=0, le=100)] = 1.0
 
 
-class KeyHealth(Part):
+class KeyHealth(SchemaModel):
     """Traffic of one service on one topic over the last second."""
 
     key: str
@@ -44,14 +44,14 @@ class KeyHealth(Part):
     invalid: Annotated[int, Field(ge=0, description="did not decode or validate, since the start")] = 0
 
 
-class Quantiles(Part):
+class Quantiles(SchemaModel):
     """Median and 99th percentile, seconds, over the last second."""
 
     p50_s: float
     p99_s: float
 
 
-class Figure(Part):
+class Figure(SchemaModel):
     """A number of a service's own, such as a drift."""
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
@@ -81,7 +81,7 @@ class Health(Message):
     figures: Annotated[Many[Figure], Field(description="what else it measures")] = ()
 
 
-class ExpectedService(Part):
+class ExpectedService(SchemaModel):
     """A service that should be running, and the command that starts it again."""
 
     service: str

@@ -20,7 +20,7 @@ BEFORE = dt.timedelta(hours=1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Issued:
+class IssuedCertificate:
     """A certificate with its key, in PEM."""
 
     certificate: bytes
@@ -35,7 +35,7 @@ class Authority:
     """Certifies; holds the key that must stay with whoever runs the site."""
 
     def __init__(self, certificate: bytes, key: bytes) -> None:
-        """Take over what `found` has made.
+        """Take over what `create_authority` has made.
 
         Raises:
             ConfigError: the two are not an authority's certificate and its key.
@@ -57,7 +57,9 @@ class Authority:
         """Return when everything it has certified ends."""
         return self._certificate.not_valid_after_utc
 
-    def certify(self, common_name: str, now: dt.datetime, days: float, hosts: Sequence[str] = ()) -> Issued:
+    def issue(
+        self, common_name: str, now: dt.datetime, days: float, hosts: Sequence[str] = ()
+    ) -> IssuedCertificate:
         """Return a certificate for `common_name`, valid for `days`, but not longer than the authority.
 
         Args:
@@ -94,7 +96,7 @@ class Authority:
         return _issued(builder.sign(self._key, hashes.SHA256()), key)
 
 
-def found(site: str, now: dt.datetime) -> Issued:
+def create_authority(site: str, now: dt.datetime) -> IssuedCertificate:
     """Return the certificate and the key of a new authority for `site`."""
     key = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"PointIt {site}"[:LONGEST_NAME])])
@@ -156,8 +158,8 @@ def _general_name(host: str) -> x509.GeneralName:
     return x509.DNSName(host)
 
 
-def _issued(certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> Issued:
-    return Issued(
+def _issued(certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> IssuedCertificate:
+    return IssuedCertificate(
         certificate=certificate.public_bytes(serialization.Encoding.PEM),
         key=key.private_bytes(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()

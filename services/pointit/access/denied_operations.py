@@ -13,7 +13,7 @@ import threading
 from collections import Counter, defaultdict
 
 from pointit.access import rejected_connections
-from pointit.access.rejected_connections import Strangers
+from pointit.access.rejected_connections import RejectedConnections
 
 KINDS = 9
 """Kinds of messages, each a line after `caching permissions`."""
@@ -78,7 +78,7 @@ FILTER = (
 """What of its log Zenoh has to write for this."""
 
 
-class Refused:
+class DeniedOperations:
     """Counts attempts that a router has refused, and who writes without measure; on any threads."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class Refused:
         """Messages a second by identity, until sentences were taken last; at least, where there are many."""
         self.keys: dict[str, frozenset[str]] = {}
         """Keys written by each identity in the same time."""
-        self._strangers = Strangers()
+        self._strangers = RejectedConnections()
         self._written: Counter[str] = Counter()
         """By the end of the line: connection and key."""
         self._names: dict[str, str] = {}
@@ -152,7 +152,7 @@ class Refused:
                 f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
             )
         sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
-        if sentence := self._strangers.take_sentence():
+        if sentence := self._strangers.pop_summary():
             sentences[""] = sentence
         rates: Counter[str] = Counter()
         keys: dict[str, set[str]] = defaultdict(set)

@@ -7,7 +7,7 @@ RECENT_S = 20.0
 MOST_SENTENCES = 20
 
 
-class Recent:
+class RecentDenials:
     """Keeps the newest sentence of each identity and kind."""
 
     def __init__(self) -> None:

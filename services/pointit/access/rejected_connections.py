@@ -53,7 +53,7 @@ LONGEST_LENGTH = 9
 """Bytes of a length, of 64 bits at most."""
 
 
-class Strangers:
+class RejectedConnections:
     """Counts who was not let in, by reason."""
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class Strangers:
             self._reasons[reason] += 1
         return bool(reason)
 
-    def take_sentence(self) -> str:
+    def pop_summary(self) -> str:
         """Return who was not let in since the last time, and forget it; empty when nobody was."""
         if not self._reasons:
             return ""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.access.rights import Role, rights_of
-from pointit.access.rules import Rule, everything, namespace, rules_of
+from pointit.access.rules import Rule, all_key_expressions, namespace, rules_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS
 from pointit.schemas.topics import ANY, HEALTH, REQUESTS, TOPICS, Delivery, Request, Topic
@@ -47,7 +47,7 @@ class Member:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Routed:
+class RouterSite:
     """A site as its router sees it."""
 
     site: str
@@ -65,7 +65,7 @@ class Routed:
     """Addresses of other routers of the site, that this one connects to."""
 
 
-def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0",)) -> dict[str, Any]:  # noqa: S104 - a router is there to be reached; who may what is decided below
+def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",)) -> dict[str, Any]:  # noqa: S104 - a router is there to be reached; who may what is decided below
     """Return the configuration of a router for `sites`, listening at `addresses` (without port).
 
     Raises:
@@ -147,12 +147,12 @@ def configuration(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0"
     return made
 
 
-def text(sites: Sequence[Routed], addresses: Sequence[str] = ("0.0.0.0",)) -> str:  # noqa: S104 - as above
+def to_json5(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",)) -> str:  # noqa: S104 - as above
     """Return `configuration` as JSON5, with a word on what it is."""
     return HEADER + json.dumps(configuration(sites, addresses), indent=1) + "\n"
 
 
-def _check(sites: Sequence[Routed]) -> None:
+def _check(sites: Sequence[RouterSite]) -> None:
     ports: dict[int, str] = {}
     names: set[str] = set()
     for routed in sites:
@@ -177,7 +177,7 @@ def _check(sites: Sequence[Routed]) -> None:
             )
 
 
-def _listeners(routed: Routed, addresses: Sequence[str]) -> list[str]:
+def _listeners(routed: RouterSite, addresses: Sequence[str]) -> list[str]:
     files = routed.folder
     server = f"listen_certificate_file={files}cert.pem;listen_private_key_file={files}key.pem"
     if not routed.password:
@@ -190,7 +190,7 @@ def _listeners(routed: Routed, addresses: Sequence[str]) -> list[str]:
     ]
 
 
-def _client(routed: Routed) -> str:
+def _client(routed: RouterSite) -> str:
     files = routed.folder
     return (
         f"root_ca_certificate_file={files}ca.pem;connect_certificate_file={files}cert.pem"
@@ -218,7 +218,7 @@ def _limits(site: str) -> list[dict[str, Any]]:
         add(request, "query", request.query.max_bytes)
         add(request, "reply", request.reply.max_bytes)
     for message in ("put", "query", "reply"):
-        by_size[message, LARGEST_BYTES] = list(everything(site))
+        by_size[message, LARGEST_BYTES] = list(all_key_expressions(site))
     return [
         {
             "id": f"{site}/{message}/{size}",
@@ -240,7 +240,7 @@ def _never_waits(site: str) -> dict[str, Any]:
     return {
         "id": f"{site}/never waits",
         "messages": ["put", "delete", "query"],
-        "key_exprs": list(everything(site)),
+        "key_exprs": list(all_key_expressions(site)),
         "flows": ["ingress"],
         "overwrite": {"congestion_control": "drop"},
     }
@@ -257,7 +257,7 @@ def _nothing(site: str, name: str) -> Rule:
     }
 
 
-def _thinned(routed: Routed) -> list[dict[str, Any]]:
+def _thinned(routed: RouterSite) -> list[dict[str, Any]]:
     """Return one rule for each key of each person: those whom one rule covers would share its rate.
 
     Trackers have names that nobody knows beforehand; their objects come as they are, and so does health.

@@ -35,7 +35,7 @@ def namespace(site: str) -> str:
     return f"pointit/{site}"
 
 
-def everything(site: str) -> tuple[str, ...]:
+def all_key_expressions(site: str) -> tuple[str, ...]:
     """Return patterns that cover every key of `site`, those below `@` too."""
     root = namespace(site)
     return (f"{root}/{ALL}", f"{root}/{LATE}", f"{root}/{ALL}/{ROOM}/{ALL}")
@@ -56,7 +56,7 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
                 "permission": "allow",
                 "messages": list(MESSAGES),
                 "flows": ["ingress", "egress"],
-                "key_exprs": list(everything(site)),
+                "key_exprs": list(all_key_expressions(site)),
             }
         ]
 
@@ -74,7 +74,7 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
     for verb in VERBS:
         tested += tests(getattr(rights, verb), verb)
     written, read = [*at(rights.writes), *late(rights.writes)], [*at(rights.reads), *late(rights.reads)]
-    site_wide = list(everything(site)[:2])
+    site_wide = list(all_key_expressions(site)[:2])
     grants: Sequence[tuple[str, Sequence[str], str, list[str]]] = (
         ("write", ("put",), "ingress", [*written, *tested]),
         (

@@ -23,16 +23,16 @@ from pydantic import ValidationError
 from pointit.access import router_configuration
 from pointit.access.files import locked, read
 from pointit.access.rights import Role
-from pointit.access.router_configuration import Routed, common_name
+from pointit.access.router_configuration import RouterSite, common_name
 from pointit.access.site_state import Identity, SiteState
-from pointit.runtime.config.validation_message import complaint
+from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.schemas.topics import check_name
 
 if TYPE_CHECKING:
-    from pointit.access.authority import Issued
+    from pointit.access.authority import IssuedCertificate
 
 STATE = "site.json"
 UNTRACKED = ".gitignore"
@@ -41,7 +41,7 @@ CONFIGURATION = "router.json5"
 USERS = "users.txt"
 SECRET_BYTES = 24
 
-_keep = functools.partial(put, durable=True)
+_keep = functools.partial(write_atomically, durable=True)
 """A certificate that was handed out must not be unknown after a power cut."""
 
 
@@ -67,9 +67,9 @@ class SiteFolder:
                 "or make one with `pointit site init NAME`"
             ) from error
         except ValidationError as error:
-            raise ConfigError(f"{file}: {complaint(error, SiteState)}") from error
+            raise ConfigError(f"{file}: {describe_validation_error(error, SiteState)}") from error
 
-    def found(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+    def create(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
         """Make the folder with an authority, the router's files, and an identity for each of `names`.
 
         Git leaves it alone, wherever it is: it is full of private keys.
@@ -91,7 +91,7 @@ class SiteFolder:
                 )
             if not (self.path / UNTRACKED).exists():
                 _keep(self.path / UNTRACKED, b"*\n", mode=0o644)
-            authority = _certifying().found(state.site, now)
+            authority = _certifying().create_authority(state.site, now)
             _keep(self.path / "authority" / KEY, authority.key)
             _keep(self.path / "authority" / CA, authority.certificate, mode=0o644)
             return self._issue(state.model_copy(update={"identities": {}}), {ROUTER: "router", **names}, now)
@@ -146,7 +146,7 @@ class SiteFolder:
         """
         return self._end(name, "removed")
 
-    def routed(self, uplinks: tuple[str, ...] = ()) -> Routed:
+    def router_site(self, uplinks: tuple[str, ...] = ()) -> RouterSite:
         """Return what a router that runs on this machine needs to know of the site.
 
         Args:
@@ -155,7 +155,7 @@ class SiteFolder:
         Raises:
             ConfigError: as `state`.
         """
-        return self.state().routed(f"{(self.path / ROUTER).absolute()}/", uplinks)
+        return self.state().router_site(f"{(self.path / ROUTER).absolute()}/", uplinks)
 
     def router_files(self) -> tuple[Path, ...]:
         """Return the files whose change a router of this site must follow."""
@@ -189,7 +189,7 @@ class SiteFolder:
         authority = _certifying().Authority(
             read(self.path / "authority" / CA), read(self.path / "authority" / KEY)
         )
-        made: dict[str, tuple[Identity, Issued]] = {}
+        made: dict[str, tuple[Identity, IssuedCertificate]] = {}
         for name, role in names.items():
             check_name(name, "identity")
             if (name == ROUTER) != (role == "router"):
@@ -197,7 +197,7 @@ class SiteFolder:
             before = state.identities.get(name)
             generation = 1 if before is None else before.generation + 1
             hosts = state.router_hosts() if role == "router" else ()
-            issued: Issued = authority.certify(
+            issued: IssuedCertificate = authority.issue(
                 common_name(state.site, name, generation), now, state.days, hosts
             )
             identity = Identity(
@@ -218,7 +218,7 @@ class SiteFolder:
         self._write(state)
         return state
 
-    def _carry(self, state: SiteState, name: str, identity: Identity, issued: "Issued") -> None:
+    def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
         """Write the folder of one identity."""
         folder = self.identity_folder(name)
         _keep(folder / CA, read(self.path / "authority" / CA), mode=0o644)
@@ -236,13 +236,13 @@ class SiteFolder:
         if state.password:
             lines = [
                 f"{member.common_name}:{read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
-                for member in state.routed("").members
+                for member in state.router_site("").members
                 if member.role != "router"
             ]
             _keep(self.path / ROUTER / USERS, "".join(lines).encode())
         kept = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
         _keep(self.path / STATE, kept.encode(), mode=0o644)
-        configuration = router_configuration.text([state.routed("")])
+        configuration = router_configuration.to_json5([state.router_site("")])
         _keep(self.path / ROUTER / CONFIGURATION, configuration.encode())
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from pointit.access.rights import Role
-from pointit.access.router_configuration import Member, Routed, common_name
+from pointit.access.router_configuration import Member, RouterSite, common_name
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import LinkFile
@@ -56,14 +56,14 @@ class SiteState(Config):
         """Return by which names and addresses the router is reached; on its own machine always."""
         return tuple(dict.fromkeys((*self.hosts, "localhost", "127.0.0.1", "::1")))
 
-    def routed(self, folder: str, uplinks: tuple[str, ...] = ()) -> Routed:
+    def router_site(self, folder: str, uplinks: tuple[str, ...] = ()) -> RouterSite:
         """Return the site as its router sees it.
 
         Args:
             folder: where the router's own files are: nothing (its own folder), or a path with `/` behind.
             uplinks: addresses of other routers of the site, that it joins.
         """
-        return Routed(
+        return RouterSite(
             site=self.site,
             port=self.port,
             members=[

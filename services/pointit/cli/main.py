@@ -77,7 +77,7 @@ ERROR = "Error: "
 """What errors begin with."""
 
 
-class Front(LazyGroup):
+class RootGroup(LazyGroup):
     """The front page: commands, three examples, where to begin."""
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -85,7 +85,7 @@ class Front(LazyGroup):
         try:
             return super().invoke(ctx)
         except click.ClickException as error:
-            text = folded(error.format_message())
+            text = wrap_message(error.format_message())
             vars(error)["format_message"] = lambda: text
             raise
         except Exception as error:
@@ -93,7 +93,7 @@ class Front(LazyGroup):
             from pointit.schemas import SchemaError  # noqa: PLC0415 - as above
 
             if isinstance(error, PointItError | SchemaError):
-                error.args = (folded(str(error)),)
+                error.args = (wrap_message(str(error)),)
             raise
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -105,7 +105,7 @@ class Front(LazyGroup):
         formatter.write_text("More on a command: pointit COMMAND --help")
 
 
-def folded(text: str, width: int | None = None) -> str:
+def wrap_message(text: str, width: int | None = None) -> str:
     """Return `text` in lines that fit behind and below `Error: `, words whole; as it is in a pipe.
 
     Args:
@@ -128,7 +128,7 @@ def front() -> click.Group:
         if ctx.invoked_subcommand is None:
             click.echo(ctx.get_help())
 
-    group = Front(
+    group = RootGroup(
         name="pointit",
         entries=[Entry(name=name, about=about, load=from_module(where)) for name, about, where in COMMANDS],
         callback=callback,

@@ -5,17 +5,17 @@ import math
 import numpy as np
 
 from pointit.schemas import Health, UserPose
-from pointit.services.localizer.estimation.estimator import Trust
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
-UNSURE_M = Trust().max_position_sigma_m
-UNSURE_DEG = round(math.degrees(Trust().max_yaw_sigma_rad), 6)
+UNSURE_M = SolverSettings().max_position_sigma_m
+UNSURE_DEG = round(math.degrees(SolverSettings().max_yaw_sigma_rad), 6)
 """1 sigma; a pose less certain than one of these is one that the localizer would refuse."""
 
 OLD_ANCHOR_S = 180.0
 """By then the yaw of a common IMU may be 45 deg off; no fault while the pose is still certain."""
 
-SURE_DEG = math.degrees(Choice().yaw_sigma_rad)
+SURE_DEG = math.degrees(TargetPlan().yaw_sigma_rad)
 """Who localizes goes on pointing until the yaw is as certain as this."""
 
 ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own

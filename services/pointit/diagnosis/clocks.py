@@ -3,22 +3,24 @@
 from collections.abc import Iterator
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.runtime.health.clock_skew import REMEDY, SkewWatch
+from pointit.runtime.health.clock_skew import REMEDY, ClockSkewMonitor
 
 
-def clocks_apart(seen: Observation) -> Iterator[Finding]:
+def find_clock_skew(seen: Observation) -> Iterator[Finding]:
     """Find machines whose clocks are apart from ours, where no keeper has said so already."""
-    watch = SkewWatch(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
+    watch = ClockSkewMonitor(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
     for reports in seen.reports.values():
         for report in reports:
             if report.arrived_ns is not None and report.health.host:
-                watch.hear(report.health.host, report.health.stamp_ns, report.arrived_ns, report.received_s)
+                watch.on_report(
+                    report.health.host, report.health.stamp_ns, report.arrived_ns, report.received_s
+                )
     keeper = seen.newest("keeper")
     said = " ".join(keeper.warnings) if keeper is not None else ""
     for skew in watch.skews(seen.now_s):
         if f"the clock of machine {skew.host} " not in said:
             yield Finding(
-                severity="error" if skew.refuses else "warning",
+                severity="error" if skew.exceeds_limit else "warning",
                 code="clock",
                 service="",
                 sentence=skew.sentence(seen.host),

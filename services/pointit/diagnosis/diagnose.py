@@ -12,10 +12,10 @@ from pointit.diagnosis.certainty import (
     YAW_SIGMA,
     figure,
 )
-from pointit.diagnosis.clocks import clocks_apart
+from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.staleness import stale_inputs
-from pointit.diagnosis.writers import split, start_command
+from pointit.diagnosis.writers import split_instance, start_command
 from pointit.runtime.health.clock_skew import LONGEST_HOST
 from pointit.schemas import Health
 from pointit.schemas.text import one_line
@@ -32,7 +32,7 @@ _EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.
 
 def diagnose(seen: Observation) -> list[Finding]:
     """Return what is wrong, the worst first."""
-    findings = [*_presence(seen), *clocks_apart(seen), *_reports(seen), *stale_inputs(seen)]
+    findings = [*_presence(seen), *find_clock_skew(seen), *_reports(seen), *stale_inputs(seen)]
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: (order.index(finding.severity), finding.service))
 
@@ -118,7 +118,7 @@ def _reports(seen: Observation) -> Iterator[Finding]:
                 severity="warning",
                 code="warning",
                 service=instance,
-                sentence=f"says: “{sentence}”" if split(instance)[1] else sentence,
+                sentence=f"says: “{sentence}”" if split_instance(instance)[1] else sentence,
                 remedy="" if _says_what_to_do(sentence) else "look at its log, which tells more",
             )
         if health.status == "degraded" and not health.warnings:
@@ -206,7 +206,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     age_s = figure(health, ANCHOR_AGE)
     if any(UNCERTAIN in sentence for sentence in health.warnings):
         return  # it says so itself, and what to do
-    who = split(instance)[1] or "NAME"
+    who = split_instance(instance)[1] or "NAME"
     if where_m is not None and where_m > UNSURE_M:
         yield Finding(
             severity="warning",
@@ -251,7 +251,7 @@ def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> 
 def _restart(instance: str, options: str) -> str:
     if _is_router(instance):
         return "if it should run: pointit router --site-folder FOLDER"
-    command = start_command(*split(instance))
+    command = start_command(*split_instance(instance))
     return f"if it should run: {command}{options}" if command else "if it should run, start it where it ran"
 
 

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import split
+from pointit.diagnosis.writers import split_instance
 
 
 def is_about(instance: str, name: str) -> bool:
     """Return whether `name` is the instance, its service or its person."""
-    return name in (instance, *split(instance))
+    return name in (instance, *split_instance(instance))
 
 
-def narrowed(findings: Sequence[Finding], seen: Observation, name: str) -> list[Finding]:
+def filter_findings(findings: Sequence[Finding], seen: Observation, name: str) -> list[Finding]:
     """Return the findings about `name`; one more when nothing of that name runs or should run.
 
     Who may not look on knows neither, and gets them all.

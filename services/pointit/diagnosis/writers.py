@@ -10,7 +10,7 @@ from pointit.services.registry import PROCESSES, Process
 _ROWS: dict[str, Process] = {row.name: row for row in PROCESSES}
 
 
-def split(instance: str) -> tuple[str, str]:
+def split_instance(instance: str) -> tuple[str, str]:
     """Return service and user of an instance: `pointing.anna` is `pointing` of `anna`."""
     service, _, user = instance.partition(".")
     return service, user
@@ -18,7 +18,7 @@ def split(instance: str) -> tuple[str, str]:
 
 def is_bridge(instance: str) -> bool:
     """Return whether an instance brings what comes from a foreign world."""
-    row = _ROWS.get(split(instance)[0])
+    row = _ROWS.get(split_instance(instance)[0])
     return row is not None and row.room == "bridges"
 
 
@@ -47,14 +47,14 @@ def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[
         return sorted(instance for instance in present if name in (ANY, "", instance))
     found: list[str] = []
     for instance in present:
-        service, user = split(instance)
+        service, user = split_instance(instance)
         other = topic.placeholder == "user" and user and name not in (ANY, "", user)
         if service in topic.writers and not other:
             found.append(instance)
     return sorted(found)
 
 
-def why_silent(topic: AnyTopic, name: str, present: Collection[str]) -> str:
+def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     """Return one clause on who should write `topic` at `name`, whether they run, and what to do."""
     there = present_writers(topic, name, present)
     if there:

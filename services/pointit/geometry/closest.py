@@ -35,7 +35,7 @@ class Hit(NamedTuple):
     """Place on a thing with an area, in its own two axes."""
 
 
-def hit_at(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
+def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
     """Return the hit of `point_m` with its misses by the ray from `origin_m` along the unit `direction`."""
     reach = vector.subtract(point_m, origin_m)
     along = vector.dot(direction, reach)
@@ -83,7 +83,7 @@ def nearest_in_metres(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     return best_t, best_cost
 
 
-def span_within(p: float, q: float, reach_m: float) -> tuple[float, float] | None:
+def clip_to_reach(p: float, q: float, reach_m: float) -> tuple[float, float] | None:
     """Return from which t to which a segment is no further along the ray than `reach_m`, or none.
 
     Args:

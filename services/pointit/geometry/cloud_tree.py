@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import TINY, Hit, hit_at
+from pointit.geometry.closest import TINY, Hit, make_hit
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ class CloudTree:
             return None
         leaf, column = divmod(index, self._levels[-1].radii.shape[1])
         x, y, z = self._levels[-1].places[leaf, :, column].tolist()
-        return hit_at(int(self._order[index]), 0.0, (x, y, z), origin_m, direction)
+        return make_hit(int(self._order[index]), 0.0, (x, y, z), origin_m, direction)
 
     def _look(self, level: _Level, kept: Indices, ray: _Ray, bound: float) -> tuple[Indices, Indices, float]:
         """Return which children of `kept` may hold the closest point, and what it misses by at most."""

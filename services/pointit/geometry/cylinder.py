@@ -31,14 +31,14 @@ class CylinderSolid:
         self._radius = radius_m
         self._height = height_m
         centre = vector.add(foot_m, (0.0, 0.0, height_m / 2.0))
-        self.ball = (centre, math.hypot(radius_m, height_m / 2.0))
+        self.bounding_sphere = (centre, math.hypot(radius_m, height_m / 2.0))
 
-    def holds(self, point_m: Vec3) -> bool:
+    def contains(self, point_m: Vec3) -> bool:
         """Return whether `point_m` is inside."""
         x, y, z = vector.subtract(point_m, self._foot)
         return math.hypot(x, y) < self._radius and 0.0 < z < self._height
 
-    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
         x, y, z = vector.subtract(origin_m, self._foot)
         dx, dy, dz = direction
@@ -60,7 +60,7 @@ class CylinderSolid:
             return None
         return first if first >= 0.0 else last
 
-    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
         """Return the point that a ray which does not meet it passes closest."""
         own = vector.subtract(origin_m, self._foot)
         found = self._by_angle(own, direction) if measure == "angle" else self._by_metres(own, direction)
@@ -144,7 +144,7 @@ class CylinderSolid:
     def _by_metres(self, own: Vec3, d: Vec3) -> Vec3:
         centre = (0.0, 0.0, self._height / 2.0)
         low = 0.0
-        high = max(0.0, vector.dot(d, vector.subtract(centre, own))) + self.ball[1]
+        high = max(0.0, vector.dot(d, vector.subtract(centre, own))) + self.bounding_sphere[1]
         for _ in range(HALVINGS):
             middle = (low + high) / 2.0
             at = vector.add(own, vector.scale(d, middle))

@@ -46,13 +46,13 @@ class PlaneSolid:
         self._half = None if size_m is None else (size_m[0] / 2.0, size_m[1] / 2.0)
         self._grazing = math.sin(grazing_rad)
         self._edges: list[Edge] = [] if self._half is None else self._rim(*self._half)
-        self.ball = (center_m, math.inf if self._half is None else math.hypot(*self._half))
+        self.bounding_sphere = (center_m, math.inf if self._half is None else math.hypot(*self._half))
 
-    def holds(self, point_m: Vec3) -> bool:  # noqa: ARG002 - of every solid
+    def contains(self, point_m: Vec3) -> bool:  # noqa: ARG002 - of every solid
         """Return that nothing is inside of what has no inside."""
         return False
 
-    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return how far along the ray it is met."""
         towards = vector.dot(direction, self._normal)
         if abs(towards) <= self._grazing:
@@ -66,7 +66,7 @@ class PlaneSolid:
                 return None
         return ahead
 
-    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
         """Return the point of its rim, or nearest to the ray's origin, that the ray passes closest."""
         if self._half is None or abs(vector.dot(direction, self._normal)) <= self._grazing:
             return None

@@ -82,7 +82,7 @@ class Polyline:
             positions_m[part] = self.starts_m[segment] + along_m[each, segment]
         return positions_m, apart_m
 
-    def are_beyond(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
+    def is_beyond_ends(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
         """Tell which of `points_m` (k x 3) lie more than `by_m` before the line's start or after its end.
 
         Args:

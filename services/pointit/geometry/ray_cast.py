@@ -18,10 +18,10 @@ from pointit.geometry.closest import (
     TINY,
     Hit,
     Measure,
-    hit_at,
+    clip_to_reach,
+    make_hit,
     nearest_in_angle,
     nearest_in_metres,
-    span_within,
 )
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
@@ -118,7 +118,7 @@ class RayCaster:
         segment, t = found
         point = vector.add(segment.start_m, vector.scale(segment.span_m, t))
         position = segment.position_m + t * segment.length_m
-        hit = hit_at(segment.target, position, point, origin_m, direction)
+        hit = make_hit(segment.target, position, point, origin_m, direction)
         miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
         return hit if miss <= tolerance else None
 
@@ -130,7 +130,7 @@ class RayCaster:
             a, u = vector.subtract(segment.start_m, origin_m), segment.span_m
             span = (0.0, 1.0)
             if reach_m < math.inf:
-                within = span_within(vector.dot(direction, a), vector.dot(direction, u), reach_m)
+                within = clip_to_reach(vector.dot(direction, a), vector.dot(direction, u), reach_m)
                 if within is None:
                     continue
                 span = within

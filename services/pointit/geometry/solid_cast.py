@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit, Measure, hit_at
+from pointit.geometry.closest import Hit, Measure, make_hit
 from pointit.geometry.solids import Solid
 from pointit.geometry.vector import Vec3
 
@@ -31,9 +31,9 @@ class SolidCaster:
             raise ValueError("a solid caster needs at least one solid")
         self.measure: Measure = measure
         self._solids = list(solids)
-        self._centres = np.array([solid.ball[0] for solid in solids]).T.copy()
+        self._centres = np.array([solid.bounding_sphere[0] for solid in solids]).T.copy()
         """3 x n."""
-        self._radii = np.array([solid.ball[1] for solid in solids])
+        self._radii = np.array([solid.bounding_sphere[1] for solid in solids])
 
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
@@ -48,7 +48,9 @@ class SolidCaster:
         """
         direction = vector.normalized(direction)
         near = self._near(origin_m, direction, tolerance)
-        met = [(ahead, i) for i in near if (ahead := self._solids[i].meet(origin_m, direction)) is not None]
+        met = [
+            (ahead, i) for i in near if (ahead := self._solids[i].intersect(origin_m, direction)) is not None
+        ]
         first, index = min(met, default=(math.inf, -1))
         if index >= 0 and first <= reach_m:  # whatever it passes by, it misses by more
             return self._hit(index, first, origin_m, direction)
@@ -56,7 +58,7 @@ class SolidCaster:
         passed = [i for i in near if i not in behind]
         return self._closest(passed, origin_m, direction, tolerance, reach_m)
 
-    def first(self, origin_m: Vec3, direction: Vec3) -> float:
+    def first_hit_m(self, origin_m: Vec3, direction: Vec3) -> float:
         """Return how far along the ray the first thing is met, or infinity.
 
         Those that the ray begins in do not count.
@@ -65,8 +67,8 @@ class SolidCaster:
         ahead = math.inf
         for i in self._near(origin_m, direction, 0.0):
             solid = self._solids[i]
-            met = solid.meet(origin_m, direction)
-            if met is not None and met < ahead and not solid.holds(origin_m):
+            met = solid.intersect(origin_m, direction)
+            if met is not None and met < ahead and not solid.contains(origin_m):
                 ahead = met
         return ahead
 
@@ -82,10 +84,10 @@ class SolidCaster:
         for i in near:
             if not self._is_near(i, origin_m, direction, least):
                 continue
-            point = self._solids[i].pass_by(origin_m, direction, self.measure)
+            point = self._solids[i].closest_approach(origin_m, direction, self.measure)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue
-            hit = hit_at(i, 0.0, point, origin_m, direction)
+            hit = make_hit(i, 0.0, point, origin_m, direction)
             miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
             if miss <= least and (best is None or miss < least - SAME or hit.range_m < best.range_m):
                 best, least = hit, miss
@@ -112,7 +114,7 @@ class SolidCaster:
         return found
 
     def _is_near(self, index: int, origin_m: Vec3, direction: Vec3, tolerance: float) -> bool:
-        centre, radius = self._solids[index].ball
+        centre, radius = self._solids[index].bounding_sphere
         reach = vector.subtract(centre, origin_m)
         distance = vector.norm(reach)
         if distance <= radius:

@@ -21,18 +21,18 @@ Edge = tuple[Vec3, Vec3]
 class Solid(Protocol):
     """A convex thing with an area."""
 
-    ball: tuple[Vec3, float]
+    bounding_sphere: tuple[Vec3, float]
     """Centre and radius of a ball that it lies in; the radius is infinite when it has no end."""
 
-    def holds(self, point_m: Vec3) -> bool:
+    def contains(self, point_m: Vec3) -> bool:
         """Return whether `point_m` is inside."""
         ...
 
-    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return how far along the ray (unit direction) it is met first, or none."""
         ...
 
-    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
         """Return the point that a ray which does not meet it passes closest, or none if there is none."""
         ...
 
@@ -54,17 +54,17 @@ class BoxSolid:
         self._half = vector.scale(size_m, 0.5)
         self._yaw = yaw_rad
         self._edges = _box_edges(self._half)
-        self.ball = (center_m, vector.norm(self._half))
+        self.bounding_sphere = (center_m, vector.norm(self._half))
 
-    def holds(self, point_m: Vec3) -> bool:
+    def contains(self, point_m: Vec3) -> bool:
         """Return whether `point_m` is inside."""
         own = self._own(point_m)
         return all(abs(x) < half for x, half in zip(own, self._half, strict=True))
 
-    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
         first, last = -math.inf, math.inf
-        own, ahead = self._own(origin_m), vector.turn(direction, -self._yaw)
+        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         for x, d, half in zip(own, ahead, self._half, strict=True):
             if abs(d) < TINY:
                 if abs(x) > half:
@@ -76,14 +76,14 @@ class BoxSolid:
             return None
         return first if first >= 0.0 else last
 
-    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
         """Return the point that a ray which does not meet it passes closest."""
-        own, ahead = self._own(origin_m), vector.turn(direction, -self._yaw)
+        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         found = nearest_on_edges(self._edges, own, ahead, measure)
         if measure == "metres":
             foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
             found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
-        return vector.add(self._center, vector.turn(found, self._yaw))
+        return vector.add(self._center, vector.rotate_z(found, self._yaw))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the place on the face that `point_m` is on."""
@@ -93,7 +93,7 @@ class BoxSolid:
         return ((y, z), (x, z), (x, y))[face]
 
     def _own(self, point_m: Vec3) -> Vec3:
-        return vector.turn(vector.subtract(point_m, self._center), -self._yaw)
+        return vector.rotate_z(vector.subtract(point_m, self._center), -self._yaw)
 
 
 class SphereSolid:
@@ -103,13 +103,13 @@ class SphereSolid:
         """Take centre and radius."""
         self._center = center_m
         self._radius = radius_m
-        self.ball = (center_m, radius_m)
+        self.bounding_sphere = (center_m, radius_m)
 
-    def holds(self, point_m: Vec3) -> bool:
+    def contains(self, point_m: Vec3) -> bool:
         """Return whether `point_m` is inside."""
         return math.dist(point_m, self._center) < self._radius
 
-    def meet(self, origin_m: Vec3, direction: Vec3) -> float | None:
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
         reach = vector.subtract(self._center, origin_m)
         along = vector.dot(direction, reach)
@@ -121,7 +121,7 @@ class SphereSolid:
             return along - half
         return along + half if along + half >= 0.0 else None
 
-    def pass_by(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
         """Return the point that a ray which does not meet it passes closest."""
         reach = vector.subtract(self._center, origin_m)
         along = vector.dot(direction, reach)
@@ -165,10 +165,10 @@ def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3, mea
 
 def nearer(a: Vec3, b: Vec3, origin_m: Vec3, direction: Vec3) -> Vec3:
     """Return which of two points is nearer to the ray, in metres."""
-    return min(a, b, key=lambda point: off_ray(point, origin_m, direction))
+    return min(a, b, key=lambda point: distance_to_ray(point, origin_m, direction))
 
 
-def off_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
+def distance_to_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
     """Return the distance from the ray to a point."""
     ahead = max(vector.dot(direction, vector.subtract(point_m, origin_m)), 0.0)
     return math.dist(point_m, vector.add(origin_m, vector.scale(direction, ahead)))

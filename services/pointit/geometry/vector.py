@@ -68,7 +68,7 @@ def direction(azimuth_rad: float, elevation_rad: float) -> Vec3:
     return (level * math.cos(azimuth_rad), level * math.sin(azimuth_rad), math.sin(elevation_rad))
 
 
-def turn(a: Vec3, yaw_rad: float) -> Vec3:
+def rotate_z(a: Vec3, yaw_rad: float) -> Vec3:
     """Return a turned about z."""
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     return (c * a[0] - s * a[1], s * a[0] + c * a[1], a[2])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.maps.ply_file import AXES, binary_vertices, read_ply_header
-from pointit.runtime.config.validation_message import listed, shown
+from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
 Points = NDArray[np.float64]
@@ -33,7 +33,7 @@ def read_cloud(path: Path) -> Points:
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise ConfigError(f"{path}: is no point cloud; give a file that ends in {listed(SUFFIXES)}")
+        raise ConfigError(f"{path}: is no point cloud; give a file that ends in {join_names(SUFFIXES)}")
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe: reading would wait for ever
             raise ConfigError(f"{path}: is no file; give the file itself")
@@ -49,7 +49,7 @@ def read_cloud(path: Path) -> Points:
         first = int(np.argmin(good))
         raise ConfigError(
             f"{path}: {len(points) - int(good.sum())} of {len(points)} points are not finite, the first is "
-            f"point {first + 1} {shown(points[first].tolist())}; remove them"
+            f"point {first + 1} {format_value(points[first].tolist())}; remove them"
         )
     return points
 
@@ -112,7 +112,8 @@ def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None, list[int]]:
     if not first:
         return 0, None, columns
     raise ConfigError(
-        f"{path}: no line begins with x, y and z, the first is {shown(first)}; write three numbers a line"
+        f"{path}: no line begins with x, y and z, the first is {format_value(first)}; "
+        "write three numbers a line"
     )
 
 

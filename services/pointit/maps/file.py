@@ -16,7 +16,12 @@ from pointit.maps.cloud_file import read_cloud
 from pointit.maps.environment import environment
 from pointit.maps.lanes import broken_references
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
-from pointit.runtime.config.validation_message import field_names, listed, more_mistakes, shown
+from pointit.runtime.config.validation_message import (
+    field_names,
+    format_value,
+    join_names,
+    more_errors_suffix,
+)
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
@@ -35,7 +40,7 @@ class MapError(ConfigError):
 
     def __init__(self, path: Path, mistakes: Sequence[tuple[str, str]]) -> None:
         where, text = mistakes[0]
-        super().__init__(f"{path}: {where}: {text}{more_mistakes(len(mistakes) - 1)}")
+        super().__init__(f"{path}: {where}: {text}{more_errors_suffix(len(mistakes) - 1)}")
         self.mistakes = tuple(mistakes)
         """Place in the file (`strips.1.pixels`), and what is wrong there and what to do; at least one."""
 
@@ -106,7 +111,7 @@ def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clo
     if broken:
         raise MapError(path, broken)
     clouds = read_clouds(path, file)
-    return file, travelling(path, file, clouds, stamp_ns), clouds
+    return file, to_message(path, file, clouds, stamp_ns), clouds
 
 
 def read_map_file(path: Path) -> MapFile:
@@ -162,7 +167,7 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
     return clouds
 
 
-def travelling(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Environment:
+def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Environment:
     """Return the message that `file` makes, named as its path.
 
     Raises:
@@ -224,16 +229,17 @@ def _sentence(detail: ErrorDetails) -> str:
     loc, kind, value = detail["loc"], detail["type"], detail["input"]
     model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
     if kind == "missing":
-        return f"is missing; add it beside {listed(value) or 'the name'}"
+        return f"is missing; add it beside {join_names(value) or 'the name'}"
     if kind == "extra_forbidden":
-        return f"is not known (got {shown(value)}); remove it, or use one of {listed(field_names(model))}"
+        names = join_names(field_names(model))
+        return f"is not known (got {format_value(value)}); remove it, or use one of {names}"
     if kind == "value_error":
         return detail["msg"].removeprefix("Value error, ")
     if loc == ("links",):
-        return f"write a list of {{from: belt, to: belt}}, not {shown(value)}"
+        return f"write a list of {{from: belt, to: belt}}, not {format_value(value)}"
     if loc == ("bays",):
-        return f"write a mapping of bays to belts such as {{1: belt}}, not {shown(value)}"
+        return f"write a mapping of bays to belts such as {{1: belt}}, not {format_value(value)}"
     if len(loc) == 1:
-        return f"write a mapping of names to entries, not {shown(value)}"
+        return f"write a mapping of names to entries, not {format_value(value)}"
     known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
-    return f"write a mapping with {listed(known)}, not {shown(value)}"
+    return f"write a mapping with {join_names(known)}, not {format_value(value)}"

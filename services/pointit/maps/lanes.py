@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.model import LinkEntry, MapFile
-from pointit.runtime.config.validation_message import listed
+from pointit.runtime.config.validation_message import join_names
 
 OVERHANG_M = 0.01
 """A position this far off its belt is one that was rounded."""
@@ -45,7 +45,7 @@ def enters_at(link: LinkEntry, target: Lane) -> float:
 def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
     """Yield where and a sentence for each link and bay that names no lane, or a place off its lane."""
     kind, lanes = ("belt" if file.belts else "strip"), lanes_of(file)
-    known = f"use one of {listed(lanes)}" if lanes else "the map has neither belts nor strips"
+    known = f"use one of {join_names(lanes)}" if lanes else "the map has neither belts nor strips"
     for index, link in enumerate(file.links):
         for end, name, position in (
             ("from", link.source, link.from_position),

@@ -7,7 +7,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from pointit.geometry.polyline import SAME_M, Polyline
 from pointit.geometry.vector import Vec3, norm, normalized
-from pointit.runtime.config.validation_message import shown
+from pointit.runtime.config.validation_message import format_value
 from pointit.schemas import FARTHEST
 
 MAX_PIXELS = 4096
@@ -25,13 +25,13 @@ def _point(value: object) -> Vec3:
     try:
         x, y, z = (_number(number) for number in cast("list[object]", value))
     except (TypeError, ValueError):
-        raise ValueError(f"a point is three numbers [x, y, z] in metres, not {shown(value)}") from None
+        raise ValueError(f"a point is three numbers [x, y, z] in metres, not {format_value(value)}") from None
     return (x, y, z)
 
 
 def _line(value: object) -> tuple[Vec3, ...]:
     if not isinstance(value, list):
-        raise ValueError(f"a line is a list of points [x, y, z], not {shown(value)}")  # noqa: TRY004 - pydantic's
+        raise ValueError(f"a line is a list of points [x, y, z], not {format_value(value)}")  # noqa: TRY004 - pydantic's
     vertices: list[Vec3] = []
     for index, vertex in enumerate(cast("list[object]", value)):
         try:
@@ -53,7 +53,7 @@ def _above_zero(value: object) -> float:
     except ValueError:
         number = 0.0
     if number <= 0:
-        raise ValueError(f"write a number of metres above 0, not {shown(value)}")
+        raise ValueError(f"write a number of metres above 0, not {format_value(value)}")
     return number
 
 
@@ -63,14 +63,14 @@ def _sizes(value: object, count: int) -> tuple[float, ...]:
     except (TypeError, ValueError):
         sizes = ()
     if len(sizes) != count or min(sizes) <= 0:
-        raise ValueError(f"write {count} sizes in metres, all above 0, not {shown(value)}")
+        raise ValueError(f"write {count} sizes in metres, all above 0, not {format_value(value)}")
     return sizes
 
 
 def _normal(value: object) -> Vec3:
     normal = _point(value)
     if norm(normal) < SAME_M:
-        raise ValueError(f"a normal points away from the plane, {shown(value)} has no direction")
+        raise ValueError(f"a normal points away from the plane, {format_value(value)} has no direction")
     return normalized(normal)
 
 
@@ -78,30 +78,34 @@ def _finite(value: object, unit: str) -> float:
     try:
         return _number(value)
     except ValueError:
-        raise ValueError(f"write a number of {unit}, not {shown(value)}") from None
+        raise ValueError(f"write a number of {unit}, not {format_value(value)}") from None
 
 
 def _name(value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise ValueError(f"write the name of a belt, not {shown(value)}")  # noqa: TRY004 - pydantic's
+        raise ValueError(f"write the name of a belt, not {format_value(value)}")  # noqa: TRY004 - pydantic's
     return str(value)
 
 
 def _file(value: object) -> str:
     if not isinstance(value, str) or not value or "\0" in value:
-        raise ValueError(f"write the path of a .ply or .xyz file, relative to the map, not {shown(value)}")
+        raise ValueError(
+            f"write the path of a .ply or .xyz file, relative to the map, not {format_value(value)}"
+        )
     return value
 
 
 def _pixels(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= MAX_PIXELS:
-        raise ValueError(f"write a whole number of pixels from 1 to {MAX_PIXELS}, not {shown(value)}")
+        raise ValueError(f"write a whole number of pixels from 1 to {MAX_PIXELS}, not {format_value(value)}")
     return value
 
 
 def _direction(value: object) -> int:
     if isinstance(value, bool) or value not in (1, -1):
-        raise ValueError(f"write 1, or -1 where pixel 0 sits at the line's last point, not {shown(value)}")
+        raise ValueError(
+            f"write 1, or -1 where pixel 0 sits at the line's last point, not {format_value(value)}"
+        )
     return 1 if value == 1 else -1
 
 

@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.runtime.config.validation_message import listed, shown
+from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
 MAX_HEADER_LINES = 1000
@@ -83,7 +83,7 @@ def read_ply_header(path: Path) -> PlyHeader:
     names = [name for name, _ in header.vertex.properties]
     if missing := [axis for axis in AXES if names.count(axis) != 1]:
         raise ConfigError(
-            f"{path}: its vertices have {listed(names) or 'nothing'}, not {listed(missing)} once; "
+            f"{path}: its vertices have {join_names(names) or 'nothing'}, not {join_names(missing)} once; "
             "export it with x, y and z"
         )
     _refuse_lists(path, header)
@@ -128,7 +128,7 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
                 _take(words, elements)
         except (KeyError, IndexError, ValueError):
             raise ConfigError(
-                f"{path}: line {number} of its header is not understood, {shown(' '.join(words))}; "
+                f"{path}: line {number} of its header is not understood, {format_value(' '.join(words))}; "
                 "export it as PLY 1.0 again"
             ) from None
     raise ConfigError(f"{path}: its header does not end; it is cut off or no PLY, copy or export it again")

@@ -72,7 +72,7 @@ class SimulatedClock:
         return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
 
-async def keep_time(clock: WallClock | SimulatedClock, bus: Bus) -> None:
+async def publish_time(clock: WallClock | SimulatedClock, bus: Bus) -> None:
     """Tell the site the time of `clock`, now and every `TICK_PERIOD_S`, until cancelled."""
     publisher = bus.publisher(CLOCK)
     try:
@@ -116,7 +116,7 @@ class SiteClock:
         tick = self._source(here_ns)
         return time.time_ns() if tick is None else self._at(tick, here_ns)
 
-    async def found(self, patience_s: float) -> bool:
+    async def wait_for_tick(self, patience_s: float) -> bool:
         """Wait for the site's time; return whether it came, so that nothing sees the jump towards it."""
         try:
             await asyncio.wait_for(self._ticked.wait(), patience_s)

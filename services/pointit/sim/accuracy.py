@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import NS_PER_S, UserPose, explain
+from pointit.schemas import NS_PER_S, UserPose, summarize_validation_error
 from pointit.sim.recordings import ImuRecording
 
 BUCKET_S = 5.0
@@ -26,7 +26,7 @@ _ENTRIES = TypeAdapter(list[dict[str, Any]])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class PoseError:
     """One pose beside the truth."""
 
     t_s: float
@@ -56,7 +56,9 @@ def reference_yaw_deg(recording: Path) -> float | None:
     except OSError as error:
         raise ConfigError(f"{index}: cannot be read ({error.strerror or error})") from error
     except ValidationError as error:
-        raise ConfigError(f"{index}: a JSON list of objects was expected; {explain(error)}") from error
+        raise ConfigError(
+            f"{index}: a JSON list of objects was expected; {summarize_validation_error(error)}"
+        ) from error
     value = next((entry.get(REFERENCE_YAW) for entry in entries if entry.get("file") == recording.name), None)
     if value is None:
         return None
@@ -73,14 +75,14 @@ class Accuracy:
         self._recording = recording
         self._start_ns = start_ns
         self._yaw_deg = yaw_deg
-        self.rows: list[Measured] = []
+        self.rows: list[PoseError] = []
         """What was measured, in order of arrival."""
 
-    def add(self, pose: UserPose) -> Measured:
+    def add(self, pose: UserPose) -> PoseError:
         """Measure `pose` at its own time, and keep it."""
         t_s = (pose.stamp_ns - self._start_ns) / NS_PER_S
         covariance = np.array(pose.covariance, dtype=np.float64).reshape(3, 3)
-        row = Measured(
+        row = PoseError(
             t_s=t_s,
             position_error_m=self._position_error_m(pose, t_s),
             yaw_error_deg=self._yaw_error_deg(pose),
@@ -95,7 +97,7 @@ class Accuracy:
 
     def buckets(self) -> list[dict[str, float | int | None]]:
         """Return median and 90th percentile of the errors for each `BUCKET_S` of the recording."""
-        groups: dict[int, list[Measured]] = {}
+        groups: dict[int, list[PoseError]] = {}
         for row in self.rows:
             groups.setdefault(int(row.t_s // BUCKET_S), []).append(row)
         return [
@@ -120,7 +122,7 @@ class Accuracy:
         return math.remainder(math.degrees(pose.yaw_rad) - self._yaw_deg, 360.0)
 
 
-def _summed(rows: Sequence[Measured]) -> dict[str, float | int | None]:
+def _summed(rows: Sequence[PoseError]) -> dict[str, float | int | None]:
     positions = [row.position_error_m for row in rows if row.position_error_m is not None]
     yaws = [abs(row.yaw_error_deg) for row in rows if row.yaw_error_deg is not None]
     sigmas = [row.position_sigma_m for row in rows]

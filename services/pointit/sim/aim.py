@@ -51,7 +51,7 @@ class Stance:
 
     def shoulder_m(self, azimuth_rad: float) -> Vec3:
         """Return where the shoulder is, {W}, of an arm of that azimuth."""
-        return vector.add(self.position_m, vector.turn((0.0, self._side_m, self._neck_m), azimuth_rad))
+        return vector.add(self.position_m, vector.rotate_z((0.0, self._side_m, self._neck_m), azimuth_rad))
 
     def aim_at(self, point_m: Vec3, beside: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
         """Return the arm's azimuth and elevation, rad, that point at `point_m`.

@@ -19,13 +19,13 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.rights import Role
-from pointit.access.router_configuration import Routed
+from pointit.access.router_configuration import RouterSite
 from pointit.access.router_configuration import configuration as router_configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.runtime.link.credentials import Credentials, read_credentials
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import parsed
+from pointit.runtime.zenoh.router.router import parse_config
 from pointit.runtime.zenoh.session import configuration
 from tests.support.buses import free_port
 from tests.support.pace import Patience
@@ -66,7 +66,7 @@ def make_site(
         dashboard_rate_hz=dashboard_rate_hz,
         identities={},
     )
-    folder.found(state, NAMES if names is None else names, now())
+    folder.create(state, NAMES if names is None else names, now())
     return folder
 
 
@@ -84,11 +84,11 @@ def endpoint_of(folder: SiteFolder) -> str:
 
 
 @contextlib.contextmanager
-def routed(*sites: Routed | SiteFolder) -> Generator[zenoh.Session]:
+def routed(*sites: RouterSite | SiteFolder) -> Generator[zenoh.Session]:
     """Route for these sites in this process."""
-    known = [site.routed() if isinstance(site, SiteFolder) else site for site in sites]
+    known = [site.router_site() if isinstance(site, SiteFolder) else site for site in sites]
     text = json.dumps(router_configuration(known, ["127.0.0.1"]))
-    with zenoh.open(parsed(text, Path())) as session:
+    with zenoh.open(parse_config(text, Path())) as session:
         yield session
 
 

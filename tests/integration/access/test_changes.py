@@ -9,7 +9,7 @@ import zenoh
 
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import read_credentials, refusal
+from pointit.runtime.link.credentials import connection_refusal, read_credentials
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, ImuSample
@@ -71,8 +71,8 @@ async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
             hears(supervisor, IMU.at("carla"), carla)
 
         folder.revoke("anna")
-        await until(lambda: "may do nothing here" in anna.trouble, 10, "anna to know that she is revoked")
-        assert services.trouble == ""
+        await until(lambda: "may do nothing here" in anna.problem, 10, "anna to know that she is revoked")
+        assert services.problem == ""
 
         folder.renew(["anna"], now())
         again = await ZenohBus.open(link_of(folder, "anna"), patience_s=5)
@@ -81,8 +81,8 @@ async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
             hears(supervisor, IMU.at("anna"), new)
             with Member(old, "anna") as stale:
                 assert is_silent(supervisor, stale, BUTTON.at("anna"), new, IMU.at("anna"))
-        assert again.trouble == ""
-        assert "may do nothing here" in anna.trouble  # her process has the certificate it began with
+        assert again.problem == ""
+        assert "may do nothing here" in anna.problem  # her process has the certificate it began with
         for bus in (anna, services, again):
             await bus.close()
 
@@ -206,7 +206,7 @@ def test_the_router_tells_who_is_refused_what(tmp_path: Path) -> None:
             anna.put(IMU.at("ben"))
         ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("anna")))
         anna.answered(SET_BRIGHTNESS.at())
-        refusal(read_credentials(foreign, now()), endpoint_of(folder))
+        connection_refusal(read_credentials(foreign, now()), endpoint_of(folder))
         with pytest.raises(zenoh.ZError):
             open_with(Link(connect=(f"tcp/127.0.0.1:{folder.state().port}",)), {})
         for words in (

@@ -20,7 +20,7 @@ from tests.support.bench import until
 async def test_no_connection_that_was_accepted_lingers(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", password=True)
     port = folder.state().port
-    router = Router(lambda: json.dumps(configuration([folder.routed()], ["127.0.0.1"])), Path(), [])
+    router = Router(lambda: json.dumps(configuration([folder.router_site()], ["127.0.0.1"])), Path(), [])
 
     def lingering() -> list[bool]:
         found: list[bool] = []
@@ -32,7 +32,7 @@ async def test_no_connection_that_was_accepted_lingers(tmp_path: Path) -> None:
         return found
 
     await router.open()
-    following = asyncio.create_task(router.follow(), name="router")
+    following = asyncio.create_task(router.reload_on_change(), name="router")
     try:
         with Member(folder, "anna"):
             assert lingering() == [True], "Zenoh does as it did: else nothing of this is needed"

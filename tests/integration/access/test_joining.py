@@ -16,9 +16,9 @@ import zenoh
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
-from pointit.runtime.link.credentials import read_credentials, refusal
+from pointit.runtime.link.credentials import connection_refusal, read_credentials
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import (
     ButtonEvent,
@@ -110,7 +110,7 @@ async def test_a_person_works_with_the_services(buses: dict[str, ZenohBus]) -> N
     await operator.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
     with pytest.raises(NoAnswerError, match=r"\(anna\) may not ask leds/brightness"):
         await anna.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
-    assert [bus.trouble for bus in (anna, services, dashboard, operator)] == [""] * 4
+    assert [bus.problem for bus in (anna, services, dashboard, operator)] == [""] * 4
 
 
 async def test_a_late_joiner_gets_the_state_of_a_living_writer(
@@ -136,13 +136,13 @@ async def test_who_may_not_write_says_so(
     began_s = asyncio.get_running_loop().time()
     guest.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
     guest.publisher(IMU, "guest1")
-    await until(lambda: bool(guest.trouble), what="the trouble")
+    await until(lambda: bool(guest.problem), what="the trouble")
     assert asyncio.get_running_loop().time() - began_s < 5
-    assert guest.trouble == (
+    assert guest.problem == (
         "this identity (guest1) may not write users/anna/imu: use credentials of anna, or have them added "
         "with `pointit site user add anna`"
     )
-    assert guest.trouble in caplog.text
+    assert guest.problem in caplog.text
     assert heard == []
 
 
@@ -207,14 +207,14 @@ async def test_another_name_than_the_certificates_is_told(site: SiteFolder) -> N
     credentials = credentials_of(site, "anna")
     port = site.state().port
     link = Link(site="lab", connect=(f"tls/127.0.0.2:{port}",), credentials=credentials)
-    assert refusal(credentials, f"tls/127.0.0.2:{port}") == ""  # nobody listens there
+    assert connection_refusal(credentials, f"tls/127.0.0.2:{port}") == ""  # nobody listens there
     assert "nobody answers" in await refused(link)
 
 
 async def test_a_router_without_certificates_is_told(site: SiteFolder) -> None:
     port = free_port()
     credentials = credentials_of(site, "anna")
-    async with routing((f"tcp/127.0.0.1:{port}",)):
+    async with running_router((f"tcp/127.0.0.1:{port}",)):
         link = Link(site="lab", connect=(f"tls/127.0.0.1:{port}",), credentials=credentials)
         assert "no router of a secured site" in await refused(link)
 
@@ -317,7 +317,7 @@ async def test_states_whose_writers_are_gone_are_kept_for_whoever_may_read_them(
     def recall(topic: AnyTopic) -> list[tuple[str, Message]]:
         return [("anna", UserProfile(stamp_ns=5))] if topic is PROFILE else []
 
-    buses["services"].keep([PROFILE], recall)
+    buses["services"].serve_retained([PROFILE], recall)
     for name in ("dashboard1", "anna", "operator"):
         late = await ZenohBus.open(link_of(site, name), patience_s=5)
         got: list[int] = []

@@ -16,9 +16,9 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.page import page_of
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario
-from pointit.launch.plan.scenario_catalog import Program, staged
+from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.launch.plan.settings import Settings
-from pointit.launch.run.running_scenario import Stage
+from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
@@ -58,11 +58,11 @@ def plan_of(
 ) -> Plan:
     scenario = read_scenario(name)
     choices = Choices(settings=settings)
-    program = Program.beginning_with(name, name, scenario, choices)
+    program = ScenarioCatalog.beginning_with(name, name, scenario, choices)
     plan = Plan(
         name=name,
         scenario=name,
-        launches=staged(scenario, Choices(), people),
+        launches=scenario_launches(scenario, Choices(), people),
         link=Link(listen=(f"tcp/127.0.0.1:{free_port()}",)),
         target_kinds=scenario.target_kinds,
         scenarios=program.offered,
@@ -135,7 +135,7 @@ class Going:
     task: asyncio.Task[None]
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> RunningScenario:
         assert self.run.stage is not None
         return self.run.stage
 
@@ -280,7 +280,7 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
         began_s = time.monotonic()
         await asyncio.wait({run.task}, timeout=2.0)
         assert not run.task.done()  # four times its duration
-        StandIn.newest.bus.figure("viewers", 0)  # the page is closed
+        StandIn.newest.bus.set_metric("viewers", 0)  # the page is closed
         await asyncio.wait_for(run.task, 5.0)
         assert time.monotonic() - began_s < 6.0
         assert run.run.lasted_s > 2.0

@@ -11,7 +11,7 @@ import pytest_asyncio
 from pointit.bridges.foxglove import service as bridge
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import FAST, SERVICE
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ListenError
@@ -61,7 +61,7 @@ class Site:
     """A bus with the bridge on it."""
 
     def __init__(self) -> None:
-        self.exchange = Exchange()
+        self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
         self.bench = Bench(self.bus, WallClock())
         self.port = free_port()

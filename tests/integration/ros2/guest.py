@@ -53,7 +53,7 @@ class Nodes:
 
     def points_at(self, target_m: Vec3) -> None:
         """Point at a place in the room."""
-        way = vector.turn(vector.subtract(target_m, self._at_m), -self._yaw_rad)
+        way = vector.rotate_z(vector.subtract(target_m, self._at_m), -self._yaw_rad)
         wanted = vector.subtract(way, EYES_M)
         self._azimuth_rad, self._elevation_rad = vector.azimuth(wanted), vector.elevation(wanted)
 

@@ -22,8 +22,8 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import LATCHED, Backend, Graph, Qos, RosType
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
-from pointit.runtime.foreign_zenoh.raw_session import open_plain
-from pointit.runtime.foreign_zenoh.session_config import PlainLink
+from pointit.runtime.foreign_zenoh.raw_session import open_raw_session
+from pointit.runtime.foreign_zenoh.session_config import RawLink
 from tests.architecture.sources import ROOT
 from tests.support.bench import until
 from tests.support.buses import free_port
@@ -188,7 +188,7 @@ async def process(what: str, endpoint: str) -> AsyncGenerator[Process]:
 
 async def _main(what: str, endpoint: str) -> None:
     if what == "router":
-        await open_plain(PlainLink(endpoint=endpoint, mode="router"))
+        await open_raw_session(RawLink(endpoint=endpoint, mode="router"))
     else:
         config = BackendConfig(endpoint=endpoint, node="/talker", domain_id=DOMAIN)
         node = await opened(config, Shown())

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.parameters.map_of_node import Wish, fetched
+from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched
 from pointit.bridges.ros2.parameters.map_parameters import parameters_of
 from pointit.bridges.ros2.parameters.node_parameters import LIST, LIST_SUFFIX
 from pointit.bridges.ros2.types.types import Types
@@ -28,8 +28,8 @@ def options(endpoint: str, domain: int = DOMAIN) -> tuple[str, ...]:
     return ("--backend.endpoint", endpoint, "--backend.domain-id", f"{domain}", "--timeout", f"{PATIENT_S}")
 
 
-def wish(node: str = NODE, timeout_s: float = PATIENT_S) -> Wish:
-    return Wish(node=node, parameter=None, usual="map", prefix=None, timeout_s=timeout_s)
+def wish(node: str = NODE, timeout_s: float = PATIENT_S) -> FetchRequest:
+    return FetchRequest(node=node, parameter=None, usual="map", prefix=None, timeout_s=timeout_s)
 
 
 def config(at: Graphs, **settings: Any) -> BackendConfig:

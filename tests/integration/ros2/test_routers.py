@@ -12,8 +12,8 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import LATCHED
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
-from pointit.runtime.foreign_zenoh.raw_session import open_plain
-from pointit.runtime.foreign_zenoh.session_config import PlainLink
+from pointit.runtime.foreign_zenoh.raw_session import open_raw_session
+from pointit.runtime.foreign_zenoh.session_config import RawLink
 from pointit.runtime.host.tcp_timeouts import tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -86,7 +86,7 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
             await until(lambda node=node: "router" in node.shown.now)  # type: ignore[misc]
             assert (
                 node.shown.now["router"]
-                == node.backend.trouble
+                == node.backend.problem
                 == (
                     f"no router answers at {at.endpoint}, trying again until one does: start one with "
                     "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
@@ -106,10 +106,10 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
                 if turn == 1:
                     router.kill()
                     await until(
-                        lambda: "is lost" in a.backend.trouble and "is lost" in b.shown.now.get("router", "")
+                        lambda: "is lost" in a.backend.problem and "is lost" in b.shown.now.get("router", "")
                     )
                     await router.start()
-                    await until(lambda: not a.backend.trouble and not b.backend.trouble, BACK_S)
+                    await until(lambda: not a.backend.problem and not b.backend.problem, BACK_S)
                     state.put(cdr_of(2))
         assert kept == [1, 2]
 
@@ -136,11 +136,11 @@ async def test_clients_are_tried_again_and_survive_a_restart() -> None:
             await met(a, b)
             await until(lambda: kept == [1])
             router.kill()
-            await until(lambda: "is lost" in a.backend.trouble and "router" in b.shown.now)
+            await until(lambda: "is lost" in a.backend.problem and "router" in b.shown.now)
             await until(lambda: b.graph.nodes == frozenset({"/b"}))
             state.put(cdr_of(2))
             await router.start()
-            await until(lambda: not a.backend.trouble and not b.shown.now, BACK_S)
+            await until(lambda: not a.backend.problem and not b.shown.now, BACK_S)
             await met(a, b)
             await arrives(lambda: writer.put(cdr_of(9)), seen)
             await until(lambda: kept == [1, 2])
@@ -160,7 +160,7 @@ async def test_who_cannot_join_says_so_in_a_sentence_and_can_be_cancelled() -> N
             await opening
         assert time.monotonic() - began_s < 3 * slowness()
     with pytest.raises(ConfigError, match="'7447' is no address; write one like tcp"):
-        await open_plain(PlainLink(endpoint="7447"))
+        await open_raw_session(RawLink(endpoint="7447"))
     router = await opened(BackendConfig(mode="router", endpoint=endpoint), Shown())
     with pytest.raises(ListenError, match="a router is running there already: join it as a peer"):
         await opened(BackendConfig(mode="router", endpoint=endpoint), Shown())

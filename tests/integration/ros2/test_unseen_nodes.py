@@ -16,7 +16,7 @@ from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import PointingRay
@@ -30,7 +30,7 @@ RAY_ROS = "/anna/pointing_ray"
 @contextlib.asynccontextmanager
 async def outbox_of(node: Node) -> AsyncGenerator[Outbox]:
     """Yield what goes out to ROS through `node`, as the service wires it."""
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     clock = ManualClock()
     service_bus = ServiceBus(bus, clock, "ros2", "ros2")
     site = Site(bus=service_bus, clock=clock, backend=node.backend, scene=Scene(Types("jazzy")))

@@ -7,7 +7,7 @@ import time
 import psutil
 
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.router.router import running_router
 from pointit.runtime.zenoh.subscribers import ZenohSubscription
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, ImuSample
@@ -63,7 +63,7 @@ class SlowReader:
 
 async def test_a_slow_reader_delays_nobody_and_sees_the_newest() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    async with routing((endpoint,)):
+    async with running_router((endpoint,)):
         writer = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=5)
         fast = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=5)
         slow = SlowReader(endpoint)

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from pointit.runtime.clock import SimulatedClock, keep_time
+from pointit.runtime.clock import SimulatedClock, publish_time
 from pointit.runtime.link.link import Link
 from pointit.runtime.service import process as process_module
 from pointit.runtime.service.service import Launch
@@ -35,7 +35,7 @@ async def test_a_service_keeps_the_sites_time_from_its_first_message(
         process_module._serve(launch, Link(connect=(endpoint,)), clock_patience_s=patience_s)
     )
     await asyncio.sleep(0.1)  # it may well be there before the site has a time
-    keeping = asyncio.create_task(keep_time(clock, bus))
+    keeping = asyncio.create_task(publish_time(clock, bus))
     await until(lambda: bool(maps), 30)
     assert (clock._start_ns <= maps[0].stamp_ns <= clock.now_ns()) is follows
     for task in (serving, keeping):

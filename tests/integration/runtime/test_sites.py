@@ -7,7 +7,7 @@ import pytest_asyncio
 
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import routing
+from pointit.runtime.zenoh.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, Done, ImuSample, KeyNameError, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
@@ -18,7 +18,7 @@ from tests.support.buses import free_port, settled
 @pytest_asyncio.fixture
 async def endpoint() -> AsyncIterator[str]:
     where = f"tcp/127.0.0.1:{free_port()}"
-    async with routing((where,)):
+    async with running_router((where,)):
         yield where
 
 

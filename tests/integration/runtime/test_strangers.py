@@ -126,7 +126,7 @@ async def test_thousands_of_questions_are_bounded_and_leave_the_loop_to_others(
             worked.add(turns)
             yield each
 
-    bus.keep((PROFILE,), recall)
+    bus.serve_retained((PROFILE,), recall)
     [first] = await asyncio.to_thread(lambda: list(stranger.get(SITE + PROFILE.at("u7"), timeout=5.0)))
     assert first.ok is not None
     refused: list[str] = []
@@ -150,7 +150,7 @@ async def test_thousands_of_questions_are_bounded_and_leave_the_loop_to_others(
     hold_up()
     worked.clear()
     assert set(refused) == {BUSY}
-    assert "questions were turned away, the last for users/{user}/profile" in bus.trouble
+    assert "questions were turned away, the last for users/{user}/profile" in bus.problem
     until_s = time.monotonic() + 30.0
     while len(done) < count and time.monotonic() < until_s:
         await asyncio.sleep(0)

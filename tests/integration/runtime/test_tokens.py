@@ -12,17 +12,17 @@ import pytest_asyncio
 import zenoh
 
 from pointit.runtime.foreign_zenoh import liveliness
-from pointit.runtime.foreign_zenoh.raw_session import PlainSession, open_plain
-from pointit.runtime.foreign_zenoh.session_config import PlainLink
+from pointit.runtime.foreign_zenoh.raw_session import RawSession, open_raw_session
+from pointit.runtime.foreign_zenoh.session_config import RawLink
 from tests.support.bench import until
 
 NAMES = {f"@lab/{index}" for index in range(6)}
 
 
 @pytest_asyncio.fixture
-async def pair(endpoint: str) -> AsyncIterator[tuple[PlainSession, zenoh.Session]]:
+async def pair(endpoint: str) -> AsyncIterator[tuple[RawSession, zenoh.Session]]:
     """Yield a session of ours, which routes, and that of a stranger."""
-    ours = await open_plain(PlainLink(endpoint=endpoint, mode="router"))
+    ours = await open_raw_session(RawLink(endpoint=endpoint, mode="router"))
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{endpoint}"]')
@@ -37,9 +37,9 @@ async def pair(endpoint: str) -> AsyncIterator[tuple[PlainSession, zenoh.Session
 class Crowd:
     """Who is there, as our reader tells it."""
 
-    def __init__(self, ours: PlainSession) -> None:
+    def __init__(self, ours: RawSession) -> None:
         self.present: set[str] = set()
-        self.reader: Any = ours.tokens("@lab/*", self._take)
+        self.reader: Any = ours.watch_tokens("@lab/*", self._take)
 
     def _take(self, changes: Mapping[str, bool]) -> None:
         for token, present in changes.items():
@@ -54,7 +54,7 @@ class Crowd:
 
 
 async def test_who_came_and_went_unseen_is_known_in_the_end(
-    pair: tuple[PlainSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
+    pair: tuple[RawSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(liveliness, "MAX_WAITING_TOKENS", 2)
     ours, stranger = pair
@@ -73,7 +73,7 @@ async def test_who_came_and_went_unseen_is_known_in_the_end(
 
 
 async def test_what_changes_while_all_are_asked_for_is_newer_than_the_answer(
-    pair: tuple[PlainSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
+    pair: tuple[RawSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(liveliness, "MAX_WAITING_TOKENS", 2)
     ours, stranger = pair

@@ -14,7 +14,7 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import run_services
 from pointit.schemas import (
@@ -150,7 +150,7 @@ def _words(monitor: Monitor, width: int) -> str:
 
 async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
     launches = [*site_launches(plan, choices), *user_launches(plan, choices, USER)]
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     clock = VirtualClock()
     outcome = Outcome()
     people: list[Person] = []

@@ -18,7 +18,7 @@ from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import (
@@ -185,7 +185,7 @@ async def _run(script: Script, scenario: str, choices: Choices) -> Seen:
     launches = [*site_launches(plan, choices), *user_launches(plan, choices, USER)]
     if ImuBridge not in {launch.service for launch in launches}:
         launches.append(Launch(service=ImuBridge, config=ImuBridgeConfig(source="page"), user=USER))
-    bus, clock = MemoryBus(Exchange()), VirtualClock()
+    bus, clock = MemoryBus(LocalBroker()), VirtualClock()
     site = Site(bus, clock)
     running = asyncio.create_task(run_services(launches, bus, clock))
     pages = asyncio.create_task(script(site))

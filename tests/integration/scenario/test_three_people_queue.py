@@ -13,7 +13,7 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import (
@@ -122,7 +122,7 @@ class Room:
 
 
 async def _play(duration_s: float, people: Mapping[str, How]) -> Room:
-    exchange = Exchange()
+    exchange = LocalBroker()
     bus = MemoryBus(exchange)
     clock = VirtualClock()
     room = Room()

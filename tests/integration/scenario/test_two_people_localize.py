@@ -8,7 +8,7 @@ import pytest
 from pointit.diagnosis.certainty import UNSURE_M, position_sigma_m
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import run_services
 from pointit.schemas import UserPose
@@ -24,7 +24,7 @@ async def _localize(seed: int, duration_s: float) -> tuple[dict[str, list[str]],
     launches = list(site_launches(plan, choices))
     for index, user in enumerate(USERS):
         launches += user_launches(plan, choices, user, index)
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     states: dict[str, list[str]] = {user: [] for user in USERS}
     poses: dict[str, UserPose] = {}
     bus.subscribe(INTERACTION, lambda now, user: states[user].append(now.state))

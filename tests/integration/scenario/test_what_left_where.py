@@ -10,7 +10,7 @@ from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output, Record
-from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.selection_engine import SelectionEngine
 from tests.unit.conveyor_sim.rooms import FORK, S, config
 
 USER = "anna"
@@ -29,7 +29,7 @@ class Hall:
         self.plant = Plant(FORK, belts, seed=0, start_ns=S)
         chosen = SelectorConfig.model_validate({"method": "hold", "window_s": 0.2, "release_s": 0.1})
         self.records: list[Record] = []
-        self.selecting = Selecting(chosen, self.records.append)
+        self.selecting = SelectionEngine(chosen, self.records.append)
         self.selecting.on_map(FORK)
         self.events: list[SelectionEvent] = []
         self.bays: dict[str, tuple[str, bool]] = {}

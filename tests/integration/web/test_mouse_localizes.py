@@ -13,12 +13,12 @@ import pytest
 
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt
-from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import ButtonEvent, Cursor, Environment, Localization, UserPose
@@ -35,10 +35,10 @@ STRIP: Vec3 = (4.85, 1.0, 0.9)
 
 
 class Hand:
-    """A page's mouse: what the service does with `Wrists`, and a hand that goes where it is asked to."""
+    """A page's mouse: what the service does with `WristControl`, and a hand that goes where asked."""
 
     def __init__(self, bus: MemoryBus, clock: VirtualClock) -> None:
-        self.wrists = Wrists(WebConfig(places={USER: PLACE}))
+        self.wrists = WristControl(WebConfig(places={USER: PLACE}))
         self.clock = clock
         self.lamps: dict[str, Vec3] = {}
         self.solved = asyncio.Event()
@@ -85,10 +85,10 @@ async def _localize(tremor_deg: float) -> Hand:
     launches = [*site_launches(plan, choices), *user_launches(plan, choices, USER)]
     mine = [one for one in launches if one.service not in (UserSim, ImuBridge)]
     mine.append(Launch(service=ImuBridge, config=ImuBridgeConfig(source="page"), user=USER))
-    bus, clock = MemoryBus(Exchange()), VirtualClock()
+    bus, clock = MemoryBus(LocalBroker()), VirtualClock()
     hand = Hand(bus, clock)
-    hand.wrists.take(USER, "page1", "mouse")
-    hand.wrists.tremble(USER, "page1", tremor_deg)
+    hand.wrists.acquire(USER, "page1", "mouse")
+    hand.wrists.set_tremor(USER, "page1", tremor_deg)
     running = asyncio.create_task(run_services(mine, bus, clock))
     moving = asyncio.create_task(hand.move())
     try:

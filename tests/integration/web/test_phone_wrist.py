@@ -192,8 +192,8 @@ async def test_the_mouse_moves_the_arm_so_that_the_ray_meets_the_place() -> None
             if not site.rays:
                 return False
             ray = site.rays[-1]
-            start = vector.add((0.0, 2.0, 0.0), vector.turn(ray.origin_m, YAW_RAD))
-            along = vector.turn(ray.raw_direction or ray.direction, YAW_RAD)
+            start = vector.add((0.0, 2.0, 0.0), vector.rotate_z(ray.origin_m, YAW_RAD))
+            along = vector.rotate_z(ray.raw_direction or ray.direction, YAW_RAD)
             return vector.angle_between(along, vector.subtract(target, start)) < 1e-6
 
         await until(meets, what="the ray meets the place")

@@ -85,7 +85,9 @@ async def test_who_guesses_waits_and_who_has_the_link_does_not() -> None:
 async def test_everything_has_the_headers(path: str) -> None:
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         headers = (await client.get(path)).headers
-        for name, value in access.headers(access.Asked(scheme="http", host=server.host, address="")).items():
+        for name, value in access.headers(
+            access.RequestInfo(scheme="http", host=server.host, address="")
+        ).items():
             assert headers[name] == value, name
         assert "server" not in headers
 
@@ -197,7 +199,7 @@ async def test_a_taken_port_is_said_in_a_sentence() -> None:
 )
 def test_what_is_not_safe_is_refused(parameters: dict[str, str], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        Web.check(WebConfig.model_validate(parameters))
+        Web.validate_config(WebConfig.model_validate(parameters))
 
 
 def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,11 +207,11 @@ def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: p
     monkeypatch.setattr(exposure_check, "CONTAINER_MARKS", ())
     monkeypatch.delenv(exposure_check.CONTAINER, raising=False)
     with pytest.raises(ConfigError, match="published_port in a container"):
-        Web.check(published)
+        Web.validate_config(published)
     monkeypatch.setenv(exposure_check.CONTAINER, "oci")
-    Web.check(published)
+    Web.validate_config(published)
     with pytest.raises(ConfigError, match="lan: true"):
-        Web.check(published.model_copy(update={"published_port": 0}))
+        Web.validate_config(published.model_copy(update={"published_port": 0}))
 
 
 async def test_a_published_page_is_opened_by_the_address_that_it_tells(
@@ -240,7 +242,7 @@ async def test_a_published_page_is_opened_by_the_address_that_it_tells(
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])
 def test_this_machine_is_safe(host: str) -> None:
-    Web.check(WebConfig(host=host))
+    Web.validate_config(WebConfig(host=host))
 
 
 async def test_the_token_is_never_logged_but_kept_in_a_file_where_nobody_knows_it(

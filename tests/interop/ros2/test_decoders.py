@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.routing.route_types import Inward, Served
+from pointit.bridges.ros2.routing.route_types import InboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.types.definitions import Definitions
 from tests.interop.ros2.ament import definition
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 
 FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
 EMITTED = sorted(
-    {row.type for row in routes().all if not isinstance(row, Inward | Served)}
+    {row.type for row in routes().all if not isinstance(row, InboundRoute | ServiceRoute)}
     | {TYPES.response_of(row.type) for row in routes().served}
 )
 EXAMPLES = settings(max_examples=25, suppress_health_check=[HealthCheck.data_too_large])

@@ -42,7 +42,7 @@ def named(values: tuple[float, ...]) -> dict[str, float]:
 @contextlib.asynccontextmanager
 async def points_at(place: Site, target_m: Vec3) -> AsyncGenerator[None]:
     """Have the peer say all the time where she stands, and her ray to a place in the room."""
-    wanted = vector.subtract(vector.turn(vector.subtract(target_m, AT_M), -YAW_RAD), EYES_M)
+    wanted = vector.subtract(vector.rotate_z(vector.subtract(target_m, AT_M), -YAW_RAD), EYES_M)
     way = rotation.from_azimuth_elevation(vector.azimuth(wanted), vector.elevation(wanted))
     pose = {"position": named(EYES_M), "orientation": named(way)}
     moved = {"translation": named(AT_M), "rotation": named(rotation.from_yaw(YAW_RAD))}

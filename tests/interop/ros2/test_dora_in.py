@@ -169,7 +169,7 @@ class Arm:
         while not any(each.point_m and math.dist(each.point_m, target_m) < 0.1 for each in seen[-5:]):
             assert not patience.is_over(), f"{target_m} m: {seen[-1:]}"
             ray = self.rays[-1]
-            way = vector.turn(vector.subtract(target_m, pose.position_m), -pose.yaw_rad)
+            way = vector.rotate_z(vector.subtract(target_m, pose.position_m), -pose.yaw_rad)
             wanted = vector.subtract(way, ray.origin_m)
             is_at = ray.direction
             self._azimuth_rad += (

@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, Qos
-from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.geometry import rotation
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -40,7 +40,7 @@ QOS = {
     ROSOUT: ":1:,1000:,:10,0:,,",
 }
 """As genuine rmw_zenoh writes them: nothing of ours has made these texts."""
-CODES = {Outward: "MP", Inward: "MS", Served: "SS"}
+CODES = {OutboundRoute: "MP", InboundRoute: "MS", ServiceRoute: "SS"}
 ROWS = [row for row in routes().all if row.enabled]
 LOOKED_AT: tuple[Topic[Any], ...] = (
     ours.POSE,
@@ -109,7 +109,7 @@ async def test_the_graph_has_every_route_with_its_type_hash_and_quality(place: S
     await place.dora.sees("%led_0%color")
     expected: set[tuple[str, ...]] = set()
     for row in ROWS:
-        if isinstance(row, Inward) and row.of_guests and "{" in row.ros:
+        if isinstance(row, InboundRoute) and row.of_guests and "{" in row.ros:
             continue  # of who has ROS nodes only, whom test_dora_guest.py has
         package, kind, short = row.type.split("/")
         dds = f"{package}::{kind}::dds_::{short}_"
@@ -262,7 +262,7 @@ SIMULATED = "clock"
 
 
 async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, seen: Seen) -> None:
-    rows = [row for row in ROWS if isinstance(row, Outward) and row.name != SIMULATED]
+    rows = [row for row in ROWS if isinstance(row, OutboundRoute) and row.name != SIMULATED]
     assert {row.name for row in rows} == set(CHECKS), "every route is looked at"
     for row in rows:
         latched, depth = row.qos.latched, row.qos.depth

@@ -14,7 +14,7 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Writer
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
-from pointit.bridges.ros2.parameters.map_of_node import Wish, fetched
+from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched
 
 
 class Side:
@@ -83,7 +83,7 @@ class Side:
 
     async def fetch(self, order: dict[str, Any]) -> Any:
         settings = {"kind": "dds", "node": "/pointit_map", "domain_id": int(sys.argv[2])}
-        wish = Wish(usual="map", **order)
+        wish = FetchRequest(usual="map", **order)
         return await fetched(BackendConfig.model_validate(settings), wish)
 
     async def graph(self, _order: dict[str, Any]) -> Any:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.denied_operations import FLOOD_HZ, KINDS, LONGEST_KEY, Refused
-from pointit.access.recent_denials import MOST_SENTENCES, RECENT_S, Recent
+from pointit.access.denied_operations import FLOOD_HZ, KINDS, LONGEST_KEY, DeniedOperations
+from pointit.access.recent_denials import MOST_SENTENCES, RECENT_S, RecentDenials
 from pointit.access.rejected_connections import (
     CLAIMS,
     LONGEST_LENGTH,
@@ -26,7 +26,7 @@ ANNA = "12ab on Interface(lo)+CertCommonName(lab/anna/2)+Transport(Tls)+12ab"
 
 
 def sentences(*lines: str) -> list[str]:
-    refused = Refused()
+    refused = DeniedOperations()
     for line in lines:
         refused.take(line if line.startswith("\x1b") else HEAD + line)
     return list(refused.take_sentences(1.0).values())
@@ -107,7 +107,7 @@ def test_who_writes_too_often_is_told() -> None:
 def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:
     forged = f"{ANNA.replace('anna', 'ben').replace('12ab', '34cd')} is unauthorized to Put (ingress) on x"
     attempt = f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/a"
-    refused = Refused()
+    refused = DeniedOperations()
     for line in f"{HEAD}{attempt}\n2030-01-01 TRACE ThreadId(07) access_control: {forged}".split("\n"):
         refused.take(line)  # a key with a line break
     refused.take(f"{HEAD}ACL (ingress): caching permissions for `pointit/lab/{forged}` ...")
@@ -251,7 +251,7 @@ def test_many_strangers_are_one_sentence() -> None:
 
 
 def test_a_flood_is_one_sentence_and_forgotten() -> None:
-    refused = Refused()
+    refused = DeniedOperations()
     for number in range(5000):
         refused.take(f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/x{number}")
     (sentence,) = refused.take_sentences(1.0).values()
@@ -265,14 +265,14 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
     "during",
     [
         "pointit.access.denied_operations._listed",
-        "pointit.access.rejected_connections.Strangers.take_sentence",
+        "pointit.access.rejected_connections.RejectedConnections.pop_summary",
     ],
 )
 def test_what_is_taken_while_it_is_told_is_told_the_next_time(
     during: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The log is read in a thread of its own."""
-    refused = Refused()
+    refused = DeniedOperations()
     attempt = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"
     another = attempt.replace("lab/anna", "lab/ben").replace("12ab", "34cd")
     taking = threading.Thread(target=refused.take, args=(another,))
@@ -293,7 +293,7 @@ def test_what_is_taken_while_it_is_told_is_told_the_next_time(
 
 @given(st.lists(st.text()))
 def test_any_line_is_taken(lines: list[str]) -> None:
-    refused = Refused()
+    refused = DeniedOperations()
     for line in lines:
         refused.take(line)
         refused.take(HEAD + line)
@@ -302,7 +302,7 @@ def test_any_line_is_taken(lines: list[str]) -> None:
 
 
 def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
-    recent = Recent()
+    recent = RecentDenials()
     recent.add({"lab/anna": "lab/anna may not a", "hall/ben": "hall/ben may not b"}, 0.0)
     recent.add({"": "somebody", "lab/carla": "lab/carla may not c"}, 1.0)
     recent.add({"lab/anna": "lab/anna may not d"}, 2.0)
@@ -315,7 +315,7 @@ def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
 
 
 def test_a_repeated_sentence_hides_none_of_another_kind() -> None:
-    recent = Recent()
+    recent = RecentDenials()
     recent.add({"lab/anna": "lab/anna may not a"}, 0.0, "refused")
     for now_s in range(3):
         recent.add({"lab/anna": "lab/anna is cut off"}, now_s, "excess")

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.access.rights import ROLES, Rights, Role, rights_of
-from pointit.access.router_configuration import Member, Routed, common_name, configuration, text
-from pointit.access.rules import MESSAGES, everything, rules_of
+from pointit.access.router_configuration import Member, RouterSite, common_name, configuration, to_json5
+from pointit.access.rules import MESSAGES, all_key_expressions, rules_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.topics import (
     HEALTH,
@@ -38,12 +38,12 @@ def permits(rules: list[dict[str, Any]], message: str, flow: str, key: str) -> b
     )
 
 
-def routed(site: str = "lab", port: int = 7447, **more: Any) -> Routed:
+def routed(site: str = "lab", port: int = 7447, **more: Any) -> RouterSite:
     roles: dict[str, Role] = {"router": "router", "anna": "user", "ben": "user", "dashboard1": "dashboard"}
     members = [
         Member(name=name, role=role, common_name=common_name(site, name, 1)) for name, role in roles.items()
     ]
-    return Routed(site=site, port=port, members=members, **more)
+    return RouterSite(site=site, port=port, members=members, **more)
 
 
 @given(me=NAMES, other=NAMES)
@@ -143,7 +143,7 @@ def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_spa
     rules = rules_of("lab", "supervisor", rights_of("supervisor", "supervisor"))
     for message in MESSAGES:
         for flow in ("ingress", "egress"):
-            assert all(permits(rules, message, flow, key) for key in everything("lab"))
+            assert all(permits(rules, message, flow, key) for key in all_key_expressions("lab"))
             assert not permits(rules, message, flow, "@/1/router/config")
 
 
@@ -203,7 +203,7 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
 
 
 def test_what_is_written_is_what_zenoh_takes() -> None:
-    zenoh.Config.from_json5(text([routed(dashboard_rate_hz=20.0, uplinks=("tls/building:7447",))]))
+    zenoh.Config.from_json5(to_json5([routed(dashboard_rate_hz=20.0, uplinks=("tls/building:7447",))]))
 
 
 def test_the_router_watches_the_end_of_certificates_that_there_are() -> None:
@@ -212,7 +212,7 @@ def test_the_router_watches_the_end_of_certificates_that_there_are() -> None:
     by_password = configuration([routed(password=True)])["transport"]
     assert "tls" not in by_password["link"]
     assert by_password["auth"] == {"usrpwd": {"dictionary_file": "users.txt"}}
-    zenoh.Config.from_json5(text([routed(password=True)]))
+    zenoh.Config.from_json5(to_json5([routed(password=True)]))
 
 
 def test_two_sites_have_rules_of_their_own_each() -> None:
@@ -231,7 +231,7 @@ def test_two_sites_have_rules_of_their_own_each() -> None:
         ([routed("a", 1, password=True, uplinks=("tls/x:1",))], "joins no other"),
     ],
 )
-def test_sites_that_cannot_share_a_router(sites: list[Routed], sentence: str) -> None:
+def test_sites_that_cannot_share_a_router(sites: list[RouterSite], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         configuration(sites)
 

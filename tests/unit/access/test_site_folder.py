@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cryptography import x509
 
-from pointit.access.authority import Authority, found
+from pointit.access.authority import Authority, create_authority
 from pointit.access.files import locked
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
@@ -33,7 +33,7 @@ def site_of(path: Path, *, password: bool = False) -> SiteFolder:
         dashboard_rate_hz=0,
         identities={},
     )
-    site.found(state, ROLES, NOW)
+    site.create(state, ROLES, NOW)
     return site
 
 
@@ -85,14 +85,14 @@ def test_what_is_renewed_or_comes_back_is_never_the_same_again(tmp_path: Path) -
     site = site_of(tmp_path)
 
     def known() -> list[str]:
-        return [member.common_name for member in site.routed().members if member.name == "anna"]
+        return [member.common_name for member in site.router_site().members if member.name == "anna"]
 
     assert known() == ["lab/anna/1"]
     site.renew(["anna"], NOW)
     assert known() == ["lab/anna/2"]
     site.revoke("anna")
     assert known() == []
-    assert site.routed().former == ["lab/anna/1", "lab/anna/2"]
+    assert site.router_site().former == ["lab/anna/1", "lab/anna/2"]
     assert '"lab/anna/write"' not in (site.path / "router" / "router.json5").read_text()
     site.renew(["anna"], NOW)
     assert known() == ["lab/anna/3"]
@@ -149,7 +149,7 @@ def test_a_name_that_would_be_a_path_is_refused(tmp_path: Path) -> None:
 def test_a_folder_holds_one_site(tmp_path: Path) -> None:
     site = site_of(tmp_path)
     with pytest.raises(ConfigError, match="holds a site already"):
-        site.found(site.state(), ROLES, NOW)
+        site.create(site.state(), ROLES, NOW)
     with pytest.raises(ConfigError, match=r"holds no site .*pointit site init"):
         SiteFolder(tmp_path / "other").state()
     (site.path / "site.json").write_text("{}")
@@ -187,10 +187,10 @@ def test_changes_of_several_processes_are_all_kept(tmp_path: Path) -> None:
 
 
 def test_no_certificate_outlives_its_authority() -> None:
-    made = found("lab", NOW)
-    issued = Authority(made.certificate, made.key).certify("lab/anna/1", NOW, 100_000)
+    made = create_authority("lab", NOW)
+    issued = Authority(made.certificate, made.key).issue("lab/anna/1", NOW, 100_000)
     assert issued.valid_until == made.valid_until
     with pytest.raises(ConfigError, match="not that of its certificate"):
-        Authority(made.certificate, found("lab", NOW).key)
+        Authority(made.certificate, create_authority("lab", NOW).key)
     with pytest.raises(ConfigError, match="damaged"):
         Authority(b"x", made.key)

@@ -6,8 +6,15 @@ import pytest
 
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchor import sentence
-from pointit.cli.people.calibrate_mounting import account
-from pointit.cli.people.offset_report import assess, describe, doubt, in_one_pose, shown_row, table_row
+from pointit.cli.people.calibrate_mounting import format_result
+from pointit.cli.people.offset_report import (
+    assess,
+    describe,
+    in_one_pose,
+    rejection_reason,
+    shown_row,
+    table_row,
+)
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Anchor, PointingOffset, UserPose
@@ -102,16 +109,16 @@ def seen_from(truly: Vec3, count: int = 4) -> list[Anchor]:
 
 
 def test_a_pose_that_looks_wrong_is_doubted_and_one_bad_hold_is_not() -> None:
-    assert doubt(assess(seen_from(AT), 0)[1]) == ""
-    assert "scatter by" in doubt(assess(seen_from((3.0, 3.5, 0.0)), 0)[1])
+    assert rejection_reason(assess(seen_from(AT), 0)[1]) == ""
+    assert "scatter by" in rejection_reason(assess(seen_from((3.0, 3.5, 0.0)), 0)[1])
     high = [anchor(k, 4.0 * k, 0.0, 0.0, low_rad=0.05 if k < 3 else 0.8) for k in range(6)]
-    assert doubt(assess(high, 0)[1]) == "3 of 6 pointings are far from what a person can be off"
+    assert rejection_reason(assess(high, 0)[1]) == "3 of 6 pointings are far from what a person can be off"
     one = seen_from(AT, 8)
     one[3] = anchor(3, 12.0, 0.0, 0.8)
     fitted, rows = assess(one, 0)
     assert fitted.dropped == (3,)
-    assert doubt(rows) == ""
-    assert doubt([]) == ""
+    assert rejection_reason(rows) == ""
+    assert rejection_reason([]) == ""
 
 
 def test_a_pointing_that_counts_though_it_was_not_accepted_is_said() -> None:
@@ -216,7 +223,7 @@ def test_a_seat_in_words() -> None:
         up_after_rad=0.0,
         heading_change_rad=0.0,
     )
-    seat, errors = account(found)
+    seat, errors = format_result(found)
     assert "turned by 92° about the arm (counter-clockwise, seen from the elbow)" in seat
     assert "is 5° off it" in seat
     assert errors == (

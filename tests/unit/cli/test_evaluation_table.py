@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from pointit.cli.evaluate.progress import LINE_EVERY_S, Lines, progress
+from pointit.cli.evaluate.progress import LINE_EVERY_S, LineProgress, progress
 from pointit.cli.evaluate.table import PIPE_WIDTH, evaluation_console, print_rows
 from pointit.evaluation.recordings.row import ALL, Row, Spread
 
@@ -116,7 +116,7 @@ def test_a_pipe_is_as_wide_as_a_page_or_as_is_said(monkeypatch: pytest.MonkeyPat
 def test_without_a_terminal_a_line_is_written_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
     lines: list[str] = []
     now_s = [100.0]
-    tell = Lines(240, lines.append, lambda: now_s[0])
+    tell = LineProgress(240, lines.append, lambda: now_s[0])
     for done in range(40):
         now_s[0] = 100.0 + done
         tell("localizations", done)
@@ -125,7 +125,7 @@ def test_without_a_terminal_a_line_is_written_every_ten_seconds(capsys: pytest.C
         "localizations: 20 of 240, for 20 s",
         "localizations: 30 of 240, for 30 s",
     ]
-    uncounted = Lines(None, lines.append, lambda: now_s[0])
+    uncounted = LineProgress(None, lines.append, lambda: now_s[0])
     now_s[0] += LINE_EVERY_S
     uncounted("correcting vr_eyefinger")
     assert lines[-1] == "correcting vr_eyefinger, for 10 s"

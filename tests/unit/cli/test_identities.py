@@ -8,7 +8,7 @@ import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
-from pointit.cli.common.identities_table import ending, rows_of, section, seen_from
+from pointit.cli.common.identities_table import expiring, rows_of, section, visible_rows
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import read_credentials
 
@@ -27,7 +27,7 @@ def made(path: Path, *, password: bool = False) -> SiteFolder:
         dashboard_rate_hz=0.0,
         identities={},
     )
-    folder.found(state, {"anna": "user", "ben": "user", "carla": "user", "operator": "operator"}, NOW)
+    folder.create(state, {"anna": "user", "ben": "user", "carla": "user", "operator": "operator"}, NOW)
     return folder
 
 
@@ -52,42 +52,42 @@ def test_where_the_sites_folder_is_at_hand_everybody_is_told_of(site: SiteFolder
         "operator": ("ends soon", "2027-01-01", True),
         "router": ("ends soon", "2027-01-01", False),
     }
-    rows = seen_from(credentials, None, LATER)
+    rows = visible_rows(credentials, None, LATER)
     assert standing(rows) == expected
-    assert ending(rows) == ["operator", "router"]
-    assert standing(seen_from(credentials, site.path, LATER)) == expected
-    assert not any(row["own"] for row in seen_from(None, site.path, LATER))
+    assert expiring(rows) == ["operator", "router"]
+    assert standing(visible_rows(credentials, site.path, LATER)) == expected
+    assert not any(row["own"] for row in visible_rows(None, site.path, LATER))
 
 
 def test_elsewhere_the_own_identity_is_told_of(site: SiteFolder, tmp_path: Path) -> None:
     carried = tmp_path / "elsewhere" / "operator"
     shutil.copytree(site.identity_folder("operator"), carried)
     credentials = read_credentials(carried, NOW)
-    assert standing(seen_from(credentials, None, NOW)) == {"operator": ("valid", "2027-01-01", True)}
-    assert standing(seen_from(credentials, None, LATER)) == {"operator": ("ends soon", "2027-01-01", True)}
-    assert seen_from(None, None, NOW) == []
+    assert standing(visible_rows(credentials, None, NOW)) == {"operator": ("valid", "2027-01-01", True)}
+    assert standing(visible_rows(credentials, None, LATER)) == {"operator": ("ends soon", "2027-01-01", True)}
+    assert visible_rows(None, None, NOW) == []
 
 
 def test_a_folder_around_it_that_is_broken_or_of_another_site_does_no_harm(
     site: SiteFolder, tmp_path: Path
 ) -> None:
     other = SiteFolder(tmp_path / "hall")
-    other.found(site.state().model_copy(update={"site": "hall"}), {"operator": "operator"}, NOW)
+    other.create(site.state().model_copy(update={"site": "hall"}), {"operator": "operator"}, NOW)
     credentials = read_credentials(site.identity_folder("operator"), NOW)
-    assert not any(row["own"] for row in seen_from(credentials, other.path, NOW))
+    assert not any(row["own"] for row in visible_rows(credentials, other.path, NOW))
     (site.path / "site.json").write_text("{}")
-    assert list(standing(seen_from(credentials, None, NOW))) == ["operator"]
+    assert list(standing(visible_rows(credentials, None, NOW))) == ["operator"]
     with pytest.raises(ConfigError, match="holds no site"):
-        seen_from(credentials, tmp_path, NOW)
+        visible_rows(credentials, tmp_path, NOW)
 
 
 def test_passwords_do_not_end(tmp_path: Path) -> None:
     site = made(tmp_path / "lab", password=True)
     credentials = read_credentials(site.identity_folder("operator"), NOW)
-    rows = seen_from(credentials, None, LATER)
+    rows = visible_rows(credentials, None, LATER)
     assert standing(rows)["anna"] == ("valid", None, False)
-    assert ending(rows) == ["router"]
-    assert standing(seen_from(credentials, None, LATER))["operator"] == ("valid", None, True)
+    assert expiring(rows) == ["router"]
+    assert standing(visible_rows(credentials, None, LATER))["operator"] == ("valid", None, True)
     table = {str(row["name"]): row["until"] for row in section(rows).rows}
     assert table["operator (this one)"] == "by password"
     assert table["router"] == "2027-01-01"

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.topic_names import Wanted, resolve, resolve_all
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, MAP, OBJECTS, SELECTION, SELECTION_EVENTS, TOPICS
 
@@ -62,7 +62,7 @@ def test_every_key_of_the_table_is_found_by_itself(topic: object, name: str) -> 
     ],
 )
 def test_unknown_keys_get_one_sentence(typed: str, said: str) -> None:
-    with pytest.raises(Mistake) as caught:
+    with pytest.raises(UnknownNameError) as caught:
         resolve(typed)
     assert said in caught.value.message
     assert "\n" not in caught.value.message

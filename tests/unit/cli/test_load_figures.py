@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.loadtest.figures import Measured, Search, Usage, quantile_ms
+from pointit.cli.loadtest.figures import CapacitySearch, LoadResult, Usage, quantile_ms
 from pointit.cli.loadtest.layout import Load, groups
-from pointit.cli.loadtest.worker import taken
+from pointit.cli.loadtest.worker import read_usage
 
 
-def measured(**fields: Any) -> Measured:
+def measured(**fields: Any) -> LoadResult:
     values: dict[str, Any] = {
         "users": 10,
         "rate_hz": 100.0,
@@ -27,7 +27,7 @@ def measured(**fields: Any) -> Measured:
         "load_average": 1.5,
         **fields,
     }
-    return Measured(**values)
+    return LoadResult(**values)
 
 
 def test_what_is_carried_fails_for_nothing() -> None:
@@ -66,22 +66,22 @@ def test_quantiles_are_values_and_of_nothing_there_is_none() -> None:
 
 @pytest.mark.parametrize("limit", [0, 1, 4, 5, 37, 79, 80, 333])
 def test_the_search_ends_near_the_limit_and_never_above_it(limit: int) -> None:
-    search = Search(5, 1000)
+    search = CapacitySearch(5, 1000)
     tried: list[int] = []
     for count in search.counts():
         tried.append(count)
-        search.tell(count, carried=count <= limit)
+        search.report(count, carried=count <= limit)
     assert search.carried <= limit
     assert len(tried) == len(set(tried)) <= 12
     assert limit - search.carried <= max(1, limit // 8)
 
 
 def test_the_search_stops_at_the_most() -> None:
-    search = Search(5, 30)
+    search = CapacitySearch(5, 30)
     tried: list[int] = []
     for count in search.counts():
         tried.append(count)
-        search.tell(count, carried=True)
+        search.report(count, carried=True)
     assert tried == [5, 10, 20, 30]
     assert search.carried == 30
 
@@ -115,11 +115,11 @@ def test_every_layout_runs_all_once_and_drives_everybody_once(layout: str, conne
 
 
 def test_what_this_process_takes_is_known() -> None:
-    before = taken()
+    before = read_usage()
     assert before is not None
     sum(range(3_000_000))
-    after = taken()
+    after = read_usage()
     assert after is not None
     assert after.cpu_s > before.cpu_s
     assert 5 < after.memory_mb < 10_000
-    assert taken(2**22 + 1) is None
+    assert read_usage(2**22 + 1) is None

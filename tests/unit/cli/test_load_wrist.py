@@ -3,7 +3,7 @@
 import asyncio
 import time
 
-from pointit.cli.loadtest.wrist import Wrist, beat
+from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.schemas import ImuSample
 
 
@@ -20,13 +20,13 @@ class Sent:
         self.samples.append(message)
 
     def close(self) -> None: ...
-    def retire(self) -> None: ...
+    def close_nowait(self) -> None: ...
 
 
 async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
     sent = [Sent(), Sent(), Sent()]
     began_s = time.monotonic()
-    await beat([Wrist(one) for one in sent], 50.0, 1.0)
+    await drive_wrists([Wrist(one) for one in sent], 50.0, 1.0)
     assert time.monotonic() - began_s >= 0.95
     assert all(30 < len(one.samples) <= 50 for one in sent), "fewer on a busy machine"
     assert [sample.seq for sample in sent[0].samples] == list(range(1, len(sent[0].samples) + 1))
@@ -34,12 +34,12 @@ async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
 
 async def test_what_is_late_is_left_out_and_not_put_in_a_burst() -> None:
     sent = Sent(stall_s=0.5)
-    await beat([Wrist(sent)], 100.0, 1.0)
+    await drive_wrists([Wrist(sent)], 100.0, 1.0)
     assert len(sent.samples) <= 52
 
 
 async def test_without_wrists_it_only_lasts() -> None:
     began_s = time.monotonic()
-    await beat([], 100.0, 0.1)
+    await drive_wrists([], 100.0, 0.1)
     assert time.monotonic() - began_s >= 0.09
     await asyncio.sleep(0)

@@ -78,7 +78,7 @@ def _deaf(*_: object) -> contextlib.nullcontext[None]:
 async def test_a_router_that_cannot_tell_any_more_who_was_refused_ends_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(router, "listening", _deaf)
+    monkeypatch.setattr(router, "captured_log", _deaf)
     monkeypatch.setattr(router, "TELL_S", 0.0)
     routing = Routing()
     with pytest.raises(ExceptionGroup) as ended:

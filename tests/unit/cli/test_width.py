@@ -7,8 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.common.site_link import telling, untold_address
-from pointit.cli.main import command, folded
+from pointit.cli.common.site_link import default_address_note, notify_if_slow
+from pointit.cli.main import command, wrap_message
 from pointit.runtime.errors import NoAnswerError
 
 GROUPS = {"calibrate": ("mounting", "user"), "evaluate": ("localization", "pointing")}
@@ -51,18 +51,18 @@ def test_errors_are_wrapped_between_words() -> None:
         "where anna stands is not known: no anna is on this site, there is user1; add them with `pointit "
         "user anna`, see tcp/an-address-that-is-longer-than-a-line.of.the.terminal.example.org:7447/and/on"
     )
-    lines = f"Error: {folded(sentence, 80)}".splitlines()
+    lines = f"Error: {wrap_message(sentence, 80)}".splitlines()
     assert " ".join(" ".join(lines).split()) == f"Error: {sentence}"
     assert max(len(line) for line in lines if "tcp/" not in line) <= 80
-    assert folded("short", 80) == "short"
-    assert folded(sentence) == sentence  # no terminal: one line, for grep
+    assert wrap_message("short", 80) == "short"
+    assert wrap_message(sentence) == sentence  # no terminal: one line, for grep
 
 
 def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     def marked(text: str) -> str:
         return f"<{text}>"
 
-    monkeypatch.setattr("pointit.cli.main.folded", marked)
+    monkeypatch.setattr("pointit.cli.main.wrap_message", marked)
     runner = CliRunner()
     told = runner.invoke(command, ["pose", "anna", "x"], standalone_mode=False).exception
     assert isinstance(told, click.ClickException)
@@ -77,7 +77,7 @@ def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.Monkey
 @click.command()
 @click.option("--connect", multiple=True, default=("tcp/here:1",))
 def _asks(connect: tuple[str, ...]) -> None:
-    raise NoAnswerError(f"nothing{untold_address('lab', connect)}")
+    raise NoAnswerError(f"nothing{default_address_note('lab', connect)}")
 
 
 @pytest.mark.parametrize(
@@ -90,10 +90,10 @@ def test_an_address_that_was_not_typed_is_told(typed: list[str], told: str) -> N
 async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with telling("waiting for the map …"):
+    with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr("pointit.cli.common.site_link.SILENT_S", 0.01)
-    with telling("waiting for the map …"):
+    with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0.1)
     assert capsys.readouterr().err == "waiting for the map …\n"

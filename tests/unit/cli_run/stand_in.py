@@ -18,7 +18,7 @@ class StandIn(Service[WebConfig]):
     def __init__(self, config: WebConfig, context: Context) -> None:
         super().__init__(config, context)
         type(self).newest = self
-        self.bus.figure("viewers", self.viewers)
+        self.bus.set_metric("viewers", self.viewers)
 
 
 class Broken(StandIn):

@@ -11,7 +11,7 @@ from pointit.launch.plan.startup_notices import assumed_places, kept_mountings, 
 from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMounting, KeptMountings
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMounting, StoredMountings
 from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
 
 SERIAL = "serial:/dev/ttyUSB7"
@@ -68,18 +68,18 @@ def test_what_is_kept_and_in_use_is_said() -> None:
     assert [*kept_mountings(launches), *kept_offsets(launches)] == []
     StateFile(PointingOffset, "anna", OFFSET_PURPOSE).write(PointingOffset(rung="pitch", fitted_ns=FITTED_NS))
     (bridge,) = (launch.config for launch in launches if isinstance(launch.config, ImuBridgeConfig))
-    own = KeptMounting(
+    own = StoredMounting(
         sensor_from_arm_xyzw=(0.0, 0.0, 0.0, 1.0), configured=bridge.mounting, set_ns=FITTED_NS
     )
-    mountings = StateFile(KeptMountings, "anna", PURPOSE)
-    mountings.write(KeptMountings(by_source={"serial": own}))
+    mountings = StateFile(StoredMountings, "anna", PURPOSE)
+    mountings.write(StoredMountings(by_source={"serial": own}))
     assert list(kept_offsets(launches)) == [
         "anna: an offset of 2026-11-20 11:05 is in use; `pointit calibrate user anna --erase` forgets it"
     ]
     assert list(kept_mountings(launches)) == [
         "anna: a mounting of 2026-11-20 11:05 is in use; `pointit calibrate mounting anna --erase` forgets it"
     ]
-    mountings.write(KeptMountings(by_source={"replay": own}))  # of another device
+    mountings.write(StoredMountings(by_source={"replay": own}))  # of another device
     assert list(kept_mountings(launches)) == []
     mountings.path.write_text("{", encoding="utf-8")  # the service complains of it
     assert list(kept_mountings(launches)) == []

@@ -7,7 +7,7 @@ import pytest
 
 from pointit.bridges.web.server.link_file import keep_link
 from pointit.cli.run import browser
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
@@ -37,7 +37,7 @@ async def test_run_that_ends_before_the_browser_is_ready_leaves_no_copy_and_open
     monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
     monkeypatch.setattr(browser, "SNAPS", tmp_path)
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     opening = browser.open_when_there(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "web")
     await until(begun.is_set, what="the thread")

@@ -3,7 +3,7 @@
 import pytest
 from rich.segment import Segment
 
-from pointit.cli.display.view import Block, Worth, fitted
+from pointit.cli.display.view import Block, Worth, drop_to_height
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import Interaction, UserPose
 from tests.unit.cli_run.drawn import cursor, monitor_of, shown, strip
@@ -14,7 +14,7 @@ def block(text: str, worth: Worth, height: int = 1) -> Block:
 
 
 def texts(blocks: list[Block], room: int) -> str:
-    return "".join(segment.text for line in fitted(blocks, room) for segment in line)
+    return "".join(segment.text for line in drop_to_height(blocks, room) for segment in line)
 
 
 @pytest.mark.parametrize(

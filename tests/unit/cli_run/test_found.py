@@ -8,7 +8,7 @@ import pytest
 
 from pointit.cli.display.summary import summary_lines, true_yaw_deg
 from pointit.launch.run.monitor import Monitor
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Localization, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE
@@ -43,7 +43,7 @@ def _has(monitor: Monitor, message: UserPose | Localization) -> bool:
 async def after(*told: UserPose | Localization) -> Monitor:
     """Return a monitor that was told this, in this order."""
     monitor = monitor_of()
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     monitor.attach(bus)
     poses, news = bus.publisher(POSE, "anna"), bus.publisher(LOCALIZATION, "anna")
     for message in told:

@@ -4,7 +4,7 @@ import pytest
 
 from pointit.launch.plan.launches import CURSOR_COLORS
 from pointit.launch.run.surroundings import USUAL, free_place, surroundings
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Deployment, UserProfile
 from pointit.schemas.topics import DEPLOYMENT, PROFILE
@@ -27,7 +27,7 @@ def runs(bus: MemoryBus, name: str) -> None:
     ],
 )
 async def test_who_joins_takes_part_in_what_runs_there(names: list[str], scenario: str) -> None:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     for name in names:
         runs(bus, name)
     assert await surroundings(bus) == (scenario, 1)
@@ -35,7 +35,7 @@ async def test_who_joins_takes_part_in_what_runs_there(names: list[str], scenari
 
 
 async def test_who_joins_has_the_first_colour_that_nobody_has() -> None:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     for user, color in (("user1", CURSOR_COLORS[0]), ("ben", CURSOR_COLORS[2])):
         bus.publisher(PROFILE, user).put(UserProfile(stamp_ns=1, cursor_color=color))
     assert await surroundings(bus) == (USUAL, 2)

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link
-from pointit.cli.display.summary import sum_up
+from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
 from pointit.cli.run import browser, dashboard
 from pointit.launch.plan import page
@@ -28,8 +28,8 @@ from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
-from pointit.launch.run.service_group import shown
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.launch.run.service_group import redact_secrets
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import Link
@@ -159,7 +159,7 @@ def test_what_was_set_by_hand_is_checked_before_the_start() -> None:
 
 
 def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert page.can_be()
+    assert page.is_available()
     find = importlib.metadata.version
 
     def without(name: str) -> str:
@@ -168,7 +168,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
         return find(name)
 
     monkeypatch.setattr(importlib.metadata, "version", without)
-    assert not page.can_be()
+    assert not page.is_available()
     script = "import sys, pointit.cli.run.run, pointit.launch.plan.page as p; p.can_be(); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
@@ -183,7 +183,7 @@ def test_what_is_asked_of_the_page() -> None:
 
 def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
     typed = ["run", "--set", "web.operator_token=abc", "--set", "web.port=1", "--set=web.viewer_token=def"]
-    told = shown(typed)
+    told = redact_secrets(typed)
     assert told == ["run", "--set", "web.operator_token=…", "--set", "web.port=1", "--set=web.viewer_token=…"]
 
 
@@ -257,9 +257,9 @@ def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(monkeypatch
 
 def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
     plan = Plan(name="mine", launches=(), link=Link(), afterword="There was no page.")
-    sum_up(plan, monitor_of(), 1.0)
+    write_summary(plan, monitor_of(), 1.0)
     assert capsys.readouterr().out.splitlines()[-1] == "There was no page."
-    sum_up(replace(plan, as_json=True), monitor_of(), 1.0)
+    write_summary(replace(plan, as_json=True), monitor_of(), 1.0)
     assert "There was no page." not in capsys.readouterr().out
 
 
@@ -290,7 +290,7 @@ def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest
     def look_round(*_: object) -> None:
         raise AssertionError("looked for the site")
 
-    monkeypatch.setattr("pointit.cli.run.user.look_round", look_round)
+    monkeypatch.setattr("pointit.cli.run.user.inspect_site", look_round)
     error = invoke(monkeypatch, "user", "anna/x", "--connect", "tcp/127.0.0.1:1")
     assert isinstance(error, KeyNameError)
     assert str(error).startswith("user 'anna/x'")
@@ -347,7 +347,7 @@ async def test_browser_is_given_a_file_of_its_owner_once_the_page_is_there_and_n
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
     monkeypatch.setattr(browser, "SNAPS", tmp_path if has_snaps else tmp_path / "none")
     file = keep_link("lab", LINK)
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     opening = browser.open_when_there(bus, "web", file)
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()

@@ -10,7 +10,7 @@ from rich.segment import Segment
 from pointit.cli.display.view import draw
 from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
 from pointit.launch.run.monitor import Monitor
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import (
     NS_PER_S,
@@ -192,7 +192,7 @@ def test_the_widest_numbers_fit_80_columns() -> None:
 
 
 async def followed() -> tuple[MemoryBus, Monitor]:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
     return bus, monitor

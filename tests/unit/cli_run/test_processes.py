@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from pointit.cli.display.summary import check_writable
-from pointit.launch.run.subprocesses import Processes, last_words
+from pointit.launch.run.subprocesses import Processes, last_log_error
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 from pointit.services.pointing.service import Pointing
@@ -159,8 +159,8 @@ async def test_a_child_that_will_not_end_is_killed(caplog: pytest.LogCaptureFixt
 def test_last_words(tmp_path: Path, log: str, words: str) -> None:
     path = tmp_path / "a.log"
     path.write_text(log)
-    assert last_words(path) == words
-    assert last_words(tmp_path / "none.log") == ""
+    assert last_log_error(path) == words
+    assert last_log_error(tmp_path / "none.log") == ""
 
 
 def test_a_summary_that_cannot_be_written_is_found_before_the_run(tmp_path: Path) -> None:

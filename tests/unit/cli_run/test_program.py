@@ -9,7 +9,7 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.person import Pose
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario, scenario_names
-from pointit.launch.plan.scenario_catalog import Program, staged
+from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.schemas import RunScenario
@@ -17,14 +17,14 @@ from pointit.schemas import RunScenario
 
 def beginning(
     source: str = "scenario_4", choices: Choices | None = None, people: int = 1, **said: Any
-) -> tuple[Program, Plan]:
+) -> tuple[ScenarioCatalog, Plan]:
     scenario, chosen = read_scenario(source), choices or Choices(page=True)
     name = Path(source).stem
-    program = Program.beginning_with(name, source, scenario, chosen)
+    program = ScenarioCatalog.beginning_with(name, source, scenario, chosen)
     plan = Plan(
         name=name,
         scenario=name,
-        launches=staged(scenario, chosen, people),
+        launches=scenario_launches(scenario, chosen, people),
         link=Link(),
         localizes=chosen.localize,
         scenarios=program.offered,

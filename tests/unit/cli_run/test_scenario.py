@@ -338,7 +338,7 @@ def test_a_scenario_whose_file_name_cannot_stand_in_a_key(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("length", [60, 61, 64, 65])
 def test_a_scenario_whose_name_is_too_long_for_the_key_of_its_run(length: int, tmp_path: Path) -> None:
-    """The longest that is taken can be told (`Notice`); once a run began and failed by it."""
+    """The longest that is taken can be told (`DeploymentPublisher`); once a run began and failed by it."""
     path = written(tmp_path / f"{'x' * length}.yaml", GOOD)
     if length > 60:
         with pytest.raises(

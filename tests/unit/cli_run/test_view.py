@@ -12,7 +12,7 @@ from rich.segment import Segment
 from pointit.cli.display.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
 from pointit.diagnosis.observation import SILENT_S
 from pointit.launch.run.monitor import LINES, Monitor
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import (
     Cursor,
@@ -204,7 +204,7 @@ def health(instance: str, *warnings: str, rate_hz: float = 50.0, user: str = "")
 
 
 async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
     token = bus.announce(USER_ALIVE, "anna")
@@ -257,7 +257,7 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def test_rate_of_each_controller_is_shown_and_averaged() -> None:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
     reports = bus.publisher(HEALTH, "led-driver")
@@ -298,4 +298,4 @@ def test_what_services_say_is_wrong_is_told_with_their_names() -> None:
         monitor.health[name] = Health.model_validate(
             {**health, "service": name, "instance": name, "warnings": warnings}
         )
-    assert monitor.complaints() == ["conveyor-sim: no belt 'x'", "conveyor-sim: two"]
+    assert monitor.warnings() == ["conveyor-sim: no belt 'x'", "conveyor-sim: two"]

@@ -212,7 +212,7 @@ async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_
     path = tmp_path / "steps.yaml"
     path.write_text("steps: {1: {speed: 1}}")
     with pytest.raises(ConfigError, match=r"steps\.yaml.*duration"):
-        ConveyorSim.check(config(schedule=str(path)))
+        ConveyorSim.validate_config(config(schedule=str(path)))
 
 
 async def test_the_same_map_again_changes_nothing_and_another_one_begins_anew() -> None:

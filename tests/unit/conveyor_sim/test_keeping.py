@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.store.snapshot_store import FILE, Keeping, NotKeptError, erase, fingerprint
+from pointit.services.conveyor_sim.store.snapshot_store import (
+    FILE,
+    SnapshotError,
+    SnapshotStore,
+    erase,
+    fingerprint,
+)
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
 EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
@@ -33,7 +39,7 @@ def test_one_that_was_restored_is_as_the_one_before(
     now_ns = round(until_s * S)
     before.step(now_ns)
     after = plant(ROOMS[name], feeder=feeder)
-    after.stand_still(now_ns)
+    after.skip_time(now_ns)
     after.restore(json.loads(json.dumps(before.snapshot())))
     assert after.tracked(now_ns) == before.tracked(now_ns)
     assert after.state(now_ns) == before.state(now_ns)
@@ -69,7 +75,7 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     )
     before, after = (plant(CHAIN, schedule=str(path)) for _ in range(2))
     before.step(8 * S)
-    after.stand_still(8 * S)
+    after.skip_time(8 * S)
     after.restore(json.loads(json.dumps(before.snapshot())))
     assert after.state(0).step == before.state(0).step == "2"
     before.step(30 * S)
@@ -83,16 +89,16 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
-    file = Keeping(site_folder("lab", "conveyor-sim"))
+    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
     assert file.read() is None
     file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
     file.close()
-    file = Keeping(site_folder("lab", "conveyor-sim"))
+    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
     kept = file.read()
     assert kept is not None
     assert (kept.stamp_ns, kept.seq, kept.fingerprint, kept.snapshot) == (5, 3, "mark", {"a": [1, 2.5]})
     assert kept.events == (EVENT,)
-    file.told()
+    file.mark_published()
     kept = file.read()
     assert kept is not None
     assert kept.events == ()
@@ -100,20 +106,20 @@ def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
 
 
 def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
-    file = Keeping(site_folder("lab", "conveyor-sim"))
-    with pytest.raises(NotKeptError, match=r"plant\.sqlite: another conveyor of this site runs"):
-        Keeping(site_folder("lab", "conveyor-sim"))
-    other = Keeping(site_folder("hall", "conveyor-sim"))
+    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
+    with pytest.raises(SnapshotError, match=r"plant\.sqlite: another conveyor of this site runs"):
+        SnapshotStore(site_folder("lab", "conveyor-sim"))
+    other = SnapshotStore(site_folder("hall", "conveyor-sim"))
     other.close()
     file.close()
-    Keeping(site_folder("lab", "conveyor-sim")).close()
+    SnapshotStore(site_folder("lab", "conveyor-sim")).close()
 
 
 def test_a_file_that_is_none_is_begun_anew() -> None:
     path = site_folder("lab", "conveyor-sim") / FILE
     path.parent.mkdir(parents=True)
     path.write_bytes(b"this is no database, " * 1000)
-    file = Keeping(site_folder("lab", "conveyor-sim"))
+    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
     assert file.read() is None
     file.commit(5, "mark", {}, 0)
     assert file.read() is not None
@@ -122,26 +128,26 @@ def test_a_file_that_is_none_is_begun_anew() -> None:
 
 def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
     own_state.write_text("a file where the folder should be")
-    with pytest.raises(NotKeptError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
-        Keeping(site_folder("lab", "conveyor-sim"))
+    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
+        SnapshotStore(site_folder("lab", "conveyor-sim"))
 
 
 def test_erasing_says_whether_there_was_something() -> None:
     folder = site_folder("lab", "conveyor-sim")
     assert not erase(folder)
-    file = Keeping(folder)
+    file = SnapshotStore(folder)
     file.commit(5, "mark", {}, 0)
     file.close()
     assert erase(folder)
     assert not erase(folder)
-    file = Keeping(folder)
+    file = SnapshotStore(folder)
     assert file.read() is None
     file.close()
 
 
 def test_what_another_conveyor_has_in_use_is_not_erased() -> None:
     folder = site_folder("lab", "conveyor-sim")
-    file = Keeping(folder)
+    file = SnapshotStore(folder)
     file.commit(5, "mark", {}, 0)
     assert not erase(folder)
     kept = file.read()

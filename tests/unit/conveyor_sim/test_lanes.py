@@ -243,7 +243,7 @@ def test_time_that_passes_standing_still_moves_nothing() -> None:
     belts = conveyor(10.0)
     belts.step(S)
     before = places(belts)
-    belts.stand_still(100 * S)
+    belts.skip_time(100 * S)
     belts.step(100 * S)
     assert places(belts) == before
 

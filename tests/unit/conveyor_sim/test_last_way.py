@@ -148,7 +148,7 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
 
     def outcome(at_ns: int) -> list[tuple[str, bool]]:
         """Return what comes of a change at `at_ns`, and whether the package leaves at bay 1."""
-        other.stand_still(belts.now_ns)
+        other.skip_time(belts.now_ns)
         other.restore(belts.snapshot())
         other.step(at_ns)
         other.select(after, at_ns)

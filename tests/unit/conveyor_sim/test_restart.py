@@ -16,7 +16,7 @@ from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.service import ConveyorSim
-from pointit.services.conveyor_sim.store.snapshot_store import Keeping
+from pointit.services.conveyor_sim.store.snapshot_store import SnapshotStore
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, config
 
@@ -113,7 +113,7 @@ async def test_who_forgets_begins_anew() -> None:
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
-    ConveyorSim.begin_anew(SITE, clock.now_ns())
+    ConveyorSim.discard_saved_state(SITE, clock.now_ns())
     clock.advance(1.0)
     async with shift(clock, setting()) as second:
         assert set(first.ids).isdisjoint(second.ids)
@@ -123,7 +123,7 @@ async def test_an_event_that_was_kept_but_perhaps_not_told_is_told_again() -> No
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
-    file = Keeping(site_folder(SITE, "conveyor-sim"))
+    file = SnapshotStore(site_folder(SITE, "conveyor-sim"))
     kept = file.read()
     assert kept is not None
     event = SelectionEvent(stamp_ns=START_NS, seq=kept.seq + 1, event="dispatched", object_id="x", bay="3")
@@ -137,7 +137,7 @@ async def test_an_event_that_was_kept_but_perhaps_not_told_is_told_again() -> No
 
 async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
     clock = ManualClock()
-    file = Keeping(site_folder(SITE, "conveyor-sim"))
+    file = SnapshotStore(site_folder(SITE, "conveyor-sim"))
     async with shift(clock, setting()) as second:
         await until(lambda: any("another conveyor" in w for h in second.health for w in h.warnings))
         await second.go(2.0)
@@ -148,14 +148,14 @@ async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
 async def test_a_disk_that_fails_is_a_warning_until_it_works_again(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = ManualClock()
     is_full = False
-    write = Keeping._write
+    write = SnapshotStore._write
 
-    def full(self: Keeping, *rest: object) -> None:
+    def full(self: SnapshotStore, *rest: object) -> None:
         if is_full:
             raise sqlite3.OperationalError("database or disk is full")
         write(self, *rest)  # type: ignore[arg-type]  # passed on as they came
 
-    monkeypatch.setattr(Keeping, "_write", full)
+    monkeypatch.setattr(SnapshotStore, "_write", full)
     async with shift(clock, setting()) as one:
         await one.go(1.0)
         is_full = True
@@ -210,7 +210,7 @@ async def test_killed_without_a_word_it_loses_and_doubles_nothing() -> None:
             told.append(rest[1])
     life.wait(5)
     life.stdout.close()
-    file = Keeping(site_folder(SITE, "conveyor-sim"))
+    file = SnapshotStore(site_folder(SITE, "conveyor-sim"))
     kept = file.read()
     file.close()
     assert kept is not None

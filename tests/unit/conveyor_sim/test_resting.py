@@ -98,7 +98,7 @@ def test_belts_of_any_room_run_empty_while_feeders_rest(
     assert {tracked.id for tracked in belts.tracked(0).objects} <= there
     assert belts.size == len(there) - left
     after = plant(ROOMS[name], feeder=feeder)
-    after.stand_still(belts.now_ns)
+    after.skip_time(belts.now_ns)
     after.restore(json.loads(json.dumps(belts.snapshot())))
     assert after.snapshot() == belts.snapshot()
     after.step(after.now_ns + 10 * S)

@@ -45,7 +45,7 @@ def test_rings_are_what_scipy_calls_strongly_connected(links: list[tuple[int, in
     rings = rings_of(network)
     graph = np.zeros((len(network.pieces), len(network.pieces)))
     for piece in network.pieces:
-        graph[piece.index, piece.nexts] = 1.0
+        graph[piece.index, piece.successors] = 1.0
     count, labels = connected_components(csr_array(graph), connection="strong")
     expected: list[tuple[int, ...]] = []
     for label in range(count):

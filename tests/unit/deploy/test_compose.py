@@ -74,7 +74,7 @@ def test_a_configuration_is_one_that_its_service_takes(file: Path) -> None:
     (command,) = {command for command in COMMANDS if command.endswith(f"/{file.name}")}
     service = process(command.split()[1]).load()
     config = load_config(service, [file], {})
-    service.check(config)
+    service.validate_config(config)
 
 
 def test_configurations_are_those_of_the_scenario() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.diagnosis.clocks import clocks_apart
+from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import Observation, Report
 from pointit.schemas import NS_PER_S, Health
@@ -49,7 +49,7 @@ def test_a_clock_apart_is_found(ahead_s: float, severity: str, words: str) -> No
     site = seen(
         pui=reports("pui", "server", 0.0), led=reports("led", "desk", 0.0), sim=reports("sim", "pi", ahead_s)
     )
-    (finding,) = clocks_apart(site)
+    (finding,) = find_clock_skew(site)
     assert (finding.code, finding.severity, finding.service) == ("clock", severity, "")
     assert "machine pi " in finding.sentence
     assert words in finding.sentence
@@ -61,9 +61,9 @@ def test_a_clock_apart_is_found(ahead_s: float, severity: str, words: str) -> No
 def test_what_the_keeper_has_said_is_not_said_twice() -> None:
     warning = "the clock of machine pi is 80 ms behind the clock of server: ..."
     site = seen(keeper=reports("keeper", "server", 0.0, warning), sim=reports("sim", "pi", -0.08))
-    assert not list(clocks_apart(site))
+    assert not list(find_clock_skew(site))
 
 
 def test_unknown_times_are_nothing() -> None:
     site = seen(sim=[Report(received_s=101.0, health=reports("sim", "pi", 9.0)[0].health)])
-    assert not list(clocks_apart(site))
+    assert not list(find_clock_skew(site))

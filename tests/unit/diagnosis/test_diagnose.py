@@ -9,7 +9,7 @@ import pytest
 from pointit.diagnosis.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
-from pointit.diagnosis.writers import split, start_command
+from pointit.diagnosis.writers import split_instance, start_command
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
 
@@ -24,7 +24,7 @@ def key(topic: Topic[Any], direction: str, age_s: float | None = 0.01, **counts:
 
 
 def health(instance: str, *keys: KeyHealth, **fields: Any) -> Health:
-    service, user = split(instance)
+    service, user = split_instance(instance)
     values: dict[str, Any] = {"pid": 7, "uptime_s": 60.0, **fields}
     return Health.model_validate(
         {"stamp_ns": 0, "service": service, "user": user, "instance": instance, "keys": keys, **values}

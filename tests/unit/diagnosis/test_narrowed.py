@@ -1,7 +1,7 @@
 """What is said of one service or person only."""
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.finding_filter import is_about, narrowed
+from pointit.diagnosis.finding_filter import filter_findings, is_about
 from pointit.diagnosis.observation import Finding, Observation
 
 
@@ -20,20 +20,20 @@ def test_a_name_is_that_of_an_instance_a_service_or_a_person() -> None:
 
 def test_who_may_not_look_on_is_told_that_and_not_that_nothing_runs() -> None:
     seen = Observation(began_s=0.0, now_s=1.0, denied="this identity (anna) may do nothing here")
-    (finding,) = narrowed(diagnose(seen), seen, "pui")
+    (finding,) = filter_findings(diagnose(seen), seen, "pui")
     assert (finding.code, finding.sentence) == ("denied", seen.denied)
 
 
 def test_only_what_is_about_the_name_is_left() -> None:
     seen = Observation(began_s=0.0, now_s=1.0, present=frozenset({"pui", "pointing.anna", "pointing.ben"}))
     findings = [found(""), found("pui"), found("pointing.anna"), found("pointing.ben")]
-    assert narrowed(findings, seen, "pui") == [findings[1]]
-    assert narrowed(findings, seen, "anna") == [findings[2]]
-    assert narrowed(findings, seen, "pointing") == findings[2:]
+    assert filter_findings(findings, seen, "pui") == [findings[1]]
+    assert filter_findings(findings, seen, "anna") == [findings[2]]
+    assert filter_findings(findings, seen, "pointing") == findings[2:]
 
 
 def test_what_was_there_is_told_of_and_what_never_was_is_absent() -> None:
     seen = Observation(began_s=0.0, now_s=1.0, left=frozenset({"pui"}))
-    assert narrowed([found("pui")], seen, "pui") == [found("pui")]
-    (finding,) = narrowed([found("pui")], seen, "selector")
+    assert filter_findings([found("pui")], seen, "pui") == [found("pui")]
+    (finding,) = filter_findings([found("pui")], seen, "selector")
     assert (finding.code, finding.service, finding.severity) == ("absent", "selector", "error")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.diagnosis.writers import instance_of, present_writers, split, why_silent
+from pointit.diagnosis.writers import instance_of, present_writers, silence_reason, split_instance
 from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY
 
 PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}
@@ -10,7 +10,7 @@ PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.
 
 @pytest.mark.parametrize("parts", [("pui", ""), ("pointing", "anna"), ("user-sim", "a.b-c")])
 def test_instances_are_taken_apart_as_they_are_put_together(parts: tuple[str, str]) -> None:
-    assert split(instance_of(*parts)) == parts
+    assert split_instance(instance_of(*parts)) == parts
 
 
 def test_a_persons_topic_is_written_by_their_own_services() -> None:
@@ -32,9 +32,9 @@ def test_everybody_writes_their_own_health() -> None:
 
 
 def test_silence_is_explained() -> None:
-    assert "pointing.anna can write it and runs" in why_silent(RAY, "anna", PRESENT)
-    assert "`pointit service pointing --user eve`" in why_silent(RAY, "eve", PRESENT)
-    assert "`pointit service pointing --user NAME`" in why_silent(RAY, "*", ())
-    assert "`pointit service pui`" in why_silent(MAP, "", ())
-    assert "(localizer or ros2 or external)" in why_silent(POSE, "anna", ())
-    assert why_silent(CLOCK, "", ()) == "it is written by cli or ros2"
+    assert "pointing.anna can write it and runs" in silence_reason(RAY, "anna", PRESENT)
+    assert "`pointit service pointing --user eve`" in silence_reason(RAY, "eve", PRESENT)
+    assert "`pointit service pointing --user NAME`" in silence_reason(RAY, "*", ())
+    assert "`pointit service pui`" in silence_reason(MAP, "", ())
+    assert "(localizer or ros2 or external)" in silence_reason(POSE, "anna", ())
+    assert silence_reason(CLOCK, "", ()) == "it is written by cli or ros2"

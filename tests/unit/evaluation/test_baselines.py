@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.datasets import read_trials
-from pointit.evaluation.localization.baselines import Guess, mean_angle, mean_angle_4dof, mean_angle_z0
+from pointit.evaluation.localization.baselines import (
+    BaselineEstimate,
+    mean_angle,
+    mean_angle_4dof,
+    mean_angle_z0,
+)
 from pointit.evaluation.localization.trial import Trial
 from pointit.services.localizer.estimation.estimator import Pointings
 from tests.unit.evaluation.recorded import Stand, write_motion
@@ -37,7 +42,9 @@ def test_the_mean_angle_is_that_of_each_ray(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("solver", [mean_angle_4dof, mean_angle_z0])
-def test_perfect_rays_give_the_true_pose(solver: Callable[[Pointings], Guess], tmp_path: Path) -> None:
+def test_perfect_rays_give_the_true_pose(
+    solver: Callable[[Pointings], BaselineEstimate], tmp_path: Path
+) -> None:
     stand = Stand(x=-1.5, y=-1.0, yaw_deg=10.0)
     guess = solver(window(tmp_path, stand).pointings)
     assert (guess.x_m, guess.y_m, guess.z_m) == pytest.approx((stand.x, stand.y, 0.0), abs=0.01)

@@ -6,7 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pointit.evaluation.localization.cramer_rao import independent, median_bounds_m, median_distance
+from pointit.evaluation.localization.cramer_rao import (
+    effective_sample_count,
+    median_bounds_m,
+    median_distance,
+)
 from pointit.evaluation.localization.trial import Array, Trial
 from pointit.services.localizer.estimation.estimator import Pointings
 from tests.unit.evaluation.recorded import Stand, unit
@@ -84,8 +88,8 @@ def test_it_grows_with_the_scatter() -> None:
 def test_more_samples_in_the_same_time_do_not_lower_it() -> None:
     sparse = [trial(seed, 2.0, samples=20, step_s=0.4) for seed in range(60)]
     dense = [trial(seed, 2.0, samples=200, step_s=0.04) for seed in range(60)]
-    assert independent(sparse[0]) == pytest.approx(15.2)
-    assert independent(dense[0]) == pytest.approx(15.9, abs=0.1)
+    assert effective_sample_count(sparse[0]) == pytest.approx(15.2)
+    assert effective_sample_count(dense[0]) == pytest.approx(15.9, abs=0.1)
     assert np.median(median_bounds_m(dense)) == pytest.approx(np.median(median_bounds_m(sparse)), rel=0.15)
 
 
@@ -97,8 +101,8 @@ def test_each_hold_counts_once_at_least() -> None:
         set="s", subject="a", condition="c", eye_height_m=1.6, x_m=0.0, y_m=0.0, yaw_rad=0.0,
         pointings=Pointings(stamps_s, many, many, many),
     )  # fmt: skip
-    assert independent(one) == pytest.approx(3.0)
-    assert independent(held) == pytest.approx(39.0, abs=1.0)
+    assert effective_sample_count(one) == pytest.approx(3.0)
+    assert effective_sample_count(held) == pytest.approx(39.0, abs=1.0)
 
 
 def test_a_single_target_tells_no_place() -> None:

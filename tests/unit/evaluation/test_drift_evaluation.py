@@ -10,7 +10,7 @@ from pointit.evaluation.datasets.proximity_feedback import PHASES, read_floor_tr
 from pointit.evaluation.pointing.drift import drift_rows, recorded_rows
 from pointit.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit.evaluation.pointing.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
-from pointit.evaluation.pointing.drifting_person import Ways
+from pointit.evaluation.pointing.drifting_person import DriftPersonModel
 from pointit.evaluation.recordings.row import ALL, Row
 from pointit.geometry import vector
 from pointit.runtime.errors import ConfigError
@@ -151,7 +151,7 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes() -> None:
 
 
 def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:
-    ways = Ways(place_sigma_m=0.01, bent_arm_share=0.0)
+    ways = DriftPersonModel(place_sigma_m=0.01, bent_arm_share=0.0)
     errors = [outcome(seed, ways, ANCHORS_S)["pointit"][0] for seed in range(150)]
     assert float(np.sqrt(np.mean(np.square(errors)))) < 1.35 * bound_rad(ways, ANCHORS_S)
 
@@ -160,7 +160,7 @@ def test_one_jump_of_32_degrees_does_not_dominate() -> None:
     jump, anchors_s = math.radians(32.0), (60.0, 120.0, 150.0)
     away: dict[str, list[float]] = {"pointit": [], "pointit, rests": []}
     for seed in range(60):
-        told = outcome(seed, Ways(), anchors_s, jump)
+        told = outcome(seed, DriftPersonModel(), anchors_s, jump)
         for name, errors in away.items():
             errors.append(abs(told[name][0]))
     # with one anchor before it, the drift is not known well enough to see the jump as one; rests tell it

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from pointit.evaluation.recordings.parallel import spread
+from pointit.evaluation.recordings.parallel import map_parallel
 from pointit.runtime.errors import PointItError
 
 
@@ -21,12 +21,12 @@ def assert_all_end() -> None:
 
 
 def test_each_piece_comes_back_with_its_number() -> None:
-    assert dict(spread(math.sqrt, [4.0, 9.0, 16.0], 2)) == {0: 2.0, 1: 3.0, 2: 4.0}
+    assert dict(map_parallel(math.sqrt, [4.0, 9.0, 16.0], 2)) == {0: 2.0, 1: 3.0, 2: 4.0}
     assert_all_end()
 
 
 def test_who_stops_reading_waits_for_nobody() -> None:
-    work = spread(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
+    work = map_parallel(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
     assert next(work) == (0, None)
     began = time.monotonic()
     work.close()
@@ -37,7 +37,7 @@ def test_who_stops_reading_waits_for_nobody() -> None:
 def test_no_thread_of_the_pool_is_left_for_the_end_of_python() -> None:
     """There it would be woken by a pipe that it may be closing: a traceback from `threading._shutdown`."""
     before = set(threading.enumerate())
-    work = spread(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
+    work = map_parallel(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
     next(work)
     work.close()
     assert set(threading.enumerate()) <= before
@@ -45,10 +45,10 @@ def test_no_thread_of_the_pool_is_left_for_the_end_of_python() -> None:
 
 def test_an_error_in_the_work_is_the_readers() -> None:
     with pytest.raises(ValueError, match="math domain"):
-        list(spread(math.sqrt, [-1.0], 1))
+        list(map_parallel(math.sqrt, [-1.0], 1))
     assert_all_end()
 
 
 def test_a_process_that_dies_is_told_in_a_sentence() -> None:
     with pytest.raises(PointItError, match="came to an end by itself"):
-        list(spread(os._exit, [3], 1))
+        list(map_parallel(os._exit, [3], 1))

@@ -10,7 +10,7 @@ from pointit.evaluation.selection.carousel import Carousel
 from pointit.evaluation.selection.condition import BENCHES, LAB, conditions
 from pointit.evaluation.selection.method import METHODS, selector_config
 from pointit.evaluation.selection.plot import check_plot, plot
-from pointit.evaluation.selection.row import Figures, SelectionRow, TimeSpread
+from pointit.evaluation.selection.row import SelectionMetrics, SelectionRow, TimeSpread
 from pointit.evaluation.selection.score import Score, figures_of
 from pointit.evaluation.selection.selection import document
 from pointit.maps.file import load_map
@@ -84,8 +84,8 @@ def test_figures_over_trials() -> None:
 
 
 def rows() -> list[SelectionRow]:
-    some = Figures(n=3, time_s=TimeSpread(median=2.0, p90=3.0), wrong_rate=0.0, missed_rate=None)
-    none = Figures(n=3, time_s=None)
+    some = SelectionMetrics(n=3, time_s=TimeSpread(median=2.0, p90=3.0), wrong_rate=0.0, missed_rate=None)
+    none = SelectionMetrics(n=3, time_s=None)
     return [
         SelectionRow(bench="a", condition="x", method="hold", figures=some, human={"pointing": some}),
         SelectionRow(bench="a", condition="y", method="hold", figures=none, human={}),

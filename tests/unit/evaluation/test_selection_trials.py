@@ -10,7 +10,7 @@ from pointit.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition,
 from pointit.evaluation.selection.score import Score
 from pointit.evaluation.selection.selection import selection_rows
 from pointit.evaluation.selection.stage import stage_of
-from pointit.evaluation.selection.trial import Trial, Watch, run
+from pointit.evaluation.selection.trial import Trial, TrialRecorder, run
 from pointit.evaluation.selection.world import START_NS, USUAL
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, PointingRay, SelectionEvent
@@ -120,7 +120,7 @@ def event(event: str, object_id: str, at_s: float, kind: str = "red", bay: str =
 
 
 def test_a_run_is_over_when_all_that_should_be_is_selected_and_nothing_else() -> None:
-    watch = Watch(STATIC, stage_of(STATIC, (0, 0, 0)))
+    watch = TrialRecorder(STATIC, stage_of(STATIC, (0, 0, 0)))
     watch.take([event("selected", "1", 1.0), event("selected", "9", 2.0, kind="blue")], {})
     watch.take([event("selected", "2", 3.0)], {})
     assert not watch.is_over(START_NS + 20 * NS_PER_S)
@@ -133,7 +133,7 @@ def test_a_run_is_over_when_all_that_should_be_is_selected_and_nothing_else() ->
 
 def test_on_the_conveyor_only_what_leaves_at_the_right_bay_counts() -> None:
     two = replace(FEW, targets=2)
-    watch = Watch(two, stage_of(two, (0, 0, 0)))
+    watch = TrialRecorder(two, stage_of(two, (0, 0, 0)))
     entered_ns = {"1": START_NS, "2": START_NS + NS_PER_S}
     watch.take([event("selected", "1", 4.0), event("selected", "2", 5.0)], entered_ns)
     watch.take([event("dispatched", "1", 9.0, bay="1"), event("dispatched", "2", 9.0, bay="3")], entered_ns)

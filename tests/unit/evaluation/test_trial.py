@@ -6,13 +6,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.evaluation.localization.trial import SLACK_S, STRIDE_S, WINDOWS_S, Following, Reading
+from pointit.evaluation.localization.trial import SLACK_S, STRIDE_S, WINDOWS_S, FollowRecording, Reading
 from pointit.services.localizer.estimation.estimator import Pointings
 
 
-def following(stamps_s: list[float]) -> Following:
+def following(stamps_s: list[float]) -> FollowRecording:
     ones = np.ones((len(stamps_s), 3))
-    return Following(
+    return FollowRecording(
         set="s",
         subject="a",
         pointings=Pointings(np.array(stamps_s), ones, ones, ones),

@@ -2,7 +2,7 @@
 
 from foxglove.messages import LogLevel
 
-from pointit.bridges.foxglove.event_log import HISTORY, Chronicle, Line
+from pointit.bridges.foxglove.event_log import HISTORY, EventLog, Line
 from pointit.schemas import Feedback, Health, Interaction, Localization, SelectionEvent
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read
@@ -20,18 +20,20 @@ def said(lines: list[Line]) -> list[tuple[LogLevel, str, str]]:
 
 
 def test_a_warning_is_told_when_it_comes_and_when_it_goes() -> None:
-    chronicle = Chronicle()
+    chronicle = EventLog()
     first = chronicle.take(health("nothing came for 3 s; start it"), "pui", 5)
     assert said(first) == [(LogLevel.Warning, "pui", "nothing came for 3 s; start it")]
     assert chronicle.take(health("nothing came for 4.5 s; start it"), "pui", 6) == []
-    assert said(chronicle.standing(7)) == [(LogLevel.Warning, "pui", "nothing came for 4.5 s; start it")]
+    assert said(chronicle.active_warnings(7)) == [
+        (LogLevel.Warning, "pui", "nothing came for 4.5 s; start it")
+    ]
     gone = chronicle.take(health(), "pui", 8)
     assert said(gone) == [(LogLevel.Info, "pui", "no longer: nothing came for 4.5 s; start it")]
-    assert chronicle.standing(9) == []
+    assert chronicle.active_warnings(9) == []
 
 
 def test_what_fails_and_what_is_lost_is_told_as_it_grows() -> None:
-    chronicle = Chronicle()
+    chronicle = EventLog()
     assert said(chronicle.take(health(errors=1, lost=2, invalid=3), "pui", 5)) == [
         (LogLevel.Error, "pui", "1 handlers failed; see its log"),
         (LogLevel.Warning, "pui", "2 events were lost on their way to it"),
@@ -42,16 +44,16 @@ def test_what_fails_and_what_is_lost_is_told_as_it_grows() -> None:
 
 
 def test_a_service_that_ended_begins_anew() -> None:
-    chronicle = Chronicle()
+    chronicle = EventLog()
     chronicle.take(health("odd", errors=5), "pui", 5)
     assert said(chronicle.presence("pui", 6, present=False)) == [(LogLevel.Warning, "pui", "has ended")]
-    assert chronicle.standing(6) == []
+    assert chronicle.active_warnings(6) == []
     assert said(chronicle.presence("pui", 7, present=True)) == [(LogLevel.Info, "pui", "runs")]
     assert len(chronicle.take(health("odd", errors=1), "pui", 8)) == 2
 
 
 def test_selections_cues_and_states_are_sentences() -> None:
-    chronicle = Chronicle()
+    chronicle = EventLog()
     event = SelectionEvent(stamp_ns=1, event="selected", object_id="7", kind="red", user="anna")
     assert said(chronicle.take(event, "", 5)) == [(LogLevel.Info, "selection", "anna selected red 7")]
     refused = SelectionEvent(stamp_ns=1, event="refused", object_id="7", user="bert", reason="anna has it")
@@ -68,7 +70,7 @@ def test_selections_cues_and_states_are_sentences() -> None:
 
 
 def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
-    chronicle = Chronicle()
+    chronicle = EventLog()
 
     def told(**fields: object) -> list[tuple[LogLevel, str, str]]:
         return said(chronicle.take(Localization.model_validate({"stamp_ns": 1, **fields}), "anna", 5))
@@ -83,7 +85,7 @@ def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
 
 
 def test_newcomers_read_the_last_lines_only() -> None:
-    chronicle = Chronicle()
+    chronicle = EventLog()
     for number in range(HISTORY + 5):
         chronicle.take(Feedback(stamp_ns=1, cue="selected", text=str(number)), "anna", number)
     assert len(chronicle.history) == HISTORY

@@ -9,7 +9,7 @@ from pointit.bridges.foxglove.server import LOG, picture_topic
 from pointit.bridges.foxglove.service import LAYOUT
 from pointit.bridges.foxglove.shapes import WORLD
 from pointit.schemas import Health
-from pointit.schemas.catalogue.json_channel import Plain, channel_name
+from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import TOPICS
 from pointit.services.registry import PROCESSES
 
@@ -45,7 +45,7 @@ def test_the_log_and_a_topic_are_shown() -> None:
 
 
 def test_plots_are_of_fields_of_services_that_there_are() -> None:
-    fields = Plain(Health).schema["properties"]
+    fields = JsonChannel(Health).schema["properties"]
     names = {row.name for row in PROCESSES if row.scope == "site"}
     plots = [config for name, config in panels.items() if name.startswith("Plot!")]
     assert len(plots) == 2

@@ -108,7 +108,7 @@ def test_the_finger_is_on_the_line_from_the_eyes() -> None:
     finger, shoulder = vector.add(middle, half), vector.subtract(middle, half)
     # a right shoulder, at a right angle to the arm, wherever the IMU's yaw began
     away, along = vector.subtract(shoulder, (1.0, 2.0, 1.43)), vector.subtract(finger, shoulder)
-    assert vector.turn(away, math.pi / 2) == pytest.approx(
+    assert vector.rotate_z(away, math.pi / 2) == pytest.approx(
         vector.scale((along[0], along[1], 0.0), 0.2 / math.hypot(along[0], along[1]))
     )
     assert vector.angle_between(vector.subtract(finger, EYES), direction) < 1e-6

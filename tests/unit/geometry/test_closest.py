@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.geometry.closest import hit_at, nearest_in_angle, nearest_in_metres
+from pointit.geometry.closest import make_hit, nearest_in_angle, nearest_in_metres
 from pointit.geometry.vector import Vec3
 
 coordinates = st.floats(-5, 5)
@@ -47,7 +47,7 @@ def test_no_point_is_at_a_smaller_angle(a: Vec3, u: Vec3, d: Vec3) -> None:
 def test_no_point_is_nearer_in_metres(a: Vec3, u: Vec3, d: Vec3) -> None:
     t, _ = nearest_in_metres(a, u, d)
     assert 0.0 <= t <= 1.0
-    assert hit_at(0, 0.0, at(a, u, t), (0.0, 0.0, 0.0), d).miss_m <= misses(a, u, d)[1] + 5e-7
+    assert make_hit(0, 0.0, at(a, u, t), (0.0, 0.0, 0.0), d).miss_m <= misses(a, u, d)[1] + 5e-7
 
 
 def test_nearest_in_metres_is_not_nearest_in_angle() -> None:
@@ -108,12 +108,12 @@ def test_eyes_on_the_segment() -> None:
 
 def test_a_point_at_the_eyes_is_at_no_angle() -> None:
     assert nearest_in_angle((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AHEAD) == (0.0, 1.0)
-    hit = hit_at(0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+    hit = make_hit(0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
     assert (hit.miss_m, hit.range_m) == (0.0, 0.0)
     assert math.isfinite(hit.miss_rad)
 
 
 def test_miss_of_a_point_behind_the_ray_is_its_distance_to_the_origin() -> None:
-    hit = hit_at(0, 0.0, (-3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+    hit = make_hit(0, 0.0, (-3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
     assert hit.miss_m == pytest.approx(5.0)
     assert hit.miss_rad == pytest.approx(math.atan2(4.0, -3.0))

@@ -71,5 +71,5 @@ def test_what_is_past_an_end_is_beyond_it(first_m: float, second_m: float, past_
         ]
     )
     positions_m, _ = line.nearest_to(points_m)
-    assert line.are_beyond(points_m, positions_m).tolist() == [True, False, False, True]
-    assert not line.are_beyond(points_m, positions_m, past_m + 1e-6).any()
+    assert line.is_beyond_ends(points_m, positions_m).tolist() == [True, False, False, True]
+    assert not line.is_beyond_ends(points_m, positions_m, past_m + 1e-6).any()

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
-from pointit.geometry.closest import Hit, Measure, hit_at, nearest_in_angle, nearest_in_metres
+from pointit.geometry.closest import Hit, Measure, make_hit, nearest_in_angle, nearest_in_metres
 from pointit.geometry.point_tree import PointTree
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import FEW, RayCaster
@@ -61,7 +61,7 @@ def least(lines: list[Polyline], points: list[Vec3], o: Vec3, d: Vec3, measure: 
     for start, end in ends:
         span = vector.subtract(end, start)
         t, _ = nearest(vector.subtract(start, o), span, d)
-        misses.append(miss(hit_at(0, 0.0, vector.add(start, vector.scale(span, t)), o, d), measure))
+        misses.append(miss(make_hit(0, 0.0, vector.add(start, vector.scale(span, t)), o, d), measure))
     return min(misses)
 
 
@@ -282,7 +282,7 @@ def test_what_is_beyond_the_reach_is_cut_off(seed: int, measure: Measure, reach_
         if hit is None:
             continue
         assert vector.dot(d, vector.subtract(hit.point_m, o)) <= reach_m + 1e-9
-        best = min((miss(hit_at(0, 0.0, p, o, d), measure) for p in near), default=math.inf)
+        best = min((miss(make_hit(0, 0.0, p, o, d), measure) for p in near), default=math.inf)
         assert miss(hit, measure) <= best + 3e-7
         if hit.target < len(some):
             assert math.dist(some[hit.target].point_at(hit.position_m), hit.point_m) < 1e-9

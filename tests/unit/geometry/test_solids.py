@@ -93,12 +93,12 @@ def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str, measure: M
     miss = hit.miss_rad if measure == "angle" else hit.miss_m
     assert miss <= least + 1e-7
     # and it is a point of the skin
-    inwards = vector.scale(vector.subtract(solid.ball[0], hit.point_m), 1e-5)
+    inwards = vector.scale(vector.subtract(solid.bounding_sphere[0], hit.point_m), 1e-5)
     if form == "plane":
         assert np.linalg.norm(skin - np.array(hit.point_m), axis=1).min() < 0.03
     else:
-        assert solid.holds(vector.add(hit.point_m, inwards))
-        assert not solid.holds(vector.subtract(hit.point_m, inwards))
+        assert solid.contains(vector.add(hit.point_m, inwards))
+        assert not solid.contains(vector.subtract(hit.point_m, inwards))
 
 
 @settings(max_examples=80)
@@ -108,11 +108,11 @@ def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: i
     solid, skin = some_solid(rng, form)
     origin = some_point(rng)
     x, y, z = skin[rng.randrange(len(skin))].tolist()
-    target = vector.add((x, y, z), vector.scale(vector.subtract(solid.ball[0], (x, y, z)), 1e-3))
+    target = vector.add((x, y, z), vector.scale(vector.subtract(solid.bounding_sphere[0], (x, y, z)), 1e-3))
     reach = vector.subtract(target, origin)
-    ahead = solid.meet(origin, vector.normalized(reach))
+    ahead = solid.intersect(origin, vector.normalized(reach))
     assert ahead is not None
-    assert ahead <= vector.norm(reach) + 1e-6 or solid.holds(origin)
+    assert ahead <= vector.norm(reach) + 1e-6 or solid.contains(origin)
 
 
 @settings(max_examples=80)
@@ -122,17 +122,17 @@ def test_what_is_met_is_on_the_skin_and_nothing_is_before(seed: int, form: str) 
     solid, _ = some_solid(rng, form)
     origin = some_point(rng)
     direction = vector.normalized(vector.subtract(some_point(rng, 2.5), origin))
-    ahead = solid.meet(origin, direction)
+    ahead = solid.intersect(origin, direction)
     if ahead is None:
         return
     assert ahead >= 0.0
-    within = solid.holds(origin)
+    within = solid.contains(origin)
     steps = [ahead * i / 50 for i in range(1, 50)]
-    inside = [solid.holds(vector.add(origin, vector.scale(direction, step))) for step in steps]
+    inside = [solid.contains(vector.add(origin, vector.scale(direction, step))) for step in steps]
     assert all(inside) if within else not any(inside)
     if form != "plane":
-        before = solid.holds(vector.add(origin, vector.scale(direction, ahead - 1e-6)))
-        after = solid.holds(vector.add(origin, vector.scale(direction, ahead + 1e-6)))
+        before = solid.contains(vector.add(origin, vector.scale(direction, ahead - 1e-6)))
+        after = solid.contains(vector.add(origin, vector.scale(direction, ahead + 1e-6)))
         assert before is within or ahead < 1e-5
         assert not (before and after)
 
@@ -145,8 +145,8 @@ def test_what_lies_behind_is_not_met(form: str) -> None:
         "cylinder": CylinderSolid((-3.0, 0.0, -1.0), 1.0, 2.0),
         "plane": PlaneSolid((-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0)),
     }
-    assert solid[form].meet((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is None
-    assert solid[form].meet((-9.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is not None
+    assert solid[form].intersect((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is None
+    assert solid[form].intersect((-9.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is not None
     for measure in MEASURES:
         assert SolidCaster([solid[form]], measure=measure).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5) is None
 
@@ -241,9 +241,9 @@ def test_the_first_that_hides_is_the_first_that_is_met_from_outside(seed: int, c
     solids = [some_solid(rng, rng.choice(["box", "sphere", "cylinder"]))[0] for _ in range(count)]
     origin = some_point(rng)
     direction = vector.normalized(vector.subtract(some_point(rng, 2.5), origin))
-    met = [s.meet(origin, direction) for s in solids if not s.holds(origin)]
+    met = [s.intersect(origin, direction) for s in solids if not s.contains(origin)]
     expected = min([ahead for ahead in met if ahead is not None], default=math.inf)
-    assert SolidCaster(solids).first(origin, direction) == pytest.approx(expected)
+    assert SolidCaster(solids).first_hit_m(origin, direction) == pytest.approx(expected)
 
 
 def test_beyond_the_reach_a_nearer_one_that_is_missed_counts() -> None:

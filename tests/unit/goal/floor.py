@@ -17,7 +17,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_confirmation import Output, TwoSteps
+from pointit.services.goal.goal_confirmation import GoalConfirmation, Output
 
 START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (0.0, 0.0, 1.64)
@@ -58,7 +58,7 @@ class Anna:
     def __init__(
         self, *, confirm: str = "again", place: Vec3 | None = (0.0, 0.0, 0.0), **settings: Any
     ) -> None:
-        self.steps = TwoSteps(GoalConfig.model_validate({"confirm": confirm} | settings), "anna")
+        self.steps = GoalConfirmation(GoalConfig.model_validate({"confirm": confirm} | settings), "anna")
         self.now_ns = START_NS
         self.lag_s = 0.0
         self.outputs: list[Output] = []
@@ -76,7 +76,7 @@ class Anna:
 
     def wait(self, lasting_s: float) -> "Anna":
         self.now_ns += round(lasting_s * NS_PER_S)
-        self.outputs += self.steps.pass_time(self.now_ns)
+        self.outputs += self.steps.tick(self.now_ns)
         return self
 
     def press(self, gesture: Any = "press", ago_s: float = 0.0) -> "Anna":
@@ -84,7 +84,7 @@ class Anna:
         self.outputs += self.steps.on_button(ButtonEvent(stamp_ns=stamp_ns, gesture=gesture), self.now_ns)
         return self
 
-    def change(self, what: Callable[[TwoSteps], object]) -> "Anna":
+    def change(self, what: Callable[[GoalConfirmation], object]) -> "Anna":
         what(self.steps)
         return self
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Feedback, Goal, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_checks import Judging
+from pointit.services.goal.goal_checks import GoalChecker
 from tests.unit.goal.floor import POINTING, START_NS, Anna, cursor
 
 THERE: Vec3 = (2.0, 1.0, 0.0)
@@ -275,7 +275,7 @@ def test_whatever_happens_no_goal_comes_unproposed_or_against_the_rules(
 def test_how_sure_a_place_is_follows_from_place_heading_and_aim(
     range_m: float, azimuth_rad: float, place_m: float, yaw_rad: float, aim_deg: float
 ) -> None:
-    judging = Judging(GoalConfig(aim_sigma_deg=aim_deg), "anna")
+    judging = GoalChecker(GoalConfig(aim_sigma_deg=aim_deg), "anna")
     judging.on_pose("anna", pose(0.0, 0.0, covariance=covariance(place_m, yaw_rad)))
     point = (range_m * math.cos(azimuth_rad), range_m * math.sin(azimuth_rad), 0.0)
     sigma = judging.sigma_m(point, cursor(0, point))

@@ -74,7 +74,7 @@ def test_turning_makes_the_arm_read_the_wanted_yaw_and_keeps_its_elevation(
     frame = ArmFrame(MOUNTINGS[name], 1.0)
     arm = rotation.from_azimuth_elevation(azimuth, elevation, roll)
     sensor = rotation.multiply(arm, rotation.inverse(MOUNTINGS[name]))
-    frame.turn_to(wanted, sensor)
+    frame.set_azimuth(wanted, sensor)
     finger = rotation.rotate(frame.orientation(sensor), (1.0, 0.0, 0.0))
     assert math.isclose(vector.wrap(vector.azimuth(finger) - wanted), 0.0, abs_tol=1e-6)
     assert math.isclose(vector.elevation(finger), elevation, abs_tol=1e-7)
@@ -82,4 +82,4 @@ def test_turning_makes_the_arm_read_the_wanted_yaw_and_keeps_its_elevation(
 
 def test_a_steep_arm_has_no_yaw() -> None:
     with pytest.raises(ValueError, match="hold it level"):
-        ArmFrame(rotation.IDENTITY).turn_to(0.0, rotation.from_azimuth_elevation(0.0, 1.5))
+        ArmFrame(rotation.IDENTITY).set_azimuth(0.0, rotation.from_azimuth_elevation(0.0, 1.5))

@@ -11,7 +11,7 @@ import pytest
 import serial
 
 from pointit.geometry import rotation, vector
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import SimulatedClock, WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -194,7 +194,7 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
     ],
 )
 async def test_a_wrong_configuration_is_said_at_the_start(config: ImuBridgeConfig, words: str) -> None:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     clock = WallClock()
     view = ServiceBus(bus, clock, "imu-bridge", "imu-bridge.anna", "anna")
     with pytest.raises(ConfigError, match=words):

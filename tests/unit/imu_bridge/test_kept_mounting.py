@@ -15,7 +15,7 @@ from pointit.schemas.topics import HEALTH, IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SimulatedConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.imu_bridge.stored_mounting import KeptMountings, Wearing
+from pointit.services.imu_bridge.stored_mounting import MountingSelection, StoredMountings
 from tests.support.bench import Bench, memory_bench, until
 
 ANNA = "anna"
@@ -27,15 +27,15 @@ def ask(quaternion: Quaternion | None, *, relative: bool = False) -> SetMounting
 
 
 def kept(
-    config: ImuBridgeConfig, quaternion: Quaternion, before: KeptMountings | None = None
-) -> KeptMountings:
-    after = Wearing(config, before).set(ask(quaternion), 1)
+    config: ImuBridgeConfig, quaternion: Quaternion, before: StoredMountings | None = None
+) -> StoredMountings:
+    after = MountingSelection(config, before).set(ask(quaternion), 1)
     assert after is not None
     return after
 
 
 def test_a_relative_one_counts_from_the_one_in_use() -> None:
-    wearing = Wearing(ImuBridgeConfig(mounting="metamotion"))
+    wearing = MountingSelection(ImuBridgeConfig(mounting="metamotion"))
     wearing.set(ask(TURNED, relative=True), 1)
     expected = rotation.multiply(MOUNTINGS["metamotion"], TURNED)
     assert wearing.sensor_from_arm == pytest.approx(expected)
@@ -52,17 +52,17 @@ def test_a_relative_one_counts_from_the_one_in_use() -> None:
 def test_each_kind_of_source_has_its_own() -> None:
     simulated, serial = ImuBridgeConfig(), ImuBridgeConfig(source="serial")
     state = kept(serial, MOUNTINGS["minus_y"], kept(simulated, TURNED))
-    assert Wearing(simulated, state).sensor_from_arm == pytest.approx(TURNED)
-    assert Wearing(serial, state).sensor_from_arm == MOUNTINGS["minus_y"]
-    assert Wearing(ImuBridgeConfig(source="replay"), state).is_measured is False
-    left = Wearing(simulated, state).set(ask(None), 2)
+    assert MountingSelection(simulated, state).sensor_from_arm == pytest.approx(TURNED)
+    assert MountingSelection(serial, state).sensor_from_arm == MOUNTINGS["minus_y"]
+    assert MountingSelection(ImuBridgeConfig(source="replay"), state).is_measured is False
+    left = MountingSelection(simulated, state).set(ask(None), 2)
     assert left is not None
     assert list(left.by_source) == ["serial"]
 
 
 def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
     state = kept(ImuBridgeConfig(), TURNED)
-    wearing = Wearing(ImuBridgeConfig(mounting="metamotion"), state)
+    wearing = MountingSelection(ImuBridgeConfig(mounting="metamotion"), state)
     assert wearing.sensor_from_arm == MOUNTINGS["metamotion"]
     assert "measured while plus_x was configured, now it is metamotion" in wearing.warning
 
@@ -75,7 +75,7 @@ def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
     ],
 )
 def test_a_configured_rotation_wins_at_the_start_and_says_so(config: ImuBridgeConfig) -> None:
-    wearing = Wearing(config, kept(ImuBridgeConfig(), TURNED))
+    wearing = MountingSelection(config, kept(ImuBridgeConfig(), TURNED))
     assert wearing.sensor_from_arm == pytest.approx((0.0, 0.0, 1.0, 0.0))
     assert "is configured and wins" in wearing.warning
     wearing.set(ask(TURNED), 2)

@@ -15,9 +15,9 @@ from pointit.services.imu_bridge.mounting import (
     Hold,
     Mounting,
     MountingError,
-    Stillness,
+    RestPoseCollector,
     angle_between,
-    hold,
+    mean_pose,
     solve_mounting,
 )
 
@@ -33,7 +33,7 @@ def pose(
     read = Rotation.from_quat(rotation.multiply(arm, rotation.inverse(worn)))
     random = np.random.default_rng(1)
     errors = Rotation.from_rotvec(random.normal(0.0, math.radians(noise_deg), (100, 3)))
-    return hold((read * errors).as_quat())
+    return mean_pose((read * errors).as_quat())
 
 
 def assert_same(a: Quaternion, b: Quaternion, tolerance_deg: float = 1e-3) -> None:
@@ -74,7 +74,7 @@ def test_the_mean_of_noisy_poses_is_better_than_a_sample() -> None:
 
 
 def test_the_mean_does_not_mind_the_quaternions_signs() -> None:
-    found = hold(np.array([[0.0, 0.0, 0.1, 1.0], [0.0, 0.0, 0.1, -1.0], [0.0, 0.0, -0.1, -1.0]]))
+    found = mean_pose(np.array([[0.0, 0.0, 0.1, 1.0], [0.0, 0.0, 0.1, -1.0], [0.0, 0.0, -0.1, -1.0]]))
     assert_same(found.mean_xyzw, (0.0, 0.0, math.sin(0.0332), math.cos(0.0332)), 0.1)
 
 
@@ -125,7 +125,7 @@ def test_what_tells_no_mounting_is_refused(
 
 
 def test_a_rest_counts_from_the_last_movement() -> None:
-    stillness = Stillness(1.0)
+    stillness = RestPoseCollector(1.0)
     at = rotation.from_yaw
     for step in range(9):
         assert stillness.add(at(0.001 * step), 0.1 * step) is None

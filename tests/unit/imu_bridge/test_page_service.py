@@ -36,7 +36,7 @@ from pointit.schemas.topics import (
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig, SimulatedConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.pty_device import pty_device
 
@@ -205,7 +205,7 @@ async def test_the_phones_mounting_is_measured_kept_used_again_and_forgotten(sou
     turned = rotation.from_yaw(0.3)
     expected = rotation.multiply(MOUNTINGS["phone"], turned)
     relative = SetMounting(sensor_from_arm_xyzw=turned, is_relative=True)
-    file = StateFile(KeptMountings, ANNA, PURPOSE)
+    file = StateFile(StoredMountings, ANNA, PURPOSE)
     async with site(source=source, simulated=STILL) as here, here.held(device="phone"):
         bus = here.bench.bus
         epoch = here.samples[-1].yaw_epoch

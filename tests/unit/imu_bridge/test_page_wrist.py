@@ -12,7 +12,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ImuSample, WristSample
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
-from pointit.services.imu_bridge.page_wrist import PageWrist, Turned
+from pointit.services.imu_bridge.page_wrist import PageOrientation, PageWrist
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 from pointit.services.pointing.freshness import Freshness
 
@@ -40,7 +40,7 @@ class Hand:
         session: int = 0,
         comes_s: float | None = None,
         device_time_ns: int | None = None,
-    ) -> Turned | None:
+    ) -> PageOrientation | None:
         sample = WristSample(
             stamp_ns=at(time_s),
             orientation_xyzw=turned,
@@ -56,7 +56,7 @@ class Hand:
         return turned.yaw_epoch
 
 
-def finger(turned: Turned | None) -> vector.Vec3:
+def finger(turned: PageOrientation | None) -> vector.Vec3:
     assert turned is not None
     return rotation.rotate(turned.orientation_xyzw, (1.0, 0.0, 0.0))
 
@@ -67,17 +67,17 @@ def test_a_mouses_arm_is_taken_as_it_is_and_a_phone_points_with_its_top() -> Non
     assert finger(hand.send(0.0, "arm", arm)) == pytest.approx(vector.direction(0.4, -0.2))
     flat = hand.send(0.1, "phone", rotation.from_yaw(0.3))
     assert finger(flat) == pytest.approx(vector.direction(0.3 + math.pi / 2.0, 0.0))
-    hand.page.wear_phone(MOUNTINGS["plus_x"])
+    hand.page.set_phone_mounting(MOUNTINGS["plus_x"])
     assert finger(hand.send(0.2, "phone", rotation.from_yaw(0.3))) == pytest.approx(vector.direction(0.3, 0))
 
 
 def test_it_has_the_wrist_until_its_patience_is_over() -> None:
     hand = Hand()
-    assert not hand.page.has_wrist(at(0.0))
+    assert not hand.page.is_active(at(0.0))
     hand.send(0.0)
-    assert hand.page.has_wrist(at(1.0))
-    assert not hand.page.has_wrist(at(1.01))
-    assert hand.page.has_wrist(at(9.0), speed=10.0)  # a second of the wall is ten of the site
+    assert hand.page.is_active(at(1.0))
+    assert not hand.page.is_active(at(1.01))
+    assert hand.page.is_active(at(9.0), speed=10.0)  # a second of the wall is ten of the site
 
 
 def test_what_is_older_than_what_came_is_left_out_and_still_keeps_the_wrist() -> None:
@@ -85,7 +85,7 @@ def test_what_is_older_than_what_came_is_left_out_and_still_keeps_the_wrist() ->
     assert hand.send(0.2) is not None
     assert hand.send(0.1, comes_s=0.9) is None
     assert hand.page.late == 1
-    assert hand.page.has_wrist(at(1.8))
+    assert hand.page.is_active(at(1.8))
     assert hand.send(0.2, comes_s=1.0) is not None  # said again, not older
 
 
@@ -142,7 +142,7 @@ def test_a_still_phone_is_no_device_that_is_stuck() -> None:
             orientation_xyzw=still.orientation_xyzw,
             device_time_ns=still.device_time_ns,
         )
-        assert freshness.judge(sample, sample.stamp_ns) == "fresh"
+        assert freshness.classify(sample, sample.stamp_ns) == "fresh"
     moved = hand.send(3.0, "phone", device_time_ns=8)
     assert moved is not None
     assert moved.device_time_ns == 8
@@ -174,9 +174,9 @@ def test_an_arm_that_points_up_has_no_azimuth_and_one_that_never_came_neither() 
 
 def test_a_phone_worn_otherwise_has_another_origin() -> None:
     hand = Hand()
-    hand.page.wear_phone(MOUNTINGS["minus_x"])  # nobody has seen one yet
+    hand.page.set_phone_mounting(MOUNTINGS["minus_x"])  # nobody has seen one yet
     assert hand.epoch(0.0, "phone") == 1
-    hand.page.wear_phone(MOUNTINGS["plus_x"])
+    hand.page.set_phone_mounting(MOUNTINGS["plus_x"])
     assert hand.epoch(0.1, "phone") == 2
 
 

@@ -12,7 +12,7 @@ import pytest
 import serial
 from serial.tools import list_ports
 
-from pointit.runtime.host.serial_port import PortSettings, SerialThread, open_port, sentence
+from pointit.runtime.host.serial_port import PortSettings, SerialThread, describe_error, open_port
 from tests.support.bench import until
 from tests.support.pty_device import pty_device
 
@@ -32,7 +32,7 @@ from tests.support.pty_device import pty_device
     ],
 )
 def test_each_error_says_what_to_do(error: OSError, words: str) -> None:
-    said = sentence(error, "/dev/ttyUSB7")
+    said = describe_error(error, "/dev/ttyUSB7")
     assert said.startswith("/dev/ttyUSB7 ")
     assert words in said
 
@@ -42,7 +42,7 @@ def test_what_is_no_serial_port_is_said(tmp_path: Path) -> None:
     path.write_text("")
     with pytest.raises(OSError, match=r".") as caught:
         open_port(PortSettings(port=str(path), baud=9600))
-    assert "is not a serial port" in sentence(caught.value, str(path))
+    assert "is not a serial port" in describe_error(caught.value, str(path))
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_what_pyserial_raises_otherwise_is_an_error_of_the_port_too(
     monkeypatch.setattr(serial, "Serial", refuse)
     with pytest.raises(OSError, match=r".") as caught:
         open_port(PortSettings(port="x", baud=9600))
-    assert words in sentence(caught.value, "x")
+    assert words in describe_error(caught.value, "x")
 
 
 def test_the_ports_there_are_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +71,7 @@ def test_the_ports_there_are_are_listed(monkeypatch: pytest.MonkeyPatch) -> None
         SimpleNamespace(device="/dev/ttyACM0", description="Feather"),
     ]
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
-    said = sentence(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)), "/dev/x")
+    said = describe_error(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)), "/dev/x")
     assert said.endswith("ports found: /dev/ttyACM0 (Feather), /dev/ttyUSB1 (CP2102)")
 
 

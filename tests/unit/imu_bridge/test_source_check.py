@@ -19,9 +19,11 @@ from pointit.services.imu_bridge.service import ImuBridge
 )
 def test_a_source_that_cannot_be_is_told(values: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        ImuBridge.check(ImuBridgeConfig.model_validate(values))
+        ImuBridge.validate_config(ImuBridgeConfig.model_validate(values))
 
 
 def test_a_source_that_may_be_is_not() -> None:
-    ImuBridge.check(ImuBridgeConfig())
-    ImuBridge.check(ImuBridgeConfig.model_validate({"source": "serial", "serial": {"port": "/dev/absent"}}))
+    ImuBridge.validate_config(ImuBridgeConfig())
+    ImuBridge.validate_config(
+        ImuBridgeConfig.model_validate({"source": "serial", "serial": {"port": "/dev/absent"}})
+    )

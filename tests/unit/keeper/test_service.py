@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.clock_skew import SkewWatch
+from pointit.runtime.health.clock_skew import ClockSkewMonitor
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE
@@ -31,7 +31,7 @@ class Room:
     """A site whose keeper can be started and ended."""
 
     def __init__(self) -> None:
-        self.exchange = Exchange()
+        self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
         self.clock = ManualClock()
         self._keeper: asyncio.Task[None] | None = None
@@ -94,8 +94,8 @@ async def test_its_restart_loses_nothing_and_a_new_run_begins_without() -> None:
     assert await room.read() == [], "too long ago"
     await room.end()
     room.clock.advance(-QUICK.file.restore_within_s)
-    Keeper.begin_anew("memory", room.clock.now_ns())
-    Keeper.begin_anew("memory", room.clock.now_ns())
+    Keeper.discard_saved_state("memory", room.clock.now_ns())
+    Keeper.discard_saved_state("memory", room.clock.now_ns())
     await room.start()
     assert await room.read() == []
     await room.end()
@@ -161,8 +161,8 @@ async def test_the_full_shelf_is_said() -> None:
 async def test_a_machine_whose_clock_is_apart_is_said_until_it_is_right(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    quick = functools.partial(SkewWatch, window_s=0.3)
-    monkeypatch.setattr("pointit.services.keeper.service.SkewWatch", quick)
+    quick = functools.partial(ClockSkewMonitor, window_s=0.3)
+    monkeypatch.setattr("pointit.services.keeper.service.ClockSkewMonitor", quick)
     room = Room()
     health: dict[str, Health] = {}
     room.bus.subscribe(HEALTH, lambda message, instance: health.update({instance: message}))

@@ -35,7 +35,7 @@ from pointit.schemas.topics import (
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import KEPT
 from pointit.services.keeper.record import KeptState, Record
-from pointit.services.keeper.retained_states import Shelf
+from pointit.services.keeper.retained_states import RetainedStates
 
 NOW_NS = 1_000 * NS_PER_S
 
@@ -48,15 +48,15 @@ def pose(method: Any = "fixed") -> UserPose:
     return UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, method=method)
 
 
-def shelf(**parameters: Any) -> Shelf:
-    made = Shelf(KeeperConfig(**parameters))
+def shelf(**parameters: Any) -> RetainedStates:
+    made = RetainedStates(KeeperConfig(**parameters))
     made.set_user("anna", NOW_NS, present=True)
     made.set_instance("pui", NOW_NS, present=True)
     return made
 
 
-def held(kept: Shelf, topic: Topic[Any]) -> dict[str, Message]:
-    return dict(kept.recall(topic))
+def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
+    return dict(kept.lookup(topic))
 
 
 def test_every_state_but_the_time_of_a_run_is_kept() -> None:
@@ -81,11 +81,11 @@ def test_who_leaves_takes_along_what_is_theirs() -> None:
     assert set(held(kept, PROFILE)) == {"anna"}, "ben is not there"
     kept.set_user("anna", NOW_NS + 100 * NS_PER_S, present=False)
     assert held(kept, PROFILE) == {}
-    kept.pass_time(NOW_NS + 129 * NS_PER_S)
+    kept.expire(NOW_NS + 129 * NS_PER_S)
     kept.set_user("anna", NOW_NS + 129 * NS_PER_S, present=True)
     assert set(held(kept, PROFILE)) == {"anna"}, "back within the time"
     kept.set_user("anna", NOW_NS + 130 * NS_PER_S, present=False)
-    kept.pass_time(NOW_NS + 160 * NS_PER_S)
+    kept.expire(NOW_NS + 160 * NS_PER_S)
     kept.set_user("anna", NOW_NS + 161 * NS_PER_S, present=True)
     assert held(kept, PROFILE) == {}
     assert (len(kept), kept.size) == (0, 0)
@@ -108,9 +108,9 @@ def test_what_has_vanished_is_told_for_a_day() -> None:
     kept.set_instance("pui", NOW_NS, present=False)
     gone_ns = NOW_NS + 3600 * NS_PER_S
     kept.set_instance("pointing.anna", gone_ns, present=False)
-    kept.pass_time(gone_ns + 86_399 * NS_PER_S)
+    kept.expire(gone_ns + 86_399 * NS_PER_S)
     assert held(kept, DEPLOYMENT) == {"run.demo": run}
-    kept.pass_time(gone_ns + 86_400 * NS_PER_S)
+    kept.expire(gone_ns + 86_400 * NS_PER_S)
     assert held(kept, DEPLOYMENT) == {}
 
 
@@ -135,18 +135,18 @@ def test_what_all_share_stays_until_long_after_its_writer() -> None:
     kept.set_instance("selector", NOW_NS, present=True)
     kept.take(SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
     kept.set_instance("selector", NOW_NS + 7200 * NS_PER_S, present=False)
-    kept.pass_time(NOW_NS + 10_799 * NS_PER_S)
+    kept.expire(NOW_NS + 10_799 * NS_PER_S)
     assert set(held(kept, SELECTION)) == {""}
-    kept.pass_time(NOW_NS + 10_800 * NS_PER_S)
+    kept.expire(NOW_NS + 10_800 * NS_PER_S)
     assert held(kept, SELECTION) == {}
 
 
 def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
     kept = shelf(forget_person_after_s=30.0)
     kept.take(PROFILE, "ben", profile(), NOW_NS)
-    kept.pass_time(NOW_NS - 500 * NS_PER_S)
+    kept.expire(NOW_NS - 500 * NS_PER_S)
     assert len(kept) == 1
-    kept.pass_time(NOW_NS - 470 * NS_PER_S)
+    kept.expire(NOW_NS - 470 * NS_PER_S)
     assert len(kept) == 0
 
 

@@ -16,7 +16,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig, StyleConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 
 Color = tuple[int, int, int]
 
@@ -63,7 +63,7 @@ class Stage:
             tail_s=tail_s,
             tail_level=0.5,
         )
-        self.lights = Lights(LedDriverConfig(style=style, cursors=cursors or CursorsConfig()))
+        self.lights = LightState(LedDriverConfig(style=style, cursors=cursors or CursorsConfig()))
         self.lights.on_map(Environment(stamp_ns=0, name="stage", strips=strips or (FORTH, BACK), belts=belts))
         self.now_ns = NOW_NS
 

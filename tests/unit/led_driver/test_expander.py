@@ -13,7 +13,7 @@ from typing import Any, cast
 import pytest
 
 from pointit.diagnosis.certainty import FRAME_RATE
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
@@ -27,7 +27,7 @@ from pointit.schemas.topics import (
     MAP,
 )
 from pointit.services.led_driver.config import LedDriverConfig, OutputConfig
-from pointit.services.led_driver.output.expander import KEEP_ALIVE_S, ExpanderOutput, Picture
+from pointit.services.led_driver.output.expander import KEEP_ALIVE_S, ExpanderFrame, ExpanderOutput
 from pointit.services.led_driver.output.wiring import wire_time_s
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
@@ -43,7 +43,7 @@ from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
     ],
 )
 async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[OutputConfig, ...]) -> None:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     view = ServiceBus(bus, WallClock(), "led-driver", "led-driver")
     with pytest.raises(ConfigError, match=r"outputs\.\d\.port"):
         LedDriver(LedDriverConfig(outputs=outputs), Context(bus=view, clock=WallClock()))
@@ -179,7 +179,7 @@ class Figures:
     def __init__(self) -> None:
         self.told: dict[str, float | None] = {}
 
-    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         assert unit
         self.told[name] = value
 
@@ -223,7 +223,7 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
         call(*arguments)
 
     monkeypatch.setattr(output._thread, "post", post)
-    picture = Picture(((0, "GRB", bytes(3 * 81)),))
+    picture = ExpanderFrame(((0, "GRB", bytes(3 * 81)),))
     frame_s = max(wire_time_s(len(picture.data()), baud), picture.draw_time_s())
     for _ in range(4):
         output._send(cast("Any", SentAtOnce()), picture)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampMiss, Localization
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.picture.flash_guard import FlashGuard
 from tests.unit.led_driver.stage import NOW_NS, Color
 
@@ -20,8 +20,8 @@ IDLE, POINTING = (40, 40, 40), (0, 120, 60)
 MS = NS_PER_S // 1000
 
 
-def lights(state_lamp: str = "", **state: Any) -> Lights:
-    return Lights(
+def lights(state_lamp: str = "", **state: Any) -> LightState:
+    return LightState(
         LedDriverConfig(
             lamps=LampsConfig(range_deg=30.0), state_lamp=state_lamp, state=StateLampConfig(**state)
         )

@@ -4,20 +4,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.led_driver.output.pacing import Pacer
+from pointit.services.led_driver.output.pacing import FrameLimiter
 
 
 def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:
-    pacer = Pacer(50.0, 0.03)
-    assert pacer.wish(10.0, fresh=True) == 0.0
+    pacer = FrameLimiter(50.0, 0.03)
+    assert pacer.request_frame(10.0, fresh=True) == 0.0
     pacer.drawn(10.0)
-    assert pacer.wish(10.005, fresh=False) == pytest.approx(0.03)
-    assert pacer.wish(10.010, fresh=True) is None  # too early: waits for the next one
-    assert pacer.wish(10.016, fresh=True) == 0.0  # early within the slack
+    assert pacer.request_frame(10.005, fresh=False) == pytest.approx(0.03)
+    assert pacer.request_frame(10.010, fresh=True) is None  # too early: waits for the next one
+    assert pacer.request_frame(10.016, fresh=True) == 0.0  # early within the slack
     pacer.drawn(10.016)
-    assert pacer.wish(10.030, fresh=True) == pytest.approx(0.03)  # no next one comes: drawn all the same
+    assert pacer.request_frame(10.030, fresh=True) == pytest.approx(
+        0.03
+    )  # no next one comes: drawn all the same
     pacer.drawn(10.060)
-    assert pacer.wish(10.2, fresh=True) == 0.0
+    assert pacer.request_frame(10.2, fresh=True) == 0.0
 
 
 @given(
@@ -28,7 +30,7 @@ def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:
 def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
     wishes: list[tuple[float, bool]], rate_hz: float, patience_s: float
 ) -> None:
-    pacer = Pacer(rate_hz, patience_s)
+    pacer = FrameLimiter(rate_hz, patience_s)
     period_s = 1.0 / rate_hz
     now_s, due_s = 0.0, None
     drawn: list[float] = []
@@ -44,7 +46,7 @@ def test_frames_stay_below_the_cap_and_no_wish_waits_longer_than_patience(
         if due_s is not None and due_s <= now_s:
             draw(due_s)
             due_s = None
-        wait_s = pacer.wish(now_s, fresh=fresh)
+        wait_s = pacer.request_frame(now_s, fresh=fresh)
         if wait_s == 0.0:
             draw(now_s)
             due_s = None

@@ -6,8 +6,8 @@ import pytest
 
 from pointit.schemas import NS_PER_S, Cursor, Passed, UserProfile
 from pointit.schemas.topics import CURSOR, OBJECTS
-from pointit.services.led_driver.light_state import Lights
-from pointit.services.led_driver.output.pacing import Pacer
+from pointit.services.led_driver.light_state import LightState
+from pointit.services.led_driver.output.pacing import FrameLimiter
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
 
@@ -26,7 +26,7 @@ def passing(stamp_ns: int, position_m: float, strip_id: str = "a") -> Cursor:
 
 @pytest.mark.parametrize("strip_id", ["a", "b"])
 def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: str) -> None:
-    lights = Lights(FAST)
+    lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
     lights.on_profile("anna", UserProfile(stamp_ns=0, cursor_color=(200, 100, 0)))
     seen: list[dict[int, tuple[int, ...]]] = []
@@ -43,7 +43,7 @@ def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: s
 
 
 def test_a_frame_is_asked_for_when_the_pixel_changes_and_when_it_blinks() -> None:
-    lights = Lights(FAST)
+    lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
     now_ns = 3 * NS_PER_S + NS_PER_S // 5
     timeout_ns = now_ns + int(FAST.cursor_timeout_s * NS_PER_S)
@@ -63,13 +63,13 @@ async def test_who_points_past_takes_nobodys_place_in_time_and_blinks_unasked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wished: list[bool] = []
-    wish = Pacer.wish
+    wish = FrameLimiter.request_frame
 
-    def noted(pacer: Pacer, now_s: float, *, fresh: bool) -> float | None:
+    def noted(pacer: FrameLimiter, now_s: float, *, fresh: bool) -> float | None:
         wished.append(fresh)
         return wish(pacer, now_s, fresh=fresh)
 
-    monkeypatch.setattr(Pacer, "wish", noted)
+    monkeypatch.setattr(FrameLimiter, "request_frame", noted)
     clock = ManualClock()
     config = FAST.model_copy(update={"cursor_timeout_s": 60.0, "objects_timeout_s": 60.0})
     async with memory_bench(clock) as bench:
@@ -93,7 +93,7 @@ async def test_who_points_past_takes_nobodys_place_in_time_and_blinks_unasked(
 
 
 def test_the_pixel_goes_when_something_is_met_and_when_nothing_is_heard() -> None:
-    lights = Lights(FAST)
+    lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
     assert lights.on_cursor("anna", passing(0, 0.0), 0)
     lit = lights.frame(0)

@@ -11,7 +11,7 @@ from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
 from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.picture.layout import Layout
 from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
 
@@ -331,7 +331,7 @@ def test_cursors_beyond_the_world_light_nothing_however_many(end_m: float, posit
 
 
 def test_without_a_map_there_is_no_frame_and_without_strips_an_empty_one() -> None:
-    lights = Lights(LedDriverConfig())
+    lights = LightState(LedDriverConfig())
     assert lights.frame(0) is None
     lights.on_map(Environment(stamp_ns=0, name="dark"))
     frame = lights.frame(5)

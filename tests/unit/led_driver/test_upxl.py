@@ -10,8 +10,8 @@ from pydantic import ValidationError
 from pointit.schemas import Strip
 from pointit.services.led_driver.config import ChannelConfig, OutputConfig
 from pointit.services.led_driver.output import upxl_protocol
-from pointit.services.led_driver.output.expander import Picture
-from pointit.services.led_driver.output.wiring import wire
+from pointit.services.led_driver.output.expander import ExpanderFrame
+from pointit.services.led_driver.output.wiring import map_channels
 
 
 def strip(name: str, pixels: int) -> Strip:
@@ -46,12 +46,14 @@ def test_every_frame_says_its_size_and_ends_with_its_crc(channel: int, rgb: byte
 
 
 def test_drawing_takes_as_long_as_the_longest_channel() -> None:
-    picture = Picture(((0, "GRB", bytes(3 * 240)), (1, "GRB", bytes(3 * 10))))
+    picture = ExpanderFrame(((0, "GRB", bytes(3 * 240)), (1, "GRB", bytes(3 * 10))))
     assert 1 / picture.draw_time_s() == pytest.approx(133, abs=1)
 
 
 def test_without_channels_strips_go_in_the_maps_order() -> None:
-    wirings, problems = wire(OutputConfig(kind="expander", port="x"), [strip("b", 10), strip("a", 20)])
+    wirings, problems = map_channels(
+        OutputConfig(kind="expander", port="x"), [strip("b", 10), strip("a", 20)]
+    )
     assert [(w.strip_id, w.channel, w.order, w.pixels) for w in wirings] == [
         ("b", 0, "GRB", 10),
         ("a", 1, "GRB", 20),
@@ -67,9 +69,9 @@ def test_a_strip_beyond_the_boards_limit_is_cut_and_said(board: str, order: str,
     config = OutputConfig.model_validate(
         {"kind": "expander", "port": "x", "board": board, "channels": {"s": {"channel": 3, "order": order}}}
     )
-    wirings, problems = wire(config, [strip("s", limit)])
+    wirings, problems = map_channels(config, [strip("s", limit)])
     assert (wirings[0].pixels, problems) == (limit, [])
-    wirings, problems = wire(config, [strip("s", limit + 1)])
+    wirings, problems = map_channels(config, [strip("s", limit + 1)])
     assert wirings[0].pixels == limit
     assert "strip s" in problems[0]
     assert str(limit) in problems[0]
@@ -78,13 +80,13 @@ def test_a_strip_beyond_the_boards_limit_is_cut_and_said(board: str, order: str,
 
 def test_a_channel_for_a_strip_that_is_not_there_is_said() -> None:
     config = OutputConfig(kind="expander", port="x", channels={"no": ChannelConfig(channel=0)})
-    wirings, problems = wire(config, [strip("s", 10)])
+    wirings, problems = map_channels(config, [strip("s", 10)])
     assert wirings == ()
     assert "no strip no" in problems[0]
 
 
 def test_too_many_strips_are_said() -> None:
-    wirings, problems = wire(OutputConfig(), [strip(str(k), 1) for k in range(65)])
+    wirings, problems = map_channels(OutputConfig(), [strip(str(k), 1) for k in range(65)])
     assert len(wirings) == 64
     assert "65 strips" in problems[0]
 

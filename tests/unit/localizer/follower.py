@@ -20,7 +20,7 @@ from pointit.schemas import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output as LocalizerOutput
-from pointit.services.localizer.pose_manager import Answer, Locating
+from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.outputs import Cancel, Start
 from pointit.services.supervisor.outputs import Output as SupervisorOutput
@@ -97,7 +97,7 @@ class _Pair:
 
     def __init__(self, config: LocalizerConfig, course: Course) -> None:
         self._course = course
-        self._locating = Locating(USER, config)
+        self._locating = PoseManager(USER, config)
         self._cycle = LifeCycle(localize=True, follows_robot=True)
         self._now_ns = self._step_ns = START_NS
         self._supervised(self._cycle.begin(START_NS))
@@ -116,7 +116,7 @@ class _Pair:
         if now_ns >= self._step_ns:
             self._step_ns = now_ns + round(NS_PER_S / STEPS_HZ)
             self._located(self._locating.step(now_ns))
-        self._supervised(self._cycle.pass_time(now_ns))
+        self._supervised(self._cycle.tick(now_ns))
 
     def _located(self, outputs: list[LocalizerOutput]) -> None:
         for output in outputs:
@@ -131,12 +131,12 @@ class _Pair:
         for output in outputs:
             if isinstance(output, Start):
                 answer = self._locating.start("moving_target", self._now_ns)
-                assert isinstance(answer, Answer)
+                assert isinstance(answer, Response)
                 self._located([*answer.outputs])  # published before the answer is sent
-                self._supervised(self._cycle.answered(output.run))
+                self._supervised(self._cycle.on_start_accepted(output.run))
             elif isinstance(output, Cancel):
                 self._located([*self._locating.cancel(self._now_ns).outputs])
-                self._cycle.called_off(self._now_ns)
+                self._cycle.on_cancel_reply(self._now_ns)
             elif isinstance(output, Interaction):
                 self._course.states.append(output.state)
                 self._locating.on_interaction(output)

@@ -25,7 +25,7 @@ class Person:
 
     def direction(self, target: Vec3) -> Vec3:
         """Return where the ray at `target` goes, in {H}."""
-        seen = vector.turn(vector.subtract(target, (self.x, self.y, 0.0)), -self.yaw_rad)
+        seen = vector.rotate_z(vector.subtract(target, (self.x, self.y, 0.0)), -self.yaw_rad)
         reach = vector.subtract(seen, (0.0, 0.0, EYES_M))
         return vector.direction(vector.azimuth(reach), vector.elevation(reach) + self.bias_rad)
 

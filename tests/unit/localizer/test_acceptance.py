@@ -8,7 +8,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
 from tests.unit.localizer.person import EYES_M, Person, pointings
@@ -33,12 +39,12 @@ def test_refusals_say_what_is_wrong_and_what_to_do() -> None:
     swapped = dataclasses.replace(elsewhere, targets_m=np.roll(elsewhere.targets_m, 50, axis=0))
     assert "the rays miss the targets by" in refused(swapped)
     lifted = pointings(dataclasses.replace(person, bias_rad=math.radians(35.0)), CORNERS, noise_rad=0.002)
-    assert "+3" in refused(lifted, Trust(max_act_residual_rad=1.0))
-    assert "too high all the time" in refused(lifted, Trust(max_act_residual_rad=1.0))
+    assert "+3" in refused(lifted, SolverSettings(max_act_residual_rad=1.0))
+    assert "too high all the time" in refused(lifted, SolverSettings(max_act_residual_rad=1.0))
 
 
-@pytest.mark.parametrize("trust", [Trust(), LAX])
-def test_targets_nearer_than_an_arm_reaches_are_met_nowhere(trust: Trust) -> None:
+@pytest.mark.parametrize("trust", [SolverSettings(), LAX])
+def test_targets_nearer_than_an_arm_reaches_are_met_nowhere(trust: SolverSettings) -> None:
     around = [(0.3 * math.cos(a), 0.3 * math.sin(a), EYES_M - 0.02 * a) for a in (0.0, 2.0, 4.0)]
     assert "meet nowhere in the world" in refused(pointings(Person(), around), trust)
 

@@ -15,8 +15,8 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation.estimator import Trust
-from pointit.services.localizer.pose_manager import Locating
+from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
 from pointit.services.localizer.procedures.static_targets import StaticTargets
@@ -72,7 +72,7 @@ AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
     st.lists(st.tuples(places, places), min_size=1, max_size=5),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
     st.sampled_from([0, 2**62, -START_NS]),
-    st.sampled_from([Trust(), LOOSE]),
+    st.sampled_from([SolverSettings(), LOOSE]),
 )
 @example(  # a pose that is accepted, further away than can be told
     [((x, y, 0.0), (x, y, 0.0)) for x, y in AT_THE_EDGE for _ in range(3)],
@@ -84,7 +84,7 @@ def test_robots_and_rays_anywhere(
     robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
     rays: list[tuple[tuple[float, float, float], float, float]],
     off_ns: int,
-    trust: Trust,
+    trust: SolverSettings,
 ) -> None:
     procedure = MovingTarget(Following(continuous=True), trust)
     procedure.start(max(0, START_NS + off_ns))
@@ -113,7 +113,7 @@ def test_lamps_anchors_and_poses_anywhere(
 ) -> None:
     """Informative lamps, a pose from anywhere, anchors and headings on top: whatever comes out can travel."""
     config = LocalizerConfig(method="static_targets", reaction_s=0.0, hold_s=0.2, patience_s=0.4)
-    locating = Locating("anna", config)
+    locating = PoseManager("anna", config)
     locating.begin(START_NS)
     room = Environment(
         stamp_ns=0,

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pointit.services.localizer.estimation.angular_residuals import Rays
-from pointit.services.localizer.estimation.estimator import Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import Solution, SolverSettings, solve
 from tests.unit.localizer.person import Person, pointings, yaw_difference
 from tests.unit.localizer.solving import (
     CORNERS,
@@ -54,7 +54,9 @@ def test_the_stated_uncertainty_is_honest() -> None:
 
 def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> None:
     person = Person(0.0, 0.0, 0.5)
-    trust = Trust(body_sigma_m=0.0, model_sigma_rad=0.0, max_position_sigma_m=9.0, max_yaw_sigma_rad=9.0)
+    trust = SolverSettings(
+        body_sigma_m=0.0, model_sigma_rad=0.0, max_position_sigma_m=9.0, max_yaw_sigma_rad=9.0
+    )
     base = solved(pointings(person, CORNERS, each=50, rate_hz=25.0), trust)
     denser = solved(pointings(person, CORNERS, each=200, rate_hz=100.0), trust)
     longer = solved(pointings(person, CORNERS, each=200, rate_hz=25.0), trust)
@@ -96,7 +98,9 @@ def test_following_something_is_believed_more_than_pointing_at_things_that_stand
     still = pointings(person, CORNERS, each=50, rate_hz=25.0)
     path = tuple((2.5 * math.cos(a), 2.5 * math.sin(a), 0.5 + 0.3 * math.sin(3.0 * a)) for a in angles_rad)
     moving = pointings(person, path, each=1, rate_hz=25.0)
-    assert solved(moving, Trust(latency_sigma_s=0.0)).yaw_sigma_rad < 0.7 * solved(still).yaw_sigma_rad
+    assert (
+        solved(moving, SolverSettings(latency_sigma_s=0.0)).yaw_sigma_rad < 0.7 * solved(still).yaw_sigma_rad
+    )
 
 
 def test_a_known_bias_makes_the_pose_surer() -> None:
@@ -113,10 +117,10 @@ def test_another_place_that_fits_is_in_the_uncertainty() -> None:
     person = Person(1.2, 1.4, 0.5)
     gathered = pointings(person, LAB[:2])
     both = solved(gathered, LAX)
-    assert both.rival > 0.2
+    assert both.alternative > 0.2
     assert both.position_sigma_m > 2.0  # the two places are metres apart
     third = solved(pointings(person, LAB[:3]), LAX)
-    assert third.rival < 0.01
+    assert third.alternative < 0.01
     # a probability each: two places weigh together as much as one
     assert solved(pointings(person, LAB), LAX).position_sigma_m < 1.0
 

@@ -13,13 +13,13 @@ from pointit.services.localizer.drift.filter import DriftFilter
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import mean
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.pose_manager import Answer, Locating
-from pointit.services.localizer.procedures.clock_step import SetBack
-from pointit.services.localizer.procedures.external_pose import OutsidePose
+from pointit.services.localizer.pose_manager import PoseManager, Response
+from pointit.services.localizer.procedures.clock_step import ClockStepDetector
+from pointit.services.localizer.procedures.external_pose import ExternalPose
 from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.tracking.pose_tracking import Tracking
+from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from tests.unit.localizer.lab import LAMPS, ROOM
 from tests.unit.localizer.person import Person, yaw_difference
 from tests.unit.localizer.test_drift import LAMPS as PLACES
@@ -37,7 +37,7 @@ class World:
     """A localizer, and a person who points at what it names, in a time that may jump."""
 
     def __init__(self, config: LocalizerConfig, yaw_rad: float = 28.0 * DEGREE) -> None:
-        self.locating = Locating("anna", config)
+        self.locating = PoseManager("anna", config)
         self.person = Person(1.5, 1.2, yaw_rad)
         self.now_ns = START_NS
         self.out: list[Output] = []
@@ -48,8 +48,8 @@ class World:
     def take(self, outputs: Iterable[Output]) -> None:
         self.out += outputs
 
-    def accepted(self, answer: Answer | Refusal) -> None:
-        assert isinstance(answer, Answer), answer
+    def accepted(self, answer: Response | Refusal) -> None:
+        assert isinstance(answer, Response), answer
         self.take(answer.outputs)
 
     def last(self, kind: type[Output]) -> Output | None:
@@ -86,7 +86,7 @@ class World:
 
 
 def test_only_a_step_of_more_than_a_second_is_one() -> None:
-    clock = SetBack()
+    clock = ClockStepDetector()
     clock.begin(100 * S)
     assert clock.by_ns(101 * S) == 0
     assert clock.by_ns(100 * S) == 0
@@ -149,9 +149,9 @@ def test_the_rays_of_lamps_before_stay_in_order_with_new_ones() -> None:
 
 
 def test_a_pose_that_is_not_followed_is_not_of_the_future() -> None:
-    tracking = Tracking(follow=False)
+    tracking = PoseTracker(follow=False)
     given = UserPose(stamp_ns=START_NS, position_m=(1.5, 1.2, 0.0), yaw_rad=0.0)
-    tracking.given(given, START_NS)
+    tracking.set_exact(given, START_NS)
     rays = [Person(1.5, 1.2).ray(LAMPS[0].position_m, START_NS + tick * S // 50) for tick in range(50)]
     told = mean(rays)
     assert told is not None
@@ -221,23 +221,23 @@ def test_every_entry_of_the_filter_follows() -> None:
     drift = filters()
     refused = point(drift, drifted(PERSON, 3 * MINUTE_NS), PLACES[0], late)
     assert "old" in refused.reason
-    drift.heed(now_ns)
+    drift.set_time(now_ns)
     assert point(drift, drifted(PERSON, 3 * MINUTE_NS), PLACES[0], late).accepted
     drift = filters()
     origin = (0.0, 0.0, 1.64)
-    taken = drift.anchor(late, PLACES[0], origin, direction, now_ns=now_ns)
+    taken = drift.update_anchor(late, PLACES[0], origin, direction, now_ns=now_ns)
     assert "old" not in taken.reason
-    assert filters().heading(late, 0.0, (1.0, 0.0, 0.0), now_ns=now_ns).accepted
-    assert not filters().heading(late, 0.0, (1.0, 0.0, 0.0)).accepted
-    assert filters().still(late, RATE_RADPS, 0.01, now_ns=now_ns).accepted
-    assert not filters().still(late, RATE_RADPS, 0.01).accepted
+    assert filters().update_heading(late, 0.0, (1.0, 0.0, 0.0), now_ns=now_ns).accepted
+    assert not filters().update_heading(late, 0.0, (1.0, 0.0, 0.0)).accepted
+    assert filters().update_rest_rate(late, RATE_RADPS, 0.01, now_ns=now_ns).accepted
+    assert not filters().update_rest_rate(late, RATE_RADPS, 0.01).accepted
     drift = filters()
-    drift.lose_yaw(now_ns, is_restarted=False)
+    drift.reset_yaw(now_ns, is_restarted=False)
     assert drift.at(now_ns).stamp_ns == now_ns
 
 
 def test_a_tracker_that_stopped_is_not_heard_for_as_long_as_the_jump() -> None:
-    outside = OutsidePose()
+    outside = ExternalPose()
     pose = UserPose(stamp_ns=START_NS, position_m=(1.0, 1.0, 0.0), yaw_rad=0.0, method="external")
     outside.hear(pose, START_NS)
     assert outside.is_fresh(START_NS - S)
@@ -245,6 +245,6 @@ def test_a_tracker_that_stopped_is_not_heard_for_as_long_as_the_jump() -> None:
     assert not outside.is_fresh(back_ns)
     assert outside.age_s(back_ns + 3 * S) == pytest.approx(5.0)
     assert not outside.is_fresh(START_NS)  # nor when the clock has come again to that time
-    assert outside.busy("anna", START_NS) == ""
+    assert outside.busy_reason("anna", START_NS) == ""
     outside.hear(pose, back_ns)
     assert outside.is_fresh(back_ns + S)

@@ -31,8 +31,8 @@ def drifted(person: Person, stamp_ns: int, rate_radps: float = RATE_RADPS) -> Pe
 def point(
     drift: DriftFilter, person: Person, lamp: Vec3, stamp_ns: int, beside_rad: float = 0.0
 ) -> AnchorResult:
-    direction = vector.turn(person.direction(lamp), beside_rad)
-    return drift.anchor(
+    direction = vector.rotate_z(person.direction(lamp), beside_rad)
+    return drift.update_anchor(
         stamp_ns,
         lamp,
         (0.0, 0.0, EYES_M),
@@ -106,7 +106,7 @@ def test_a_pointing_far_too_high_is_rejected() -> None:
     now = drifted(PERSON, at_ns)
     high = Person(now.x, now.y, now.yaw_rad, now.bias_rad + math.radians(25.0))
     direction = high.direction(LAMPS[0])
-    result = drift.anchor(
+    result = drift.update_anchor(
         at_ns, LAMPS[0], (0.0, 0.0, EYES_M), direction, elevation_bias_rad=PERSON.bias_rad, samples=9
     )
     assert not result.accepted
@@ -218,7 +218,7 @@ def test_of_another_yaw_origin_only_the_place_is_left_and_the_first_anchor_tells
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     before = drift.predict(at_ns)
-    drift.lose_yaw(at_ns, is_restarted=restarted)
+    drift.reset_yaw(at_ns, is_restarted=restarted)
     pose = drift.at(at_ns)
     assert pose.yaw_sigma_rad >= math.pi / 2
     assert (pose.x_m, pose.y_m) == (before.x_m, before.y_m)
@@ -262,23 +262,23 @@ def test_facing_a_wall_sets_the_yaw_whatever_was_believed() -> None:
     at_ns = 4 * MINUTE_NS
     turned = Person(PERSON.x, PERSON.y, drifted(PERSON, at_ns).yaw_rad + 1.5)
     level = vector.direction(0.7 - turned.yaw_rad, 0.1)
-    result = drift.heading(at_ns, 0.7, level)
+    result = drift.update_heading(at_ns, 0.7, level)
     assert result.accepted
     assert "set anew" in result.note
     assert abs(yaw_difference(drift.at(at_ns).yaw_rad, turned.yaw_rad)) < math.radians(1.0)
     assert math.hypot(drift.at(at_ns).x_m - PERSON.x, drift.at(at_ns).y_m - PERSON.y) < 0.05
-    gentle = drift.heading(at_ns + NS_PER_S, 0.7, level)
+    gentle = drift.update_heading(at_ns + NS_PER_S, 0.7, level)
     assert gentle.note == ""
-    assert not drift.heading(at_ns, 0.7, vector.direction(0.0, -1.5)).accepted
+    assert not drift.update_heading(at_ns, 0.7, vector.direction(0.0, -1.5)).accepted
 
 
 def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
     drift = DriftFilter(fix(PERSON, 0))
-    assert drift.still(20 * NS_PER_S, RATE_RADPS, math.radians(0.04)).accepted
+    assert drift.update_rest_rate(20 * NS_PER_S, RATE_RADPS, math.radians(0.04)).accepted
     pose = drift.predict(3 * MINUTE_NS)
     error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS).yaw_rad)
     assert abs(error) < math.radians(8.0)  # of 72°: the first 20 s went by unknown
-    refused = drift.still(3 * MINUTE_NS, RATE_RADPS + math.radians(0.5), math.radians(0.04))
+    refused = drift.update_rest_rate(3 * MINUTE_NS, RATE_RADPS + math.radians(0.5), math.radians(0.04))
     assert not refused.accepted
     assert "rest it" in refused.reason
 
@@ -286,7 +286,9 @@ def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
 def test_an_arm_held_up_cannot_make_the_rate_surer_than_people_creep() -> None:
     drift = DriftFilter(fix(PERSON, 0))
     creep = math.radians(0.2)
-    results = [drift.still(s * NS_PER_S, RATE_RADPS, math.radians(0.02), creep) for s in range(1, 60)]
+    results = [
+        drift.update_rest_rate(s * NS_PER_S, RATE_RADPS, math.radians(0.02), creep) for s in range(1, 60)
+    ]
     assert results[0].accepted
     assert not results[-1].accepted
     assert drift.at(60 * NS_PER_S).yaw_rate_sigma_radps > 0.5 * creep
@@ -297,7 +299,7 @@ def test_a_late_anchor_counts_at_its_own_time() -> None:
     sure = DriftSettings(rate_sigma_radps=math.radians(0.9), max_late_s=60.0)
     early, late = (DriftFilter(fix(PERSON, 0), sure) for _ in range(2))
     for drift in (early, late):
-        drift.still(NS_PER_S, rate, math.radians(0.001))
+        drift.update_rest_rate(NS_PER_S, rate, math.radians(0.001))
     at_ns = 40 * NS_PER_S
     then = drifted(PERSON, at_ns, rate)
     point(early, then, LAMPS[0], at_ns)
@@ -327,15 +329,15 @@ def test_bad_anchors_are_refused_with_a_sentence() -> None:
     at_ns = 3 * MINUTE_NS
     forward = (1.0, 0.0, 0.0)
     for result in (
-        drift.anchor(at_ns, LAMPS[0], eyes, forward, samples=0),
-        drift.anchor(at_ns, LAMPS[0], eyes, (0.0, 0.0, 0.0)),
-        drift.anchor(at_ns, LAMPS[0], eyes, (math.nan, 0.0, 1.0)),
-        drift.anchor(at_ns, LAMPS[0], eyes, (0.01, 0.0, -1.0)),
-        drift.anchor(at_ns, (PERSON.x, PERSON.y, 0.0), eyes, forward),
-        drift.heading(at_ns, math.inf, forward),
-        drift.still(at_ns, math.nan, 0.1),
-        drift.still(at_ns, 5.0, 0.01),
-        drift.still(0, 0.0, 0.01),
+        drift.update_anchor(at_ns, LAMPS[0], eyes, forward, samples=0),
+        drift.update_anchor(at_ns, LAMPS[0], eyes, (0.0, 0.0, 0.0)),
+        drift.update_anchor(at_ns, LAMPS[0], eyes, (math.nan, 0.0, 1.0)),
+        drift.update_anchor(at_ns, LAMPS[0], eyes, (0.01, 0.0, -1.0)),
+        drift.update_anchor(at_ns, (PERSON.x, PERSON.y, 0.0), eyes, forward),
+        drift.update_heading(at_ns, math.inf, forward),
+        drift.update_rest_rate(at_ns, math.nan, 0.1),
+        drift.update_rest_rate(at_ns, 5.0, 0.01),
+        drift.update_rest_rate(0, 0.0, 0.01),
     ):
         assert not result.accepted
         assert "; " in result.reason

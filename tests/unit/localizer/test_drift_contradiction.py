@@ -7,7 +7,7 @@ import pytest
 
 from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftFilter
-from pointit.services.localizer.tracking.pose_tracking import Tracking
+from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from tests.unit.localizer.person import Person, yaw_difference
 from tests.unit.localizer.test_drift import (
     LAMPS,
@@ -78,7 +78,7 @@ def test_anchors_in_quick_succession_confirm_no_rate() -> None:
 
 def test_localizations_with_rays_in_common_do_not_add_up() -> None:
     """Windows of 10 s, 6 s apart: the second begins after the middle of the first, but before its end."""
-    tracking = Tracking()
+    tracking = PoseTracker()
     sigma_rad = math.radians(4.19)
     for start_s in (0, 6):
         newest_ns = (start_s + 10) * NS_PER_S
@@ -89,7 +89,7 @@ def test_localizations_with_rays_in_common_do_not_add_up() -> None:
             covariance=(0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, sigma_rad**2),
             method="moving_target",
         )
-        found = tracking.found(pose, start_s * NS_PER_S, (start_s + 5) * NS_PER_S, newest_ns)
+        found = tracking.set_localized(pose, start_s * NS_PER_S, (start_s + 5) * NS_PER_S, newest_ns)
         assert math.sqrt(found.covariance[8]) >= sigma_rad
 
 

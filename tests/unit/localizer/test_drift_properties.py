@@ -43,17 +43,17 @@ def apply(drift: DriftFilter, step: Step) -> None:
     match step:
         case ("anchor", stamp_ns, target, azimuth, elevation, spread):
             ray = vector.direction(azimuth, elevation)
-            drift.anchor(stamp_ns, target, EYES, ray, spread_rad=spread)
+            drift.update_anchor(stamp_ns, target, EYES, ray, spread_rad=spread)
         case ("heading", stamp_ns, wall, azimuth, sigma):
-            drift.heading(stamp_ns, wall, vector.direction(azimuth, 0.0), sigma)
+            drift.update_heading(stamp_ns, wall, vector.direction(azimuth, 0.0), sigma)
         case ("still", stamp_ns, rate, sigma, creep):
-            drift.still(stamp_ns, rate, sigma, creep)
+            drift.update_rest_rate(stamp_ns, rate, sigma, creep)
         case ("predict", stamp_ns):
             drift.predict(stamp_ns)
         case ("reset", stamp_ns, x, y, yaw, sigma):
             drift.reset(some_fix(x, y, yaw, sigma, stamp_ns))
         case ("lose", stamp_ns, restarted):
-            drift.lose_yaw(stamp_ns, is_restarted=restarted)
+            drift.reset_yaw(stamp_ns, is_restarted=restarted)
         case _:
             raise AssertionError(step)
 
@@ -101,7 +101,7 @@ def test_the_yaw_gets_surer_by_an_anchor_and_less_sure_in_between(
         around, yaw = rng.uniform(-math.pi, math.pi), math.radians(rate_degps) * at_s
         target = (3.0 * math.cos(around), 3.0 * math.sin(around), 0.5)
         ray = vector.direction(around - yaw, math.atan2(0.5 - EYES_M, 3.0))
-        assert drift.anchor(round(at_s * NS_PER_S), target, EYES, ray).accepted
+        assert drift.update_anchor(round(at_s * NS_PER_S), target, EYES, ray).accepted
         assert drift.at(round(at_s * NS_PER_S)).yaw_sigma_rad < last
 
 
@@ -126,7 +126,7 @@ def history(
         target = (0.3 + 3.0 * math.cos(around), -0.2 + 3.0 * math.sin(around), 0.4)
         azimuth = around + beside - 0.5 - math.radians(0.3) * minute * 60
         ray = vector.direction(hand * azimuth, math.atan2(0.4 - EYES_M, 3.0) + 0.02)
-        result = drift.anchor(at_ns, world(target), EYES, ray)
+        result = drift.update_anchor(at_ns, world(target), EYES, ray)
         said.append(
             (result.accepted, round(hand * result.azimuth_error_rad, 6), round(result.elevation_error_rad, 6))
         )
@@ -145,7 +145,7 @@ def test_a_turned_shifted_or_mirrored_world_gives_the_same(
     turn: float, east: float, north: float, hand: float, seed: int
 ) -> None:
     def world(place: Vec3) -> Vec3:
-        x, y, z = vector.turn((place[0], hand * place[1], place[2]), turn)
+        x, y, z = vector.rotate_z((place[0], hand * place[1], place[2]), turn)
         return (x + east, y + north, z)
 
     plain, there = history(lambda place: place, lambda yaw: yaw, 1.0, seed)

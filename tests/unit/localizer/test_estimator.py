@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Rays, residuals
-from pointit.services.localizer.estimation.estimator import Pointings, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import Pointings, Solution, SolverSettings, solve
 from tests.support.data import data_file
 from tests.unit.localizer.person import Person, pointings, yaw_difference
 from tests.unit.localizer.solving import (
@@ -99,7 +99,9 @@ def test_one_target_in_five_missed_by_20_degrees_hardly_moves_the_pose() -> None
     wrong = Person(0.4, -0.6, 1.0 - math.radians(20.0))
     directions = clean.directions.copy()
     directions[-50:] = wrong.direction(targets[-1])
-    solution = solved(dataclasses.replace(clean, directions=directions), Trust(max_act_residual_rad=0.3))
+    solution = solved(
+        dataclasses.replace(clean, directions=directions), SolverSettings(max_act_residual_rad=0.3)
+    )
     assert position_error_m(solution, person) < 0.2
     assert abs(yaw_difference(solution.yaw_rad, person.yaw_rad)) < math.radians(5.0)
 
@@ -132,11 +134,11 @@ def test_the_height_is_found_when_it_is_left_free_and_believed_otherwise() -> No
     person = Person(0.4, -0.6, 1.0)
     gathered = pointings(person, (*CORNERS, (0.5, 3.0, 0.5)))
     raised = dataclasses.replace(gathered, targets_m=gathered.targets_m + np.array([0.0, 0.0, 0.4]))
-    free = solved(raised, Trust(height_sigma_m=3.0, bias_sigma_rad=math.radians(1.0)))
+    free = solved(raised, SolverSettings(height_sigma_m=3.0, bias_sigma_rad=math.radians(1.0)))
     assert free.z_m == pytest.approx(0.4, abs=0.05)
     assert position_error_m(free, person) < 0.05
     assert free.z_sigma_m > 0.03
-    assert abs(solved(raised, Trust(max_position_sigma_m=1.0)).z_m) < 0.1
+    assert abs(solved(raised, SolverSettings(max_position_sigma_m=1.0)).z_m) < 0.1
 
 
 def test_clean_pointing_at_targets_in_a_row_is_no_miss() -> None:

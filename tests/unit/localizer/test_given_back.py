@@ -8,9 +8,9 @@ import pytest
 from pointit.schemas import NS_PER_S, SetPose, TrackedObject, TrackedObjects, UserPose
 from pointit.schemas.base import Vec3
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.pose_manager import Answer, Locating
+from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, Following, MovingTarget
-from pointit.services.localizer.tracking.pose_tracking import Tracking
+from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from tests.unit.localizer.lab import ROOM
 
 S = NS_PER_S
@@ -19,19 +19,19 @@ Covariance = tuple[float, float, float, float, float, float, float, float, float
 FOUND: Covariance = (0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.01)
 
 
-def started(**config: object) -> Locating:
-    locating = Locating("anna", LocalizerConfig.model_validate({"yaw_deg": 20.0, **config}))
+def started(**config: object) -> PoseManager:
+    locating = PoseManager("anna", LocalizerConfig.model_validate({"yaw_deg": 20.0, **config}))
     locating.begin(START_NS)
     locating.on_map(ROOM, START_NS)
     return locating
 
 
-def given_back(locating: Locating, method: str, yaw_rad: float = 0.4) -> UserPose:
+def given_back(locating: PoseManager, method: str, yaw_rad: float = 0.4) -> UserPose:
     query = SetPose.model_validate(
         {"position_m": (1.0, 1.0, 0.0), "yaw_rad": yaw_rad, "method": method, "covariance": FOUND}
     )
     answer = locating.set_pose(query, START_NS)
-    assert isinstance(answer, Answer)
+    assert isinstance(answer, Response)
     (pose,) = answer.outputs
     assert isinstance(pose, UserPose)
     return pose
@@ -89,9 +89,9 @@ def test_an_anchor_is_asked_for_whatever_a_tracker_says_of_its_certainty(covaria
         stamp_ns=START_NS, position_m=(1.0, 1.0, 0.0), yaw_rad=0.0, method="external", covariance=covariance
     )
     locating.on_pose(pose, START_NS)
-    assert isinstance(locating.point_anchor("", START_NS), Answer)
-    tracking = Tracking()
-    tracking.outside(pose)
+    assert isinstance(locating.point_anchor("", START_NS), Response)
+    tracking = PoseTracker()
+    tracking.set_external(pose)
     _, told = tracking.uncertainty(START_NS)
     assert np.array_equal(told, told.T)
     assert np.linalg.eigvalsh(told)[0] >= -1e-9

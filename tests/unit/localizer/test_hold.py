@@ -6,9 +6,9 @@ import pytest
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, PointingRay
-from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation.rays import Mean, believed, mean, unfiltered
-from pointit.services.localizer.procedures.facing import Facing
+from pointit.services.localizer.procedures.facing import HeadingWindow
 from pointit.services.localizer.procedures.hold import Hold, Timing
 
 START_NS = 1_700_000_000 * NS_PER_S
@@ -47,7 +47,7 @@ def test_a_slow_reach_is_waited_for(jitter_deg: float) -> None:
     hold = Hold(START_NS, STEADY)
     reaching(hold, 1.8, 2.0, jitter_deg)
     assert not hold.is_settled
-    assert hold.share(ns(2.0)) == 0.0
+    assert hold.progress(ns(2.0)) == 0.0
     assert not hold.is_over(ns(9.0), 0)
     hold = Hold(START_NS, STEADY)
     reaching(hold, 1.8, 4.5, jitter_deg)
@@ -75,8 +75,8 @@ def test_who_never_rests_is_taken_as_they_are_in_the_end() -> None:
 
 def test_silence_is_hopeless_after_patience() -> None:
     hold = Hold(START_NS, STEADY)
-    assert not hold.is_hopeless(ns(5.9))
-    assert hold.is_hopeless(ns(6.0))
+    assert not hold.has_timed_out(ns(5.9))
+    assert hold.has_timed_out(ns(6.0))
 
 
 def test_the_unfiltered_ray_is_the_raw_one_with_the_offset() -> None:
@@ -95,7 +95,7 @@ def test_the_unfiltered_ray_is_the_raw_one_with_the_offset() -> None:
 
 
 def test_a_calibrated_person_has_a_narrower_prior() -> None:
-    trust = Trust()
+    trust = SolverSettings()
     known = ray(0.0).model_copy(update={"elevation_sigma_rad": math.radians(1.2)})
     assert believed(trust, [known, known]).bias_sigma_rad == pytest.approx(math.radians(1.2))
     assert believed(trust, [known, ray(1.0)]).bias_sigma_rad == trust.bias_sigma_rad
@@ -118,7 +118,7 @@ def test_the_mean_ray_with_its_spread_and_its_time() -> None:
 
 
 def test_facing_takes_the_last_half_second_when_it_is_steady() -> None:
-    facing = Facing()
+    facing = HeadingWindow()
     assert "no rays come" in str(facing.mean(ns(0.0)))
     for tick in range(200):
         facing.add(ray(tick / 50.0, 80.0 if tick < 170 else 10.0))

@@ -8,11 +8,11 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.outputs import Floor, LampSwitch, Output
 from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 from tests.unit.localizer.person import Person, yaw_difference
 
 GOOD = (
@@ -25,7 +25,7 @@ GOOD = (
 EYE_HIGH = (Lamp(id="a", position_m=(2.0, 3.0, 1.64)), Lamp(id="b", position_m=(2.5, 3.0, 1.64)))
 START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.6, -0.4, 2.2, math.radians(3.0))
-SURE = Choice(order="informative", position_sigma_m=0.45, yaw_sigma_rad=math.radians(3.0))
+SURE = TargetPlan(order="informative", position_sigma_m=0.45, yaw_sigma_rad=math.radians(3.0))
 
 
 def run(procedure: StaticTargets, person: Person = PERSON, error_deg: float = 0.0) -> list[Output]:
@@ -77,7 +77,7 @@ def test_lamps_in_one_direction_at_eye_height_are_not_the_first_choice() -> None
 
 
 def test_it_is_told_on_the_way_how_sure_it_is() -> None:
-    strict = Choice(order="informative", position_sigma_m=0.101, yaw_sigma_rad=math.radians(0.2))
+    strict = TargetPlan(order="informative", position_sigma_m=0.101, yaw_sigma_rad=math.radians(0.2))
     outputs = run(StaticTargets(GOOD, choice=strict))
     by_hold = {news.target_index: news.position_sigma_m for news in told(outputs) if news.phase == "sampling"}
     assert by_hold[0] is None
@@ -92,17 +92,17 @@ def test_it_is_told_on_the_way_how_sure_it_is() -> None:
 
 
 def test_no_more_than_were_asked_for() -> None:
-    strict = Choice(order="informative", targets=3, yaw_sigma_rad=math.radians(0.2))
+    strict = TargetPlan(order="informative", targets=3, yaw_sigma_rad=math.radians(0.2))
     outputs = run(StaticTargets(GOOD, choice=strict))
     assert len(order(outputs)) == 3
     assert {news.target_count for news in told(outputs)} == {3}
-    more = run(StaticTargets(EYE_HIGH, choice=Choice(order="informative", targets=4)))
+    more = run(StaticTargets(EYE_HIGH, choice=TargetPlan(order="informative", targets=4)))
     assert sorted(order(more)) == ["a", "a", "b", "b"]
 
 
 @pytest.mark.parametrize("targets", [3, 4, 5])
 def test_no_fewer_than_were_asked_for_however_sure_it_is(targets: int) -> None:
-    sure_at_once = Choice(
+    sure_at_once = TargetPlan(
         order="informative", targets=targets, position_sigma_m=9.0, yaw_sigma_rad=math.radians(90.0)
     )
     outputs = run(StaticTargets(GOOD, choice=sure_at_once))
@@ -113,7 +113,7 @@ def test_no_fewer_than_were_asked_for_however_sure_it_is(targets: int) -> None:
 
 def test_by_default_it_ends_when_a_person_has_done_enough() -> None:
     """At what is believed of one pointing, five lamps all around are plenty."""
-    outputs = run(StaticTargets(GOOD, choice=Choice(order="informative")))
+    outputs = run(StaticTargets(GOOD, choice=TargetPlan(order="informative")))
     assert told(outputs)[-1].phase == "solved"
     assert len(order(outputs)) <= len(GOOD)
 
@@ -126,8 +126,8 @@ def test_people_stand_on_the_floor_unless_its_height_is_asked_for(*, is_free: bo
     raised = [Lamp(id=name, position_m=(x, y, z + up_m)) for name, (x, y, z) in x_y_z]
     procedure = StaticTargets(
         raised,
-        trust=Trust(height_sigma_m=10.0 if is_free else Trust().height_sigma_m),
-        choice=Choice(order="informative", targets=5),
+        trust=SolverSettings(height_sigma_m=10.0 if is_free else SolverSettings().height_sigma_m),
+        choice=TargetPlan(order="informative", targets=5),
         floor=Floor(height_m=0.0, is_free=is_free),
     )
     (pose,) = [output for output in run(procedure) if isinstance(output, UserPose)]
@@ -150,7 +150,9 @@ def test_what_cannot_be_told_is_refused_in_a_sentence() -> None:
 
 @pytest.mark.parametrize("targets", [0, 2])
 def test_in_the_given_order_nothing_is_chosen(targets: int) -> None:
-    outputs = run(StaticTargets(GOOD, choice=Choice(targets=targets), trust=Trust(max_yaw_sigma_rad=9.0)))
+    outputs = run(
+        StaticTargets(GOOD, choice=TargetPlan(targets=targets), trust=SolverSettings(max_yaw_sigma_rad=9.0))
+    )
     assert order(outputs) == [lamp.id for lamp in GOOD][: targets or None]
 
 
@@ -166,7 +168,10 @@ def test_a_calibrated_person_is_sure_earlier() -> None:
     sigmas: list[float] = []
     for person in (Person(1.5, 1.1, 2.2), Calibrated(1.5, 1.1, 2.2)):
         procedure = StaticTargets(
-            lamps, Timing(), Trust(max_position_sigma_m=99.0, max_yaw_sigma_rad=9.0), Choice(targets=2)
+            lamps,
+            Timing(),
+            SolverSettings(max_position_sigma_m=99.0, max_yaw_sigma_rad=9.0),
+            TargetPlan(targets=2),
         )
         outputs = procedure.start(START_NS)
         for tick in range(50 * 8):

@@ -8,9 +8,9 @@ from pointit.schemas import NS_PER_S, Environment, Lamp, Localization
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import LampSwitch
-from pointit.services.localizer.pose_manager import Answer, Locating
-from pointit.services.localizer.procedures.lamps import change, for_a_pose
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.pose_manager import PoseManager, Response
+from pointit.services.localizer.procedures.lamps import lamps_for_pose, map_change_reason
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 START_NS = 1_700_000_000 * NS_PER_S
 A, B, C = (
@@ -35,22 +35,22 @@ NEEDS = "needs two at different places"
 @pytest.mark.parametrize(
     ("lamps", "choice", "sentence"),
     [
-        ((A, B), Choice(), ""),
-        ((A,), Choice(), NEEDS),
-        (tuple(at(A, 1e-6 * n, name=f"led_{n}") for n in range(5)), Choice(order="informative"), NEEDS),
-        ((A, at(A, 0.04)), Choice(order="informative"), NEEDS),
-        ((A, at(A, 0.06)), Choice(order="informative"), ""),
-        ((A, at(A), B), Choice(targets=2), NEEDS),
-        ((A, at(A), B), Choice(), ""),
-        ((A, at(A), B), Choice(order="informative", targets=2), ""),
-        ((A, at(A, 0.04, 1.0)), Choice(order="informative"), "above one another"),
-        ((A, at(A, 0.0, 1.0), B), Choice(targets=2), "above one another"),
+        ((A, B), TargetPlan(), ""),
+        ((A,), TargetPlan(), NEEDS),
+        (tuple(at(A, 1e-6 * n, name=f"led_{n}") for n in range(5)), TargetPlan(order="informative"), NEEDS),
+        ((A, at(A, 0.04)), TargetPlan(order="informative"), NEEDS),
+        ((A, at(A, 0.06)), TargetPlan(order="informative"), ""),
+        ((A, at(A), B), TargetPlan(targets=2), NEEDS),
+        ((A, at(A), B), TargetPlan(), ""),
+        ((A, at(A), B), TargetPlan(order="informative", targets=2), ""),
+        ((A, at(A, 0.04, 1.0)), TargetPlan(order="informative"), "above one another"),
+        ((A, at(A, 0.0, 1.0), B), TargetPlan(targets=2), "above one another"),
     ],
 )
 def test_lamps_that_can_tell_no_pose_are_refused_at_once(
-    lamps: tuple[Lamp, ...], choice: Choice, sentence: str
+    lamps: tuple[Lamp, ...], choice: TargetPlan, sentence: str
 ) -> None:
-    result = for_a_pose(room(*lamps), (), choice)
+    result = lamps_for_pose(room(*lamps), (), choice)
     if sentence:
         assert isinstance(result, Refusal)
         assert sentence in result.reason
@@ -60,30 +60,30 @@ def test_lamps_that_can_tell_no_pose_are_refused_at_once(
 
 
 def test_the_choice_is_that_of_the_configuration() -> None:
-    locating = Locating("anna", LocalizerConfig(method="static_targets", order="given", targets=2))
+    locating = PoseManager("anna", LocalizerConfig(method="static_targets", order="given", targets=2))
     locating.begin(START_NS)
     locating.on_map(room(A, at(A), B), START_NS)
     assert isinstance(locating.start(None, START_NS), Refusal)
 
 
 def test_what_became_of_lamps() -> None:
-    assert change([A, B], room(B, A, C)) == ""
-    assert change([A, B], room(A, at(B, 0.04, name="b"))) == ""
-    assert change([A, B], room(A, at(B, 0.06, name="b"))) == "lamp b moved by 0.06 m"
-    assert change([A, B], room(B)) == "lamp a left"
+    assert map_change_reason([A, B], room(B, A, C)) == ""
+    assert map_change_reason([A, B], room(A, at(B, 0.04, name="b"))) == ""
+    assert map_change_reason([A, B], room(A, at(B, 0.06, name="b"))) == "lamp b moved by 0.06 m"
+    assert map_change_reason([A, B], room(B)) == "lamp a left"
 
 
-def localizing(procedure: Literal["pose", "anchor"]) -> Locating:
+def localizing(procedure: Literal["pose", "anchor"]) -> PoseManager:
     """Return one that points at a, or may."""
     config = LocalizerConfig(position_m=(0.5, 0.5, 0.0))
-    locating = Locating("anna", config)
+    locating = PoseManager("anna", config)
     locating.begin(START_NS)
     locating.on_map(room(A, B, C), START_NS)
     if procedure == "pose":
         answer = locating.start("static_targets", START_NS)
     else:
         answer = locating.point_anchor("a", START_NS)
-    assert isinstance(answer, Answer)
+    assert isinstance(answer, Response)
     return locating
 
 

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from pointit.evaluation.datasets import read_trials
 from pointit.schemas import NS_PER_S, TrackedObjects
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from tests.support.data import data_file
 from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
@@ -18,7 +24,7 @@ from tests.unit.localizer.test_moving_target import PERSON, START_NS, place, pos
 
 Array = NDArray[np.float64]
 
-PUNCTUAL = Trust(latency_sigma_s=0.0)
+PUNCTUAL = SolverSettings(latency_sigma_s=0.0)
 
 
 def circle(t_s: Array, centre: tuple[float, float], period_s: float) -> Array:
@@ -55,7 +61,7 @@ def is_outside(solution: Solution, off_m: float, turned_rad: float) -> bool:
     return off_m > 2.0 * solution.position_sigma_m or abs(turned_rad) > 2.0 * solution.yaw_sigma_rad
 
 
-def judged(people: int, late_s: float, trust: Trust) -> tuple[int, float]:
+def judged(people: int, late_s: float, trust: SolverSettings) -> tuple[int, float]:
     """Return how many poses are accepted, and which share of them is outside of the stated 2 sigma."""
     outside: list[bool] = []
     for seed in range(people):
@@ -69,13 +75,13 @@ def judged(people: int, late_s: float, trust: Trust) -> tuple[int, float]:
 
 def test_stated_sigma_covers_a_tracker_that_is_late_by_less_than_two_sigma() -> None:
     assert judged(40, 0.2, PUNCTUAL)[1] > 0.9  # what a latency does that nobody allows for
-    accepted, outside = judged(200, 0.2, Trust())
+    accepted, outside = judged(200, 0.2, SolverSettings())
     assert accepted >= 190
     assert outside <= 0.05
 
 
 def test_people_are_accepted_as_often_when_the_tracker_is_in_time() -> None:
-    accepted, outside = judged(100, 0.0, Trust())
+    accepted, outside = judged(100, 0.0, SolverSettings())
     assert accepted == judged(100, 0.0, PUNCTUAL)[0] == 100
     assert outside <= 0.05
 
@@ -88,7 +94,10 @@ def test_covariance_grows_by_the_shift_of_the_pose_per_second_of_latency() -> No
         / 0.04
     )
     gathered, _ = following(3, 0.0)
-    grown = solved(gathered, Trust(latency_sigma_s=0.1)).covariance - solved(gathered, PUNCTUAL).covariance
+    grown = (
+        solved(gathered, SolverSettings(latency_sigma_s=0.1)).covariance
+        - solved(gathered, PUNCTUAL).covariance
+    )
     assert np.sqrt(np.diag(grown)) == pytest.approx(0.1 * np.abs(shift), rel=0.1)
     assert grown[2, 2] == pytest.approx((0.1 * math.tau / 8.0) ** 2, rel=0.1)  # the circle is turned
 
@@ -96,7 +105,7 @@ def test_covariance_grows_by_the_shift_of_the_pose_per_second_of_latency() -> No
 def test_latency_does_not_matter_for_targets_that_stand_still() -> None:
     gathered = pointings(Person(0.2, 0.1, 0.5), CORNERS)
     assert np.array_equal(
-        solved(gathered).covariance, solved(gathered, Trust(latency_sigma_s=5.0)).covariance
+        solved(gathered).covariance, solved(gathered, SolverSettings(latency_sigma_s=5.0)).covariance
     )
 
 
@@ -121,10 +130,10 @@ def test_tracker_states_its_latency_with_every_report(stated_s: float | None) ->
 def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> None:
     gathered, _ = following(1, 0.0, period_s=3.0)
     assert isinstance(solve(gathered, PUNCTUAL), Solution)
-    result = solve(gathered, Trust())
+    result = solve(gathered, SolverSettings())
     assert isinstance(result, Refusal)
     assert "uncertain by 0.15 s; have the tracker state its `latency_sigma_s`" in result.reason
-    lax = dataclasses.replace(Trust(), max_position_sigma_m=0.01)
+    lax = dataclasses.replace(SolverSettings(), max_position_sigma_m=0.01)
     stricter = solve(gathered, lax)
     assert isinstance(stricter, Refusal)
     assert "latency" not in stricter.reason
@@ -145,7 +154,8 @@ def test_recorded_people_are_within_two_sigma_when_the_tracker_is_late(name: str
         late_m = np.column_stack([np.interp(t_s - 0.2, t_s, targets_m[:, axis]) for axis in range(3)])
         for latency_sigma_s, judged_as in outside.items():
             result = solve(
-                dataclasses.replace(trial.pointings, targets_m=late_m), Trust(latency_sigma_s=latency_sigma_s)
+                dataclasses.replace(trial.pointings, targets_m=late_m),
+                SolverSettings(latency_sigma_s=latency_sigma_s),
             )
             assert isinstance(result, Solution)  # none is refused for it
             off_m = math.hypot(result.x_m - trial.x_m, result.y_m - trial.y_m)

@@ -8,21 +8,21 @@ from pydantic import ValidationError
 from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import DriftSettings
-from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation_config import DriftConfig, TrustConfig
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 
 def test_the_defaults_stand_once() -> None:
     config = LocalizerConfig()
-    want, have = Trust(), config.believed()
+    want, have = SolverSettings(), config.believed()
     for name in want.__dataclass_fields__:
         assert getattr(have, name) == pytest.approx(getattr(want, name)), name
     drift, settings = config.drift.settings(), DriftSettings()
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
     choice = config.choice()
-    assert choice.position_sigma_m == Choice().position_sigma_m == 0.45
+    assert choice.position_sigma_m == TargetPlan().position_sigma_m == 0.45
     assert math.degrees(choice.yaw_sigma_rad) == pytest.approx(7.0)
     assert math.degrees(DriftSettings().anchor_sigma_rad) == pytest.approx(3.5)
     assert want.max_position_sigma_m == UNSURE_M
@@ -39,7 +39,7 @@ def test_lamps_and_robots_have_limits_of_their_own() -> None:
     ).trust()
     assert math.degrees(trust.max_residual_rad) == pytest.approx(20.0)
     assert math.degrees(trust.residual_limit_rad(is_still=True)) == pytest.approx(3.0)
-    assert math.degrees(trust.doubt(is_still=True).sigma_rad[0]) == pytest.approx(1.0)
+    assert math.degrees(trust.noise_model(is_still=True).sigma_rad[0]) == pytest.approx(1.0)
     assert trust.model_sigma_rad == 0.0
 
 

@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 
 from pointit.evaluation.datasets import motion_relloc
-from pointit.evaluation.localization.trial import Following, Reading
+from pointit.evaluation.localization.trial import FollowRecording, Reading
 from pointit.services.localizer.estimation.angular_residuals import Array
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
-from pointit.services.localizer.procedures.target_disambiguation import Meant, probable
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
+from pointit.services.localizer.procedures.target_disambiguation import TargetDisambiguator, rank_by_posterior
 from tests.support.data import data_file
 
-TRUST = Trust()
-ANY_POSE = Trust(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
+TRUST = SolverSettings()
+ANY_POSE = SolverSettings(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
 """Who is meant is asked, not whether the pose is good enough."""
 N = 9.0
 
@@ -31,16 +37,18 @@ def solution(residual_deg: float, x_m: float = 0.0) -> Solution:
     )
 
 
-def decide(meant: Meant, **residuals_deg: float) -> str:
+def decide(meant: TargetDisambiguator, **residuals_deg: float) -> str:
     """Return whose solution is taken, or the reason why none."""
     results = [(name, solution(deg, ord(name[0]))) for name, deg in residuals_deg.items()]
-    fits = probable(results, N, TRUST.ray_sigma_rad)
+    fits = rank_by_posterior(results, N, TRUST.ray_sigma_rad)
     told = meant.choose(fits)
     return told.reason if isinstance(told, Refusal) else meant.object_id
 
 
 def test_probabilities_are_those_of_the_residuals() -> None:
-    fits = probable([("b", solution(3.0)), ("a", solution(2.0)), ("c", Refusal("few rays"))], N, 0.0349)
+    fits = rank_by_posterior(
+        [("b", solution(3.0)), ("a", solution(2.0)), ("c", Refusal("few rays"))], N, 0.0349
+    )
     assert [fit.object_id for fit in fits] == ["a", "b", "c"]
     odds = math.exp(-0.5 * N * (math.radians(3.0) ** 2 - math.radians(2.0) ** 2) / 0.0349**2)
     assert fits[0].probability == pytest.approx(1.0 / (1.0 + odds))
@@ -49,20 +57,20 @@ def test_probabilities_are_those_of_the_residuals() -> None:
 
 
 def test_who_points_badly_leaves_more_doubt() -> None:
-    good = probable([("a", solution(1.0)), ("b", solution(4.0))], N, TRUST.ray_sigma_rad)
-    bad = probable([("a", solution(6.0)), ("b", solution(7.2))], N, TRUST.ray_sigma_rad)
+    good = rank_by_posterior([("a", solution(1.0)), ("b", solution(4.0))], N, TRUST.ray_sigma_rad)
+    bad = rank_by_posterior([("a", solution(6.0)), ("b", solution(7.2))], N, TRUST.ray_sigma_rad)
     # the squares differ alike, by 15 and 15.8 square degrees
     assert good[0].probability > 0.99
     assert 0.8 < bad[0].probability < 0.99
 
 
 def test_nothing_fits_nobody_is_likely() -> None:
-    fits = probable([("a", Refusal("x")), ("b", Refusal("y"))], N, TRUST.ray_sigma_rad)
+    fits = rank_by_posterior([("a", Refusal("x")), ("b", Refusal("y"))], N, TRUST.ray_sigma_rad)
     assert [fit.probability for fit in fits] == [0.0, 0.0]
 
 
 def test_a_decision_is_kept_until_another_is_clearly_meant() -> None:
-    meant = Meant()
+    meant = TargetDisambiguator()
     assert "two robots move alike, a and b" in decide(meant, a=2.0, b=2.1)
     assert decide(meant, a=1.0, b=6.0) == "a"
     assert decide(meant, a=2.0, b=2.1) == "a"  # at first that would be undecided
@@ -77,14 +85,14 @@ def test_a_decision_is_kept_until_another_is_clearly_meant() -> None:
 
 
 def test_one_that_leaves_is_let_go() -> None:
-    meant = Meant()
+    meant = TargetDisambiguator()
     assert decide(meant, a=1.0, b=6.0) == "a"
     assert decide(meant, b=1.0) == "b"
 
 
 def test_noise_about_equal_does_not_flicker() -> None:
     generator = np.random.default_rng(3)
-    meant = Meant()
+    meant = TargetDisambiguator()
     assert decide(meant, a=1.0, b=5.0) == "a"
     named = set[str]()
     for _ in range(200):
@@ -96,13 +104,13 @@ def test_noise_about_equal_does_not_flicker() -> None:
 
 def test_two_that_fit_differently_well_are_told_apart_by_their_probability_alone() -> None:
     """1.0° against 1.5° is half as much again; of nine pointings that may still be chance."""
-    assert "two robots move alike, a and b" in decide(Meant(), a=1.0, b=1.5)
-    assert decide(Meant(), a=1.0, b=3.5) == "a"
+    assert "two robots move alike, a and b" in decide(TargetDisambiguator(), a=1.0, b=1.5)
+    assert decide(TargetDisambiguator(), a=1.0, b=3.5) == "a"
 
 
 def test_one_that_is_tracked_twice_is_one() -> None:
-    fits = probable([("a", solution(1.0)), ("twin", solution(1.0)), ("b", solution(6.0))], N, 0.0349)
-    meant = Meant()
+    fits = rank_by_posterior([("a", solution(1.0)), ("twin", solution(1.0)), ("b", solution(6.0))], N, 0.0349)
+    meant = TargetDisambiguator()
     assert isinstance(meant.choose(fits), Solution)
     assert meant.object_id == "a"
 
@@ -112,14 +120,14 @@ class Recorded(Reading):
 
     def __init__(self) -> None:
         super().__init__()
-        self.followings: list[Following] = []
+        self.followings: list[FollowRecording] = []
 
-    def follow(self, path: Path, following: Following) -> None:
+    def follow(self, path: Path, following: FollowRecording) -> None:
         del path
         self.followings.append(following)
 
 
-def meant_in(following: Following, begin_s: float, decoy_m: Array) -> str:
+def meant_in(following: FollowRecording, begin_s: float, decoy_m: Array) -> str:
     """Return who is meant in the 3 s from `begin_s` on, the robot of the recording or a decoy."""
     stamps_s = following.pointings.stamps_s
     part = slice(*np.searchsorted(stamps_s, (begin_s, begin_s + 3.0)).tolist())
@@ -138,8 +146,8 @@ def meant_in(following: Following, begin_s: float, decoy_m: Array) -> str:
         )
         for name, path_m in (("robot", following.pointings.targets_m), ("decoy", decoy_m))
     ]
-    meant = Meant()
-    told = meant.choose(probable(results, 1.0 + 3.0 * TRUST.independent_hz, TRUST.ray_sigma_rad))
+    meant = TargetDisambiguator()
+    told = meant.choose(rank_by_posterior(results, 1.0 + 3.0 * TRUST.independent_hz, TRUST.ray_sigma_rad))
     return meant.object_id if isinstance(told, Solution) else ""
 
 

@@ -13,7 +13,13 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, BodyMeasures, PointingRay
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
 from pointit.services.localizer.estimation.mounting import mounting_fault, mounting_slope
 from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
 from pointit.sim.recordings import OPERATOR, read_imu_csv
@@ -74,8 +80,8 @@ def following(seed: int, turn: Quaternion, *, rise_m: float = 0.4, is_around: bo
 
 def verdict(pointings: Pointings) -> tuple[bool, str]:
     """Return whether the solver accepts `pointings`, and what is said of the mounting."""
-    result = solve(pointings, Trust())
-    return isinstance(result, Solution), mounting_fault(pointings, result, Trust(), 0.0)
+    result = solve(pointings, SolverSettings())
+    return isinstance(result, Solution), mounting_fault(pointings, result, SolverSettings(), 0.0)
 
 
 @pytest.mark.parametrize("rise_m", [0.3, 0.8])
@@ -106,10 +112,10 @@ def test_robot_at_one_elevation_does_not_tell_the_mounting() -> None:
 
 def test_no_pointings_give_no_slope() -> None:
     gathered = following(1, TURNS["along"])
-    found = solve(gathered, Trust())
+    found = solve(gathered, SolverSettings())
     assert isinstance(found, Solution)
     nothing = gathered.only(np.zeros(len(gathered), dtype=np.bool_))
-    assert mounting_slope(nothing, found, Trust(), 0.0) is None
+    assert mounting_slope(nothing, found, SolverSettings(), 0.0) is None
 
 
 @pytest.mark.parametrize("ahead_s", [(0.0,), (60.0, 0.0)], ids=["one tracker", "another with a wrong clock"])
@@ -184,6 +190,6 @@ def test_rays_that_do_not_follow_are_not_blamed_on_the_sensor() -> None:
             other / np.linalg.norm(other, axis=1)[:, None],
             gathered.targets_m,
         )
-        result = solve(aside, Trust())
+        result = solve(aside, SolverSettings())
         assert isinstance(result, Refusal)
-        assert mounting_fault(aside, result, Trust(), 0.0) == ""
+        assert mounting_fault(aside, result, SolverSettings(), 0.0) == ""

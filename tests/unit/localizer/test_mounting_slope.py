@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from pointit.services.localizer.estimation import mounting
-from pointit.services.localizer.estimation.estimator import Refusal, Trust
+from pointit.services.localizer.estimation.estimator import Refusal, SolverSettings
 from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
 from tests.unit.localizer.solving import solved
 from tests.unit.localizer.test_mounting_fault import TURNS, following
@@ -23,7 +23,7 @@ def said(monkeypatch: pytest.MonkeyPatch, slope: Slope, *, is_refused: bool = Fa
 
     monkeypatch.setattr(mounting, "mounting_slope", measured)
     result = Refusal("the rays miss", 0.3) if is_refused else solved(gathered)
-    return mounting_fault(gathered, result, Trust(), 0.0)
+    return mounting_fault(gathered, result, SolverSettings(), 0.0)
 
 
 @pytest.mark.parametrize(("value", "how"), [(0.2, "across"), (-0.4, "across"), (-0.6, "backwards on")])

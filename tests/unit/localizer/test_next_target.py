@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays, residuals
 from pointit.services.localizer.procedures.next_target import (
-    Acuity,
+    ObservationModel,
     best_for_yaw,
-    information,
-    knowledge,
+    fisher_information,
+    log_det_information,
     next_target,
     prior,
 )
@@ -29,13 +29,15 @@ LAB: tuple[Vec3, ...] = (
 )
 CONVEYOR: tuple[Vec3, ...] = ((0.15, 0.05, 1.55), (-2.4, -0.025, 1.25), (-2.85, -3.775, 2.55))
 TWO_DEG = math.radians(2.0)
-ONE = Acuity(ray_sigma_rad=TWO_DEG, elevation_sigma_rad=TWO_DEG, body_sigma_m=0.0, bias_sigma_rad=1e-6)
+ONE = ObservationModel(
+    ray_sigma_rad=TWO_DEG, elevation_sigma_rad=TWO_DEG, body_sigma_m=0.0, bias_sigma_rad=1e-6
+)
 """One pointing of 2° a target, whose bias is known: the bound that pointing.md §4 gives."""
 
 
-def bounds(targets_m: Sequence[Vec3], eyes_m: Vec3, acuity: Acuity) -> tuple[float, float]:
+def bounds(targets_m: Sequence[Vec3], eyes_m: Vec3, acuity: ObservationModel) -> tuple[float, float]:
     """Return 1 sigma of position (m, both directions together) and yaw (rad) after a hold at each."""
-    told: Array = information(np.array(targets_m), np.array([eyes_m]), acuity)[0].sum(axis=0)
+    told: Array = fisher_information(np.array(targets_m), np.array([eyes_m]), acuity)[0].sum(axis=0)
     covariance = np.linalg.inv(told + prior(acuity)).astype(np.float64)
     return math.sqrt(covariance[0, 0] + covariance[1, 1]), math.sqrt(covariance[2, 2])
 
@@ -86,7 +88,7 @@ def test_the_information_is_that_of_the_solvers_residuals(seed: int) -> None:
     rays = Rays.of(np.tile([0.0, 0.0, EYES_M], (4, 1)), directions, targets)
     _, slope = residuals(rays, np.array([[person.x, person.y, person.yaw_rad, *[0.0] * (PARAMETERS - 3)]]))
     flat = slope[0, :4].reshape(4, -1)
-    told = information(targets, np.array([[person.x, person.y, EYES_M]]), ONE)[0].sum(axis=0)
+    told = fisher_information(targets, np.array([[person.x, person.y, EYES_M]]), ONE)[0].sum(axis=0)
     assert np.allclose(flat @ flat.T / ONE.ray_sigma_rad**2, told, rtol=1e-6, atol=1e-4 * told.max())
 
 
@@ -98,14 +100,14 @@ def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> N
         (float(x), float(y), float(z)) for x, y, z in generator.uniform((-4, -4, 0), (4, 4, 2.5), (5, 3))
     ]
     place = (float(generator.uniform(-1, 1)), float(generator.uniform(-1, 1)))
-    acuity = Acuity()
+    acuity = ObservationModel()
     chosen = next_target(lamps, [1, 1, 0, 0, 0], acuity, place_m=place)
     assert chosen in (2, 3, 4)
     eyes = (*place, EYES_M)
 
     def volume(index: int) -> float:
         seen = np.array([lamps[0], lamps[1], lamps[index]])
-        told: Array = information(seen, np.array([eyes]), acuity)[0].sum(axis=0)
+        told: Array = fisher_information(seen, np.array([eyes]), acuity)[0].sum(axis=0)
         prior = np.diag([1e-2, 1e-2, 1.0 / math.pi**2, acuity.bias_sigma_rad**-2])
         return float(np.linalg.det(np.linalg.inv(told + prior)[:3, :3]))
 
@@ -115,24 +117,24 @@ def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> N
 def test_knowledge_counts_the_bias_as_a_nuisance() -> None:
     matrix = np.diag([4.0, 5.0, 6.0, 7.0]) + 0.5
     covariance = np.linalg.inv(matrix)[:3, :3]
-    assert float(knowledge(matrix)) == pytest.approx(-math.log(np.linalg.det(covariance)))
+    assert float(log_det_information(matrix)) == pytest.approx(-math.log(np.linalg.det(covariance)))
 
 
 def test_before_a_pose_is_known_the_same_direction_twice_is_avoided() -> None:
     lamps: list[Vec3] = [(3.0, 0.0, 1.6), (3.05, 0.0, 1.6), (0.0, 3.0, 0.1), (-3.0, 0.0, 0.1)]
-    first = next_target(lamps, [0, 0, 0, 0], Acuity())
+    first = next_target(lamps, [0, 0, 0, 0], ObservationModel())
     visits = [0, 0, 0, 0]
     visits[first] = 1
-    second = next_target(lamps, visits, Acuity())
+    second = next_target(lamps, visits, ObservationModel())
     assert {first, second} == {2, 3}  # low and far apart
 
 
 def test_the_worlds_origin_and_the_order_of_lamps_do_not_matter() -> None:
     shifted = [(x + 100.0, y - 50.0, z + 7.0) for x, y, z in LAB]
     for visits in ([0, 0, 0, 0], [0, 1, 0, 0], [1, 1, 0, 0]):
-        here = next_target(LAB, visits, Acuity())
-        assert next_target(shifted, visits, Acuity(), floor_m=7.0) == here
-        back = next_target(LAB[::-1], visits[::-1], Acuity())
+        here = next_target(LAB, visits, ObservationModel())
+        assert next_target(shifted, visits, ObservationModel(), floor_m=7.0) == here
+        back = next_target(LAB[::-1], visits[::-1], ObservationModel())
         assert LAB[::-1][back] == LAB[here]
 
 
@@ -140,7 +142,7 @@ def test_used_lamps_come_again_only_when_all_were_used() -> None:
     visits = [0, 0, 0, 0]
     order: list[int] = []
     for _ in range(8):
-        index = next_target(LAB, visits, Acuity(), place_m=(2.0, 0.5))
+        index = next_target(LAB, visits, ObservationModel(), place_m=(2.0, 0.5))
         visits[index] += 1
         order.append(index)
     assert sorted(order[:4]) == sorted(order[4:]) == [0, 1, 2, 3]
@@ -148,30 +150,34 @@ def test_used_lamps_come_again_only_when_all_were_used() -> None:
 
 def test_lamps_anywhere_give_an_answer() -> None:
     same: list[Vec3] = [(1.0, 1.0, 1.0)] * 3
-    assert next_target(same, [0, 0, 0], Acuity()) in (0, 1, 2)
-    assert next_target([(0.0, 0.0, EYES_M)], [0], Acuity()) == 0
-    assert next_target(same, [1, 0, 0], Acuity(), place_m=(1.0, 1.0)) in (1, 2)
+    assert next_target(same, [0, 0, 0], ObservationModel()) in (0, 1, 2)
+    assert next_target([(0.0, 0.0, EYES_M)], [0], ObservationModel()) == 0
+    assert next_target(same, [1, 0, 0], ObservationModel(), place_m=(1.0, 1.0)) in (1, 2)
     far: list[Vec3] = [(1e6, 1e6, -1e6), (-1e6, 0.0, 1e6)]
-    assert next_target(far, [0, 0], Acuity()) in (0, 1)
+    assert next_target(far, [0, 0], ObservationModel()) in (0, 1)
 
 
 def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:
     lamps: list[Vec3] = [(0.1, 0.0, 0.0), (1.0, 0.0, 1.6), (6.0, 0.0, 1.6), (1.0, 1.0, 5.0)]
     vague = np.diag([0.04, 0.04, 0.3])
-    assert best_for_yaw(lamps, (0.0, 0.0), vague, Acuity()) == 2
-    assert best_for_yaw(lamps[:2], (0.0, 0.0), np.diag([0.0, 0.0, 0.3]), Acuity()) == 1  # not at the feet
-    assert best_for_yaw(lamps[:1], (0.0, 0.0), vague, Acuity()) == 0
+    assert best_for_yaw(lamps, (0.0, 0.0), vague, ObservationModel()) == 2
+    assert (
+        best_for_yaw(lamps[:2], (0.0, 0.0), np.diag([0.0, 0.0, 0.3]), ObservationModel()) == 1
+    )  # not at the feet
+    assert best_for_yaw(lamps[:1], (0.0, 0.0), vague, ObservationModel()) == 0
     across = np.diag([0.0, 0.25, 0.3])  # uncertain sideways for the lamps ahead
     beside: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 4.0, 1.6)]
-    assert best_for_yaw(beside, (0.0, 0.0), across, Acuity()) == 1
+    assert best_for_yaw(beside, (0.0, 0.0), across, ObservationModel()) == 1
 
 
 def test_after_one_lamp_another_direction_tells_more() -> None:
     """What the first anchor has left is a place and a yaw that hang together."""
     lamps: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 3.5, 1.6)]
     known = np.diag([0.09, 0.09, 0.3])
-    first = best_for_yaw(lamps, (0.0, 0.0), known, Acuity())
-    told: Array = information(np.array([lamps[first]]), np.array([[0.0, 0.0, EYES_M]]), Acuity())[0, 0]
+    first = best_for_yaw(lamps, (0.0, 0.0), known, ObservationModel())
+    told: Array = fisher_information(
+        np.array([lamps[first]]), np.array([[0.0, 0.0, EYES_M]]), ObservationModel()
+    )[0, 0]
     left = np.linalg.inv(np.linalg.inv(known) + told[:3, :3]).astype(np.float64)
     assert first == 0
-    assert best_for_yaw(lamps, (0.0, 0.0), left, Acuity()) == 1
+    assert best_for_yaw(lamps, (0.0, 0.0), left, ObservationModel()) == 1

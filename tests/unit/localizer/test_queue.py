@@ -14,7 +14,7 @@ from pointit.schemas import Environment, Lamp, Localization, PointingRay, SetPos
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import LampSwitch, Output
-from pointit.services.localizer.pose_manager import Locating
+from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.procedures.lamp_queue import FRESH_S
 
 S = 1_000_000_000
@@ -41,7 +41,7 @@ class Player:
     lamps: tuple[str, ...]
     delay_s: float = 0.0
     is_deaf_until_ns: int = 0
-    core: Locating | None = None
+    core: PoseManager | None = None
     news: Localization | None = None
     asked_ns: int | None = None
     begun_ns: list[int] = field(default_factory=list[int])
@@ -90,7 +90,7 @@ class World:
             patience_s=0.5,
             steady_degps=0.0,
         )
-        player.core = Locating(player.name, config)
+        player.core = PoseManager(player.name, config)
         self.emit(player, player.core.begin(self.now_ns))
         self.emit(player, player.core.on_map(ROOM, self.now_ns))
         player.core.set_pose(SetPose(position_m=(0.0, 0.0, 0.0)), self.now_ns)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.rest_detection import Stillness, StillRate
+from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 
 HANGING, LEVEL = -1.45, -0.3
 DRIFT_RADPS = math.radians(0.4)
@@ -54,14 +54,14 @@ def stream(
     ]
 
 
-def fed(stillness: Stillness, samples: Iterable[tuple[Quaternion, int]]) -> list[StillRate]:
+def fed(stillness: RestDetector, samples: Iterable[tuple[Quaternion, int]]) -> list[RestYawRate]:
     told = [stillness.add(*sample) for sample in samples]
     return [one for one in (*told, stillness.end()) if one is not None]
 
 
 @pytest.mark.parametrize("elevation", [HANGING, -math.pi / 2, LEVEL, 0.0])
 def test_a_resting_arm_tells_the_drift(elevation: float) -> None:
-    told = fed(Stillness(), stream(lambda t: 1.0 + DRIFT_RADPS * t, lambda _: elevation, 60.0))
+    told = fed(RestDetector(), stream(lambda t: 1.0 + DRIFT_RADPS * t, lambda _: elevation, 60.0))
     assert len(told) >= 4
     for rate in told:
         assert abs(rate.yaw_rate_radps + DRIFT_RADPS) < 3.5 * rate.sigma_radps
@@ -74,14 +74,14 @@ def test_the_stated_sigma_is_what_rests_scatter_by() -> None:
     normal = [
         (rate.yaw_rate_radps + DRIFT_RADPS) / rate.sigma_radps
         for seed in range(60)
-        for rate in fed(Stillness(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 8.0, seed=seed))
+        for rate in fed(RestDetector(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 8.0, seed=seed))
     ]
     assert len(normal) > 40
     assert 0.5 < float(np.sqrt(np.mean(np.square(normal)))) < 1.2
 
 
 def test_no_sample_tells_twice() -> None:
-    told = fed(Stillness(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 120.0))
+    told = fed(RestDetector(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 120.0))
     ends = [(rate.stamp_ns - rate.span_s * 5e8, rate.stamp_ns + rate.span_s * 5e8) for rate in told]
     assert all(a[1] <= b[0] for a, b in pairwise(ends))
     assert sum(rate.span_s for rate in told) <= 120.0
@@ -101,14 +101,14 @@ FOLLOWED: list[tuple[Turn, Turn]] = [
 
 @pytest.mark.parametrize(("azimuth", "elevation"), FOLLOWED)
 def test_an_arm_that_follows_something_slowly_does_not_rest(azimuth: Turn, elevation: Turn) -> None:
-    assert fed(Stillness(), stream(azimuth, elevation, 40.0)) == []
+    assert fed(RestDetector(), stream(azimuth, elevation, 40.0)) == []
 
 
 def test_a_movement_ends_the_rest_before_it_begins() -> None:
     def azimuth(t: float) -> float:
         return 0.0 if t < 5.0 else 0.6 * (t - 5.0)
 
-    told = fed(Stillness(), stream(azimuth, lambda _: HANGING, 7.0))
+    told = fed(RestDetector(), stream(azimuth, lambda _: HANGING, 7.0))
     assert len(told) == 1
     assert told[0].stamp_ns + told[0].span_s * 5e8 <= 105.0 * NS_PER_S
     assert abs(told[0].yaw_rate_radps) < 3.0 * told[0].sigma_radps
@@ -118,23 +118,23 @@ def test_a_movement_that_begins_gently_is_left_out() -> None:
     def azimuth(t: float) -> float:
         return 0.05 * max(0.0, t - 5.0) ** 2
 
-    told = fed(Stillness(), stream(azimuth, lambda _: HANGING, 7.0))
+    told = fed(RestDetector(), stream(azimuth, lambda _: HANGING, 7.0))
     assert len(told) == 1
     assert told[0].stamp_ns + told[0].span_s * 5e8 <= 105.4 * NS_PER_S
     assert abs(told[0].yaw_rate_radps) < 3.0 * told[0].sigma_radps
 
 
 def test_a_short_rest_tells_nothing() -> None:
-    assert fed(Stillness(), stream(lambda _: 0.0, lambda _: HANGING, 2.5)) == []
+    assert fed(RestDetector(), stream(lambda _: 0.0, lambda _: HANGING, 2.5)) == []
 
 
 def test_gaps_repeats_and_clocks_begin_anew_or_are_ignored() -> None:
     samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 6.0)
     twice = [sample for sample in samples for _ in range(2)]
-    assert fed(Stillness(), twice) == fed(Stillness(), samples)
+    assert fed(RestDetector(), twice) == fed(RestDetector(), samples)
     holed = [s for s in samples if not 102.5 * NS_PER_S < s[1] < 103.5 * NS_PER_S]
-    assert all(rate.span_s < 3.0 for rate in fed(Stillness(), holed))
-    stillness = Stillness()
+    assert all(rate.span_s < 3.0 for rate in fed(RestDetector(), holed))
+    stillness = RestDetector()
     for sample in samples:
         stillness.add(*sample)
     back = [(q, stamp - 90 * NS_PER_S) for q, stamp in samples]
@@ -144,7 +144,7 @@ def test_gaps_repeats_and_clocks_begin_anew_or_are_ignored() -> None:
 def test_the_sign_of_a_quaternion_means_nothing() -> None:
     samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 8.0)
     flipped = [((-q[0], -q[1], -q[2], -q[3]) if i % 3 else q, stamp) for i, (q, stamp) in enumerate(samples)]
-    plain, other = fed(Stillness(), samples), fed(Stillness(), flipped)
+    plain, other = fed(RestDetector(), samples), fed(RestDetector(), flipped)
     assert len(plain) == 1
     assert other[0].yaw_rate_radps == pytest.approx(plain[0].yaw_rate_radps, abs=1e-12)
 
@@ -153,7 +153,7 @@ def test_the_sign_of_a_quaternion_means_nothing() -> None:
 @given(st.floats(-0.8, 0.8), st.floats(-1.55, 0.5), st.integers(0, 1000))
 def test_every_rate_that_is_told_is_possible(rate_degps: float, elevation: float, seed: int) -> None:
     radps = math.radians(rate_degps)
-    for rate in fed(Stillness(), stream(lambda t: radps * t, lambda _: elevation, 15.0, seed=seed)):
+    for rate in fed(RestDetector(), stream(lambda t: radps * t, lambda _: elevation, 15.0, seed=seed)):
         assert math.isfinite(rate.yaw_rate_radps)
         assert rate.sigma_radps > 0.0
         assert abs(rate.yaw_rate_radps + radps) < 5.0 * rate.sigma_radps
@@ -163,7 +163,7 @@ def test_a_sample_takes_microseconds() -> None:
     samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 200.0, hz=100.0)
     best = math.inf
     for _ in range(3):
-        stillness = Stillness()
+        stillness = RestDetector()
         start = time.process_time()
         for sample in samples:
             stillness.add(*sample)

@@ -11,7 +11,7 @@ from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.rays import Mean, mean
 from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.procedures.anchoring import Anchoring
-from pointit.services.localizer.tracking.pose_tracking import MEASURED, Tracking
+from pointit.services.localizer.tracking.pose_tracking import MEASURED, PoseTracker
 from tests.unit.localizer.person import Person, yaw_difference
 
 S = NS_PER_S
@@ -51,9 +51,9 @@ def pointing(t_s: float, bias_rad: float = 0.0, off_rad: float = 0.0) -> Mean:
     return told
 
 
-def localized(*, follow: bool | None = None) -> Tracking:
-    tracking = Tracking(follow=follow)
-    tracking.found(found(), at(-8.0), at(0.0), at(0.0))
+def localized(*, follow: bool | None = None) -> PoseTracker:
+    tracking = PoseTracker(follow=follow)
+    tracking.set_localized(found(), at(-8.0), at(0.0), at(0.0))
     return tracking
 
 
@@ -100,8 +100,8 @@ def test_three_minutes_with_an_anchor_a_minute_stay_right() -> None:
 
 
 def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
-    tracking = Tracking()
-    tracking.found(found(bias_rad=5.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
+    tracking = PoseTracker()
+    tracking.set_localized(found(bias_rad=5.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
     anchor = tracking.anchor(LAMP, pointing(10.0, bias_rad=5.0 * DEGREE)).anchor
     # the pose before had not turned by 3° yet: the target is to the left of the ray as it was cast
     assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
@@ -121,13 +121,13 @@ def test_what_must_not_be_taken_is_measured_and_changes_nothing() -> None:
     assert before is not None
     assert after is not None
     assert after.yaw_rad == before.yaw_rad
-    assert Tracking().anchor(LAMP, pointing(0.0)).anchor.reason.startswith("no pose is known")
+    assert PoseTracker().anchor(LAMP, pointing(0.0)).anchor.reason.startswith("no pose is known")
 
 
 def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
-    tracking = Tracking()
+    tracking = PoseTracker()
     given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
-    assert tracking.given(given, at(0.0)) == given
+    assert tracking.set_exact(given, at(0.0)) == given
     assert tracking.due(at(60.0)) is None
     assert [value for _, value, _ in tracking.figures(at(60.0))] == [None] * 4
     assert tracking.anchor(LAMP, pointing(20.0)).anchor.accepted  # 6° off
@@ -142,19 +142,19 @@ def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
 
 @pytest.mark.parametrize("follow", [True, False])
 def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
-    tracking = Tracking(follow=follow)
+    tracking = PoseTracker(follow=follow)
     given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
-    tracking.given(given, at(0.0))
+    tracking.set_exact(given, at(0.0))
     assert (tracking.due(at(5.0)) is not None) is follow
-    tracking.found(found(6.0), at(0.0), at(3.0), at(6.0))
+    tracking.set_localized(found(6.0), at(0.0), at(3.0), at(6.0))
     assert (tracking.due(at(10.0)) is not None) is follow
     assert tracking.anchor(LAMP, pointing(12.0)).anchor.accepted
     assert (tracking.due(at(20.0)) is not None) is follow
 
 
 def test_a_fixed_pose_that_is_quite_wrong_is_believed_by_two_anchors() -> None:
-    tracking = Tracking()
-    tracking.given(found().model_copy(update={"yaw_rad": 2.4, "method": "fixed"}), at(0.0))
+    tracking = PoseTracker()
+    tracking.set_exact(found().model_copy(update={"yaw_rad": 2.4, "method": "fixed"}), at(0.0))
     first = tracking.anchor(LAMP, pointing(5.0)).anchor
     assert not first.accepted
     assert "point at that target again" in first.reason
@@ -165,9 +165,9 @@ def test_a_fixed_pose_that_is_quite_wrong_is_believed_by_two_anchors() -> None:
 
 
 def test_a_heading_sets_the_yaw_and_keeps_the_place() -> None:
-    tracking = Tracking()
-    tracking.given(found().model_copy(update={"yaw_rad": -2.0, "method": "fixed"}), at(0.0))
-    azimuth = vector.azimuth(vector.turn(pointing(10.0).direction, person(10.0).yaw_rad))
+    tracking = PoseTracker()
+    tracking.set_exact(found().model_copy(update={"yaw_rad": -2.0, "method": "fixed"}), at(0.0))
+    azimuth = vector.azimuth(vector.rotate_z(pointing(10.0).direction, person(10.0).yaw_rad))
     result = tracking.heading(pointing(10.0), azimuth)
     assert result.accepted
     pose = tracking.pose(at(10.0))
@@ -186,7 +186,7 @@ def test_a_resting_arm_tells_the_drift_unless_a_cursor_was_steered() -> None:
             arm = rotation.from_azimuth_elevation(1.0 - RATE * t_s, -1.2)
             tracking.on_orientation(arm, at(t_s))
             if disturbed and tick % 50 == 0:
-                tracking.disturb()
+                tracking.end_rest()
         pose = tracking.pose(at(20.0))
         assert pose is not None
         rates.append(pose.yaw_rate_radps)
@@ -196,13 +196,13 @@ def test_a_resting_arm_tells_the_drift_unless_a_cursor_was_steered() -> None:
 
 def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
     tracking = localized()
-    tracking.outside(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
+    tracking.set_external(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
     assert tracking.pose(at(10.0)) is None
     assert tracking.due(at(20.0)) is None
     anchor = tracking.anchor(LAMP, pointing(10.0)).anchor
     assert (anchor.accepted, anchor.reason, anchor.yaw_rad) == (False, MEASURED, 0.0)
     assert anchor.azimuth_error_rad == pytest.approx(person(10.0).yaw_rad, abs=0.01)
-    ours = tracking.found(found(11.0), at(5.0), at(8.0), at(11.0))
+    ours = tracking.set_localized(found(11.0), at(5.0), at(8.0), at(11.0))
     assert ours.stamp_ns >= at(11.0)
 
 
@@ -211,7 +211,7 @@ def test_the_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
     for t_s in (20.0, 40.0, 60.0):
         tracking.anchor(LAMP, pointing(t_s))  # the drift is known by now
     mean_yaw = found(66.0).model_copy(update={"stamp_ns": at(70.0)})
-    published = tracking.found(mean_yaw, at(62.0), at(66.0), at(70.0))
+    published = tracking.set_localized(mean_yaw, at(62.0), at(66.0), at(70.0))
     assert published.stamp_ns == at(70.0)
     assert abs(yaw_difference(published.yaw_rad, person(70.0).yaw_rad)) < 0.3 * DEGREE
 
@@ -221,12 +221,12 @@ def test_every_pose_is_newer_than_the_ones_before() -> None:
     later = tracking.due(at(5.0))
     assert later is not None
     # a solution of rays that are older than what was published meanwhile
-    again = tracking.found(found(4.5), at(0.0), at(2.0), at(5.0))
+    again = tracking.set_localized(found(4.5), at(0.0), at(2.0), at(5.0))
     assert again.stamp_ns > later.stamp_ns
-    tracking.outside(found(5.8).model_copy(update={"method": "external"}))  # its clock is 0.6 s ahead
-    ours = tracking.found(found(5.2), at(0.0), at(2.0), at(5.2))
+    tracking.set_external(found(5.8).model_copy(update={"method": "external"}))  # its clock is 0.6 s ahead
+    ours = tracking.set_localized(found(5.2), at(0.0), at(2.0), at(5.2))
     assert ours.stamp_ns > at(5.8)
-    back = tracking.found(found(-3600.0), at(-3610.0), at(-3605.0), at(-3600.0))
+    back = tracking.set_localized(found(-3600.0), at(-3610.0), at(-3605.0), at(-3600.0))
     assert back.stamp_ns == at(-3600.0)
 
 
@@ -242,9 +242,9 @@ def ray(t_s: float, correction_rad: float = 0.0, sigma_rad: float | None = None)
 
 def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
     """Else an offset of -8° and a bias of 8°, which are the same thing, would both be taken out."""
-    tracking = Tracking()
+    tracking = PoseTracker()
     tracking.on_ray(ray(0.0), at(0.0))
-    tracking.found(found(0.0, 8.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
+    tracking.set_localized(found(0.0, 8.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
     assert tracking.on_ray(ray(1.0), at(1.0)) is None
     calibrated = tracking.on_ray(ray(2.0, -8.0 * DEGREE, DEGREE), at(2.0))
     assert calibrated is not None
@@ -253,8 +253,8 @@ def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
     erased = tracking.on_ray(ray(4.0), at(4.0))
     assert erased is not None
     assert erased.elevation_bias_rad == pytest.approx(8.0 * DEGREE)
-    fixed = Tracking()
-    fixed.given(found().model_copy(update={"method": "fixed"}), at(0.0))
+    fixed = PoseTracker()
+    fixed.set_exact(found().model_copy(update={"method": "fixed"}), at(0.0))
     assert fixed.on_ray(ray(1.0, -8.0 * DEGREE, DEGREE), at(1.0)) is None
     assert fixed.on_ray(ray(2.0), at(2.0)) is None
 
@@ -275,7 +275,7 @@ def test_figures_and_doubt() -> None:
     assert tracking.yaw_sigma_rad(at(500.0)) > tracking.yaw_sigma_rad(at(50.0))
 
 
-def anchoring(tracking: Tracking, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
+def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
     procedure = Anchoring(LAMP, tracking.anchor, occupies=("other",))
     assert procedure.lamp_ids == {"led", "other"}
     outputs = procedure.start(at(30.0))
@@ -322,8 +322,8 @@ def test_no_rays_make_no_anchor() -> None:
 
 
 def test_settings_reach_the_filter() -> None:
-    calm = Tracking(DriftSettings(rate_sigma_radps=math.radians(0.01)))
-    calm.found(found(), at(-8.0), at(0.0), at(0.0))
+    calm = PoseTracker(DriftSettings(rate_sigma_radps=math.radians(0.01)))
+    calm.set_localized(found(), at(-8.0), at(0.0), at(0.0))
     assert calm.yaw_sigma_rad(at(60.0)) < localized().yaw_sigma_rad(at(60.0)) / 3.0
 
 
@@ -333,7 +333,7 @@ def test_a_rest_counts_until_a_cursor_appears() -> None:
         tracking.on_orientation(
             rotation.from_azimuth_elevation(1.0 - RATE * tick / 25.0, -1.2), at(tick / 25.0)
         )
-    tracking.disturb()
+    tracking.end_rest()
     pose = tracking.pose(at(9.0))
     assert pose is not None
     assert pose.yaw_rate_radps == pytest.approx(RATE, rel=0.2)
@@ -346,7 +346,7 @@ def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
 ) -> None:
     tracking = localized(follow=follow)
     before = tracking.pose(at(5.0))
-    lost = tracking.lose_yaw(at(5.0), is_restarted=restarted)
+    lost = tracking.on_yaw_origin_changed(at(5.0), is_restarted=restarted)
     assert before is not None
     assert lost is not None
     assert math.sqrt(lost.covariance[8]) >= math.pi / 2
@@ -362,21 +362,21 @@ def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
     told = tracking.pose(at(7.0))
     assert told is not None
     assert abs(yaw_difference(told.yaw_rad, person(7.0).yaw_rad + 2.5)) < 2.0 * DEGREE
-    tracking.lose_yaw(at(8.0), is_restarted=restarted)
-    tracking.found(found(20.0), at(12.0), at(16.0), at(20.0))
+    tracking.on_yaw_origin_changed(at(8.0), is_restarted=restarted)
+    tracking.set_localized(found(20.0), at(12.0), at(16.0), at(20.0))
     assert not tracking.has_lost_yaw
     assert tracking.yaw_sigma_rad(at(20.0)) < 3.0 * DEGREE
 
 
 def test_a_pose_that_is_exact_by_word_or_a_trackers_is_not_doubted() -> None:
-    tracking = Tracking()
-    assert tracking.lose_yaw(at(0.0), is_restarted=True) is None
-    tracking.given(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
-    assert tracking.lose_yaw(at(1.0), is_restarted=True) is None
-    tracking.outside(found(2.0).model_copy(update={"method": "external"}))
-    assert tracking.lose_yaw(at(3.0), is_restarted=False) is None
+    tracking = PoseTracker()
+    assert tracking.on_yaw_origin_changed(at(0.0), is_restarted=True) is None
+    tracking.set_exact(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
+    assert tracking.on_yaw_origin_changed(at(1.0), is_restarted=True) is None
+    tracking.set_external(found(2.0).model_copy(update={"method": "external"}))
+    assert tracking.on_yaw_origin_changed(at(3.0), is_restarted=False) is None
     assert not tracking.has_lost_yaw
-    set_right = Tracking()
-    set_right.given(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
+    set_right = PoseTracker()
+    set_right.set_exact(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
     assert set_right.anchor(LAMP, pointing(5.0)).anchor.accepted
-    assert set_right.lose_yaw(at(6.0), is_restarted=False) is not None
+    assert set_right.on_yaw_origin_changed(at(6.0), is_restarted=False) is not None

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.schemas import Localization
-from pointit.services.localizer.procedures.lamp_queue import MAX_HEARD, Turns
+from pointit.services.localizer.procedures.lamp_queue import MAX_HEARD, LampQueue
 
 LAMPS = ("led_0", "led_1")
 S = 1_000_000_000
@@ -22,49 +22,51 @@ def news(phase: str, since_ns: int, target_id: str = "led_0", ahead: tuple[str, 
 
 
 def test_the_fresh_who_point_at_these_lamps_count() -> None:
-    turns = Turns()
-    assert not turns.hear("ben", news("sampling", 7), 100 * S)
-    turns.hear("anna", news("sampling", 7), 101 * S)
-    turns.hear("carl", news("sampling", 3, "robot"), 101 * S)
+    turns = LampQueue()
+    assert not turns.on_localization("ben", news("sampling", 7), 100 * S)
+    turns.on_localization("anna", news("sampling", 7), 101 * S)
+    turns.on_localization("carl", news("sampling", 3, "robot"), 101 * S)
     assert turns.pointing(LAMPS, 102 * S) == [(7, "anna"), (7, "ben")]
     assert turns.pointing(LAMPS, 103 * S) == [(7, "anna")]  # nothing was heard of ben for too long
     assert turns.pointing(LAMPS, 90 * S) == []  # the clock was set back
-    assert turns.hear("anna", news("solved", 7), 103 * S)
-    assert not turns.hear("anna", news("solved", 7), 103 * S)
+    assert turns.on_localization("anna", news("solved", 7), 103 * S)
+    assert not turns.on_localization("anna", news("solved", 7), 103 * S)
     assert turns.pointing(LAMPS, 103 * S) == []
 
 
 def test_who_once_pointed_at_one_of_the_lamps_in_this_localization_has_it_until_the_end() -> None:
-    turns = Turns("me")
-    turns.hear("anna", news("sampling", 7, "led_1"), S)
-    turns.hear("anna", news("sampling", 7, "led_9"), S)
+    turns = LampQueue("me")
+    turns.on_localization("anna", news("sampling", 7, "led_1"), S)
+    turns.on_localization("anna", news("sampling", 7, "led_9"), S)
     assert turns.ahead(LAMPS, 9, S) == ("anna",)
-    turns.hear("anna", news("sampling", 8, "led_9"), S)  # another one
+    turns.on_localization("anna", news("sampling", 8, "led_9"), S)  # another one
     assert turns.ahead(LAMPS, 9, S) == ()
 
 
 def test_those_who_point_come_first_then_those_who_asked_earlier() -> None:
-    turns = Turns("me")
-    turns.hear("zoe", news("sampling", 50), S)
-    turns.hear("ben", news("sampling", 20, ahead=("zoe", "anna")), S)
-    turns.hear("anna", news("sampling", 10, ahead=("zoe",)), S)
-    turns.hear("late", news("sampling", 40, ahead=("zoe", "anna", "ben", "me")), S)
+    turns = LampQueue("me")
+    turns.on_localization("zoe", news("sampling", 50), S)
+    turns.on_localization("ben", news("sampling", 20, ahead=("zoe", "anna")), S)
+    turns.on_localization("anna", news("sampling", 10, ahead=("zoe",)), S)
+    turns.on_localization("late", news("sampling", 40, ahead=("zoe", "anna", "ben", "me")), S)
     assert turns.ahead(LAMPS, 30, S) == ("zoe", "anna", "ben")
-    turns.hear("zoe", news("solved", 50), 2 * S)
+    turns.on_localization("zoe", news("solved", 50), 2 * S)
     assert turns.ahead(LAMPS, 30, 2 * S) == ("anna", "ben")  # they have not heard yet
     assert turns.leave("anna")
     assert not turns.leave("anna")
     assert turns.ahead(LAMPS, 30, 2 * S) == ("ben",)
-    turns.hear("ben", news("idle", 0), 2 * S)
+    turns.on_localization("ben", news("idle", 0), 2 * S)
     assert turns.ahead(LAMPS, 30, 2 * S) == ()
 
 
 def test_those_who_wait_for_other_lamps_are_of_another_queue() -> None:
-    turns = Turns("me")
-    turns.hear("anna", news("sampling", 1, "led_8"), S)
-    turns.hear("ben", news("sampling", 2, ahead=("anna",)), S)
+    turns = LampQueue("me")
+    turns.on_localization("anna", news("sampling", 1, "led_8"), S)
+    turns.on_localization("ben", news("sampling", 2, ahead=("anna",)), S)
     assert turns.ahead(LAMPS, 30, S) == ()
-    turns.hear("ben", news("sampling", 2, ahead=("anna", "me")), S)  # they say that they share lamps with us
+    turns.on_localization(
+        "ben", news("sampling", 2, ahead=("anna", "me")), S
+    )  # they say that they share lamps with us
     assert turns.ahead(LAMPS, 30, S) == ("ben",)
 
 
@@ -82,16 +84,16 @@ def test_those_who_wait_for_other_lamps_are_of_another_queue() -> None:
     ],
 )
 def test_who_yields(other: Localization, after_s: float, *, yields: bool) -> None:
-    turns = Turns("me")
+    turns = LampQueue("me")
     now_ns = 5 * S + round(after_s * S)
-    turns.hear("anna", other, now_ns)
-    assert turns.first(LAMPS, 20, 5 * S, now_ns) == (("anna",) if yields else ())
+    turns.on_localization("anna", other, now_ns)
+    assert turns.must_yield_to(LAMPS, 20, 5 * S, now_ns) == (("anna",) if yields else ())
 
 
 def test_people_and_lamps_without_number_are_not_all_remembered() -> None:
-    turns = Turns()
+    turns = LampQueue()
     for number in range(2 * MAX_HEARD):
-        turns.hear(f"u{number}", news("sampling", number), S)
-        turns.hear("anna", news("sampling", 7, f"lamp_{number}"), S)
+        turns.on_localization(f"u{number}", news("sampling", number), S)
+        turns.on_localization("anna", news("sampling", 7, f"lamp_{number}"), S)
     assert len(turns.pointing([*LAMPS, "lamp_0"], S)) == MAX_HEARD
     assert turns.pointing(["lamp_127"], S) == []

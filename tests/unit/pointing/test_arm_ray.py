@@ -59,7 +59,7 @@ def test_the_eye_finger_ray_goes_through_the_fingertip(
     arm = vector.scale(
         vector.direction(azimuth_rad, elevation_rad), body.shoulder_to_wrist_m + body.wrist_to_finger_m
     )
-    shoulder = vector.turn((0.0, side, body.footprint_to_neck_m), azimuth_rad)
+    shoulder = vector.rotate_z((0.0, side, body.footprint_to_neck_m), azimuth_rad)
     eyes = (0.0, 0.0, body.footprint_to_neck_m + body.neck_to_eyes_m)
     reach = vector.subtract(vector.add(shoulder, arm), eyes)
     assert vector.angle_between(reach, direction(ray, azimuth_rad, elevation_rad, roll_rad)) < 1e-7
@@ -71,8 +71,8 @@ def test_turning_the_person_or_the_yaw_origin_turns_the_ray(
 ) -> None:
     origin, along = rayed(ray, azimuth_rad, elevation_rad)
     turned_origin, turned_along = rayed(ray, azimuth_rad + yaw_rad, elevation_rad)
-    assert turned_origin == pytest.approx(vector.turn(origin, yaw_rad), abs=1e-6)
-    assert vector.angle_between(vector.turn(along, yaw_rad), turned_along) < 1e-6
+    assert turned_origin == pytest.approx(vector.rotate_z(origin, yaw_rad), abs=1e-6)
+    assert vector.angle_between(vector.rotate_z(along, yaw_rad), turned_along) < 1e-6
 
 
 def test_the_left_shoulder_is_on_the_left() -> None:
@@ -100,7 +100,7 @@ def test_the_forearm_starts_at_the_elbow_of_a_hanging_upper_arm() -> None:
 def test_the_profile_chooses() -> None:
     body = BodyMeasures(neck_to_shoulder_m=0.2)
     profile = UserProfile(stamp_ns=0, body=body, hand="left", ray_model="shoulder_arm")
-    assert rayed(ArmRay.of(profile), 0.0, 0.0)[0] == (0.0, 0.2, 1.43)
+    assert rayed(ArmRay.from_profile(profile), 0.0, 0.0)[0] == (0.0, 0.2, 1.43)
 
 
 @given(bodies, hands, models, st.lists(st.tuples(angles, elevations, angles), min_size=1, max_size=20))

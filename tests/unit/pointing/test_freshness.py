@@ -17,49 +17,49 @@ def sample(stamp_ns: int, device_time_ns: int | None = None) -> ImuSample:
 
 def test_stale_and_older_samples_are_refused() -> None:
     freshness = Freshness(0.2)
-    assert freshness.judge(sample(1_000_000_000), 1_300_000_000) == "stale"
-    assert freshness.judge(sample(1_000_000_000), 1_100_000_000) == "fresh"
-    assert freshness.judge(sample(900_000_000), 1_000_000_000) == "stale"
+    assert freshness.classify(sample(1_000_000_000), 1_300_000_000) == "stale"
+    assert freshness.classify(sample(1_000_000_000), 1_100_000_000) == "fresh"
+    assert freshness.classify(sample(900_000_000), 1_000_000_000) == "stale"
     assert (freshness.judged, freshness.stale) == (3, 2)
 
 
 def test_one_sample_from_the_future_is_refused_and_spoils_none() -> None:
     freshness = Freshness(0.2)
-    assert freshness.judge(sample(NOW_NS), NOW_NS) == "fresh"
-    assert freshness.judge(sample(NOW_NS + 3600 * S), NOW_NS) == "stale"
-    assert freshness.judge(sample(2**63 - 1), NOW_NS) == "stale"
-    assert freshness.judge(sample(NOW_NS + S // 50), NOW_NS + S // 50) == "fresh"
+    assert freshness.classify(sample(NOW_NS), NOW_NS) == "fresh"
+    assert freshness.classify(sample(NOW_NS + 3600 * S), NOW_NS) == "stale"
+    assert freshness.classify(sample(2**63 - 1), NOW_NS) == "stale"
+    assert freshness.classify(sample(NOW_NS + S // 50), NOW_NS + S // 50) == "fresh"
     assert freshness.stale == 2
 
 
 def test_a_clock_that_is_set_back_stops_nothing() -> None:
     freshness = Freshness(0.2)
     back_ns = NOW_NS - 3600 * S
-    assert freshness.judge(sample(NOW_NS), NOW_NS) == "fresh"
-    assert freshness.judge(sample(back_ns), back_ns) == "fresh"
-    assert freshness.judge(sample(back_ns - S // 50), back_ns) == "stale"
+    assert freshness.classify(sample(NOW_NS), NOW_NS) == "fresh"
+    assert freshness.classify(sample(back_ns), back_ns) == "fresh"
+    assert freshness.classify(sample(back_ns - S // 50), back_ns) == "stale"
 
 
 def test_only_the_device_time_proves_a_repeat() -> None:
     freshness = Freshness(0.2)
-    still = [freshness.judge(sample(NOW_NS + k), NOW_NS + k) for k in range(5)]  # the same orientation
+    still = [freshness.classify(sample(NOW_NS + k), NOW_NS + k) for k in range(5)]  # the same orientation
     assert still == ["fresh"] * 5
-    told = [freshness.judge(sample(NOW_NS + 9, 77), NOW_NS + 9) for _ in range(3)]
+    told = [freshness.classify(sample(NOW_NS + 9, 77), NOW_NS + 9) for _ in range(3)]
     assert told == ["fresh", "repeated", "repeated"]
     assert (freshness.repeated, freshness.stale, freshness.restarts) == (2, 0, 0)
 
 
 def test_a_repeat_with_a_newer_stamp_does_not_make_the_next_sample_old() -> None:
     freshness = Freshness(0.2)
-    assert freshness.judge(sample(NOW_NS, 0), NOW_NS) == "fresh"
-    assert freshness.judge(sample(NOW_NS + 30, 0), NOW_NS + 30) == "repeated"
-    assert freshness.judge(sample(NOW_NS + 20, 20), NOW_NS + 30) == "fresh"
+    assert freshness.classify(sample(NOW_NS, 0), NOW_NS) == "fresh"
+    assert freshness.classify(sample(NOW_NS + 30, 0), NOW_NS + 30) == "repeated"
+    assert freshness.classify(sample(NOW_NS + 20, 20), NOW_NS + 30) == "fresh"
 
 
 def test_a_restarted_device_is_taken_and_counted() -> None:
     freshness = Freshness(0.2)
     times = (60 * S, 60 * S + 20, 5, 25, 25, 45)
-    verdicts = [freshness.judge(sample(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
+    verdicts = [freshness.classify(sample(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
     assert verdicts == ["fresh", "fresh", "fresh", "fresh", "repeated", "fresh"]
     assert freshness.restarts == 1
 
@@ -67,7 +67,7 @@ def test_a_restarted_device_is_taken_and_counted() -> None:
 def test_samples_that_overtook_each_other_are_no_restart() -> None:
     freshness = Freshness(0.2)
     times = (S, S + 40_000_000, S + 20_000_000, S + 60_000_000)
-    verdicts = [freshness.judge(sample(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
+    verdicts = [freshness.classify(sample(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
     assert verdicts == ["fresh", "fresh", "stale", "fresh"]
     assert (freshness.restarts, freshness.stale) == (0, 1)
 
@@ -75,7 +75,7 @@ def test_samples_that_overtook_each_other_are_no_restart() -> None:
 def test_samples_with_and_without_device_time_may_come_mixed() -> None:
     freshness = Freshness(0.2)
     times = (7, None, 7, None, 9)
-    verdicts = [freshness.judge(sample(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
+    verdicts = [freshness.classify(sample(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
     assert verdicts == ["fresh", "fresh", "repeated", "fresh", "fresh"]
 
 
@@ -87,6 +87,6 @@ def test_every_news_is_fresh_once_however_often_it_is_said(steps: list[int], aga
         device_ns += step
         now_ns = NOW_NS + device_ns
         said = 1 + again.count(index)
-        verdicts = [freshness.judge(sample(now_ns, device_ns), now_ns) for _ in range(said)]
+        verdicts = [freshness.classify(sample(now_ns, device_ns), now_ns) for _ in range(said)]
         assert verdicts == ["fresh", *["repeated"] * (said - 1)]
     assert freshness.judged == len(steps) + freshness.repeated

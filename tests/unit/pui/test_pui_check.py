@@ -8,6 +8,6 @@ from pointit.services.pui.service import Pui
 
 
 def test_a_map_that_cannot_be_used_is_told() -> None:
-    Pui.check(PuiConfig(map="lab"))
+    Pui.validate_config(PuiConfig(map="lab"))
     with pytest.raises(ConfigError, match=r"absent\.yaml: cannot be read"):
-        Pui.check(PuiConfig(map="absent.yaml"))
+        Pui.validate_config(PuiConfig(map="absent.yaml"))

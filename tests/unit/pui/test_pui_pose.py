@@ -61,7 +61,7 @@ def test_no_bias_turns_a_ray_over(bias_rad: float, elevation_rad: float) -> None
     cast: list[Vec3] = []
 
     class Spy(Surfaces):
-        def meet(self, origin_m: Vec3, direction: Vec3) -> None:
+        def hit_test(self, origin_m: Vec3, direction: Vec3) -> None:
             assert origin_m[2] == EYES[2]
             cast.append(direction)
 

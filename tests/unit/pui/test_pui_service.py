@@ -32,9 +32,9 @@ AT: Vec3 = (1.0, 0.5, 0.0)
 
 def ray_to(target: Vec3, pose: UserPose, stamp_ns: int = 0) -> PointingRay:
     """Return the ray in {H} of a person at `pose` who points at `target` in {W}."""
-    eyes = vector.add(pose.position_m, vector.turn(EYES, pose.yaw_rad))
+    eyes = vector.add(pose.position_m, vector.rotate_z(EYES, pose.yaw_rad))
     reach = vector.normalized(vector.subtract(target, eyes))
-    return PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=vector.turn(reach, -pose.yaw_rad))
+    return PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=vector.rotate_z(reach, -pose.yaw_rad))
 
 
 def pose_at(position_m: Vec3 = AT, yaw_rad: float = 0.7) -> UserPose:
@@ -121,7 +121,7 @@ def test_metres_forgive_far_away_what_they_refuse_nearby(method: Literal["exact"
         pose = pose_at((x, y - distance_m, 0.0))
         ray = offset(6.0 if hit else 25.0, pose)
         origin = vector.add(pose.position_m, EYES)
-        met = surfaces.meet(origin, vector.turn(ray.direction, pose.yaw_rad))
+        met = surfaces.hit_test(origin, vector.rotate_z(ray.direction, pose.yaw_rad))
         assert (met is not None) is hit
         if met is not None:
             assert met[1].miss_m == pytest.approx(6.0 * math.sin(math.radians(6)), abs=0.06)
@@ -130,10 +130,10 @@ def test_metres_forgive_far_away_what_they_refuse_nearby(method: Literal["exact"
 def test_only_the_wanted_kinds_take_part() -> None:
     lamp = LAB.lamps[1]
     direction = vector.normalized(vector.subtract(lamp.position_m, EYES))
-    met = Surfaces(LAB, ["lamp"]).meet(EYES, direction)
+    met = Surfaces(LAB, ["lamp"]).hit_test(EYES, direction)
     assert met is not None
     assert met[0] == ("lamp", lamp.id)
-    assert Surfaces(LAB, ["strip"]).meet(EYES, direction) is None
+    assert Surfaces(LAB, ["strip"]).hit_test(EYES, direction) is None
 
 
 def test_belts_and_strips_of_the_conveyor_are_told_apart() -> None:
@@ -144,7 +144,7 @@ def test_belts_and_strips_of_the_conveyor_are_told_apart() -> None:
         for entry in entries:
             line = Polyline(entry.line_m)
             reach = vector.subtract(line.point_at(line.length_m / 2), eyes)
-            met = surfaces.meet(eyes, vector.normalized(reach))
+            met = surfaces.hit_test(eyes, vector.normalized(reach))
             assert met is not None
             if met[0] != (kind, entry.id):  # then another is in the same line of sight
                 assert met[1].miss_rad < 1e-3
@@ -161,7 +161,7 @@ def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:
     assert ended is not None
     assert (ended.surface, ended.point_m, ended.stamp_ns) == ("none", None, 50)
     assert person.set_interaction(interaction("localizing")) is None
-    assert person.end(60) is None
+    assert person.clear(60) is None
     assert person.cursor(ray_to(on_strip(0, 1.0), pose_at())) is None
 
 

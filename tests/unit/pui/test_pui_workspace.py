@@ -59,9 +59,9 @@ async def test_what_cannot_be_is_refused_with_a_sentence() -> None:
 async def test_workspace_needs_nothing_else_in_the_map(tmp_path: Path) -> None:
     path = tmp_path / "lamps.yaml"
     path.write_text("leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", encoding="utf-8")
-    Pui.check(PuiConfig(map=str(path), workspace="horizontal"))
+    Pui.validate_config(PuiConfig(map=str(path), workspace="horizontal"))
     with pytest.raises(ConfigError, match=r"has no strip or belt .*--set pui\.surfaces=\[lamp\]"):
-        Pui.check(PuiConfig(map=str(path)))
+        Pui.validate_config(PuiConfig(map=str(path)))
     async with room(map=str(path), workspace="horizontal") as here:
         await here.pose()
         cursor = await here.point_at((3.0, -1.0, 0.0))
@@ -83,4 +83,4 @@ async def test_the_configured_workspace_and_lamps() -> None:
 
 def test_unknown_priorities_are_refused_in_a_sentence() -> None:
     with pytest.raises(ConfigError, match=r"^priority: 'strp' is neither a kind nor the id"):
-        Pui.check(PuiConfig(priority={"strp": 1}))
+        Pui.validate_config(PuiConfig(priority={"strp": 1}))

@@ -24,7 +24,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.nearby_lamps import LampFan
+from pointit.services.pui.nearby_lamps import NearbyLamps
 from pointit.services.pui.shapes import ALL_KINDS
 from pointit.services.pui.surfaces import OPAQUE, Surfaces
 
@@ -59,7 +59,7 @@ def towards(target: Vec3) -> Vec3:
 
 def met(on: Surfaces, target: Vec3) -> tuple[str, str] | None:
     """Return the kind and id of what somebody who points at `target` has their cursor on."""
-    found = on.meet(EYES, towards(target))
+    found = on.hit_test(EYES, towards(target))
     return None if found is None else found[0]
 
 
@@ -82,7 +82,7 @@ def test_every_kind_can_be_pointed_at(target: Vec3, expected: tuple[str, str]) -
 
 
 def test_a_box_is_pointed_at_through_its_side() -> None:
-    found = surfaces("box").meet(EYES, towards((2.6, 0.3, 0.2)))
+    found = surfaces("box").hit_test(EYES, towards((2.6, 0.3, 0.2)))
     assert found is not None
     assert found[0] == ("box", "crate")
     assert found[1].point_m == pytest.approx((2.6, 0.3, 0.2))
@@ -164,10 +164,10 @@ def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
 def test_a_strip_behind_a_crate_gives_way_to_its_part_in_front() -> None:
     line = ((1.5, 0.3, 0.9), (4.5, 0.0, 0.3))
     room = Environment(stamp_ns=0, name="r", strips=(Strip(id="s", line_m=line, pixels=9),), boxes=ROOM.boxes)
-    found = surfaces("strip", room=room).meet(EYES, towards((4.5, 0.0, 0.3)))
+    found = surfaces("strip", room=room).hit_test(EYES, towards((4.5, 0.0, 0.3)))
     assert found is not None
     assert 1.5 <= found[1].point_m[0] < 2.9
-    free = surfaces("strip", room=room, opaque=()).meet(EYES, towards((4.5, 0.0, 0.3)))
+    free = surfaces("strip", room=room, opaque=()).hit_test(EYES, towards((4.5, 0.0, 0.3)))
     assert free is not None
     assert free[1].point_m[0] == pytest.approx(4.5, abs=1e-4)
 
@@ -195,14 +195,14 @@ def test_nothing_that_is_met_is_behind_what_is_opaque(
 ) -> None:
     direction = vector.direction(azimuth, elevation)
     on = surfaces(method=method, tolerance_m=tolerance_m)
-    found = on.meet(EYES, direction)
-    opaque = surfaces(*OPAQUE, tolerance_rad=1e-9).meet(EYES, direction)
+    found = on.hit_test(EYES, direction)
+    opaque = surfaces(*OPAQUE, tolerance_rad=1e-9).hit_test(EYES, direction)
     if opaque is not None:
         assert found is not None
         # what is beyond the first opaque thing that the ray meets is seen beside it: a straight way is free
         reach = vector.subtract(found[1].point_m, EYES)
         if vector.dot(direction, reach) > opaque[1].range_m + 0.06:
-            way = surfaces(*OPAQUE, tolerance_rad=1e-9).meet(EYES, vector.normalized(reach))
+            way = surfaces(*OPAQUE, tolerance_rad=1e-9).hit_test(EYES, vector.normalized(reach))
             assert way is None or way[1].range_m > found[1].range_m - 0.06
 
 
@@ -239,7 +239,7 @@ def cursor_at(target: Vec3, on: Surfaces, **options: Any) -> Any:
     person = PersonCursor(on, **options)
     yaw_rad = 0.8
     person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=yaw_rad))
-    ray = PointingRay(stamp_ns=7, origin_m=EYES, direction=vector.turn(towards(target), -yaw_rad))
+    ray = PointingRay(stamp_ns=7, origin_m=EYES, direction=vector.rotate_z(towards(target), -yaw_rad))
     return person.cursor(ray)
 
 
@@ -271,14 +271,14 @@ def test_every_cursor_carries_its_ray(target: Vec3) -> None:
 
 
 def test_lamps_near_the_ray_are_told_with_their_angles_the_nearest_first() -> None:
-    fan = LampFan(ROOM.lamps, math.radians(90))
+    fan = NearbyLamps(ROOM.lamps, math.radians(90))
     cursor = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=fan)
     (lamp,) = cursor.lamps
     assert lamp.id == "lamp"
     assert lamp.miss_rad == pytest.approx(
         vector.angle_between(towards((5.0, 1.0, 1.0)), towards((5.0, 2.0, 2.0)))
     )
-    everything = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=LampFan(ROOM.lamps[::-1], math.pi))
+    everything = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=NearbyLamps(ROOM.lamps[::-1], math.pi))
     assert [lamp.id for lamp in everything.lamps] == ["lamp", "other"]
     assert cursor_at((5.0, 1.0, 1.0), surfaces("strip")).lamps == ()
 

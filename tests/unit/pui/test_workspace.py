@@ -54,7 +54,7 @@ class Person:
         return vector.add(self.feet_m, EYES)
 
     def point(self, direction: Vec3, stamp_ns: int = 0) -> Cursor:
-        turned = vector.turn(direction, -self.yaw_rad)
+        turned = vector.rotate_z(direction, -self.yaw_rad)
         cursor = self.core.cursor(PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=turned))
         assert cursor is not None
         return cursor
@@ -338,7 +338,7 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
         assert math.hypot(away[0], away[1]) == pytest.approx(3.0)
     person.core.set_interaction(Interaction(stamp_ns=1, state="idle"))
     person.core.set_interaction(Interaction(stamp_ns=2, state="pointing"))
-    behind = person.point(vector.turn(down, math.pi))
+    behind = person.point(vector.rotate_z(down, math.pi))
     assert behind.range_m == pytest.approx(first.range_m)  # the plane faces them again
     person.ask("sphere", anchor="point", point_m=vector.add(person.eyes_m, (0.0, 5.0, 0.0)))
     person.core.set_interaction(Interaction(stamp_ns=3, state="idle"))

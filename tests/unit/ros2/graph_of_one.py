@@ -12,7 +12,7 @@ from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.service_bus import ServiceBus
 from tests.support.bench import ManualClock
@@ -50,7 +50,7 @@ class FakeBackend:
     """What the bridge says in the graph, and what the test says there."""
 
     node: str = "/pointit"
-    trouble: str = ""
+    problem: str = ""
     notes: tuple[str, ...] = ()
     sent: dict[str, list[bytes]] = field(default_factory=dict[str, list[bytes]])
     writers: dict[str, tuple[RosType, Qos]] = field(default_factory=dict[str, tuple[RosType, Qos]])
@@ -127,7 +127,7 @@ class Bench:
         """Show the bridge a graph with these ends of another node."""
         seen = graph(*others)
         self.outbox.look(seen)
-        self.inbox.look(seen)
+        self.inbox.on_graph(seen)
 
     def warnings(self) -> tuple[str, ...]:
         return self.bus.report().warnings
@@ -136,7 +136,7 @@ class Bench:
 @contextlib.asynccontextmanager
 async def bench(types: Types, table: Routes | None = None, *, unread: bool = False) -> AsyncGenerator[Bench]:
     """Yield the bridge's two halves, wired to fakes."""
-    exchange, clock = Exchange(), ManualClock()
+    exchange, clock = LocalBroker(), ManualClock()
     inner, other = MemoryBus(exchange), MemoryBus(exchange)
     bus = ServiceBus(inner, clock, "ros2", "ros2")
     backend, scene = FakeBackend(), Scene(types)

@@ -4,7 +4,7 @@ import functools
 import math
 from typing import Any
 
-from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.types.types import Types
@@ -65,20 +65,20 @@ def furnished() -> Scene:
     return scene
 
 
-def out(table: Routes, name: str) -> Outward:
+def out(table: Routes, name: str) -> OutboundRoute:
     return next(row for row in table.outward if row.name == name)
 
 
-def into(name: str) -> Inward:
+def into(name: str) -> InboundRoute:
     return next(row for row in routes().inward if row.name == name)
 
 
-def server(name: str) -> Served:
+def server(name: str) -> ServiceRoute:
     return next(row for row in routes().served if row.name == name)
 
 
 def sent(
-    row: Outward, message: Message, scene: Scene, name: str = "user1", *, again_ns: int | None = None
+    row: OutboundRoute, message: Message, scene: Scene, name: str = "user1", *, again_ns: int | None = None
 ) -> list[Any]:
     """What ROS reads of a message that comes now."""
     scene.take(name, message, max(scene.now_ns, NOW_NS))

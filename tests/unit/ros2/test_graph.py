@@ -9,7 +9,7 @@ import pytest
 
 from pointit.bridges.ros2.graph.backend import LATCHED, SENSOR, Endpoint, EndpointKind, Graph, Qos, RosType
 from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, findings
-from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, Roster, Seen
+from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, LivelinessDirectory, Seen
 
 POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
 OTHER = replace(POSE, hash="RIHS01_" + "b" * 64)
@@ -180,14 +180,14 @@ def test_long_names_and_many_nodes_are_cut() -> None:
     assert "x" * 100 not in sentence
 
 
-def rostered(tokens: Iterable[str]) -> tuple[Roster, list[int]]:
+def rostered(tokens: Iterable[str]) -> tuple[LivelinessDirectory, list[int]]:
     changes: list[int] = []
 
     def read(token: str) -> Seen:
         name, _, domain = token.partition("@")
         return Seen(node=name, domain=int(domain), endpoint=end("publisher", name) if "end" in name else None)
 
-    roster = Roster(read, 7, lambda: changes.append(1))
+    roster = LivelinessDirectory(read, 7, lambda: changes.append(1))
     roster.change(dict.fromkeys(tokens, True))
     return roster, changes
 
@@ -209,7 +209,7 @@ def test_a_roster_knows_what_messages_of_bridges_carry_while_they_are_there() ->
         "/a": Seen(node="/a", domain=7, bridge_gid=b"a"),
         "/b": Seen(node="/b", domain=0, bridge_gid=b"b"),
     }
-    roster = Roster(seen.__getitem__, 7, lambda: None)
+    roster = LivelinessDirectory(seen.__getitem__, 7, lambda: None)
     roster.change({"/a": True, "/b": True})
     assert roster.bridged == {b"a", b"b"}
     roster.change({"/a": False})

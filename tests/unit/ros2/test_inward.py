@@ -7,7 +7,12 @@ import pytest
 
 from pointit.bridges.ros2.inbound.checks import AHEAD_NS, LATE_NS
 from pointit.bridges.ros2.inbound.person import HEARD_NS, MOST_TRANSFORMS, SOONEST_NS
-from pointit.bridges.ros2.routing.route_types import About, Inward, Said, Warned
+from pointit.bridges.ros2.routing.route_types import (
+    BusOutput,
+    ConversionContext,
+    ConversionWarning,
+    InboundRoute,
+)
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation
 from pointit.schemas import (
@@ -75,26 +80,26 @@ def tf(*frames: Any) -> Any:
 
 
 def taken(
-    row: Inward, value: Any, scene: Scene | None = None, *, now_ns: int = NOW_NS, wall_ns: int = NOW_NS
-) -> list[Said | Warned]:
+    row: InboundRoute, value: Any, scene: Scene | None = None, *, now_ns: int = NOW_NS, wall_ns: int = NOW_NS
+) -> list[BusOutput | ConversionWarning]:
     """What comes of a value after its way through CDR."""
     read = jazzy().decode(row.type, jazzy().encode(row.type, value))
     found = row.convert(read, "user1", scene or furnished(), now_ns=now_ns, wall_ns=wall_ns)
     for each in found:
-        if isinstance(each, Said):
+        if isinstance(each, BusOutput):
             assert each.at in row.into
     return list(found)
 
 
-def said(found: list[Said | Warned]) -> Any:
+def said(found: list[BusOutput | ConversionWarning]) -> Any:
     (one,) = found
-    assert isinstance(one, Said), one
+    assert isinstance(one, BusOutput), one
     return one.what
 
 
-def warned(found: list[Said | Warned]) -> str:
+def warned(found: list[BusOutput | ConversionWarning]) -> str:
     (one,) = found
-    assert isinstance(one, Warned), one
+    assert isinstance(one, ConversionWarning), one
     assert "\n" not in one.sentence
     return one.sentence
 
@@ -102,7 +107,7 @@ def warned(found: list[Said | Warned]) -> str:
 def test_a_rotation_is_the_wrist_of_an_arm() -> None:
     row = into("rotation_in")
     (one,) = taken(row, arm(stamp_ns=NOW_NS - 40))
-    assert isinstance(one, Said)
+    assert isinstance(one, BusOutput)
     assert (one.at, one.name) == (WRIST, "user1")
     assert isinstance(one.what, WristSample)
     assert one.what.device == "arm"
@@ -143,7 +148,7 @@ def test_an_imu_without_orientation_is_refused() -> None:
 )
 def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, is_kept: bool) -> None:  # noqa: FBT001
     found = taken(into("rotation_in"), arm(stamp_ns=stamp_ns))
-    assert isinstance(found[0], Said)
+    assert isinstance(found[0], BusOutput)
     assert isinstance(found[0].what, WristSample)
     assert found[0].what.stamp_ns == (stamp_ns if is_kept else NOW_NS)
     assert len(found) == (1 if is_kept else 2)
@@ -161,7 +166,7 @@ def test_a_button_is_pressed_when_it_becomes_true() -> None:
     found = [taken(row, make(row.type, data=state), scene) for state in states]
     assert [len(each) for each in found] == [0, 1, 0, 0, 1]
     assert said(found[4]) == ButtonEvent(stamp_ns=NOW_NS, seq=2, source="ros2")
-    assert isinstance(found[4][0], Said)
+    assert isinstance(found[4][0], BusOutput)
     assert found[4][0].at is BUTTON
     other = row.convert(make(row.type, data=True), "user2", scene, now_ns=NOW_NS, wall_ns=NOW_NS)
     assert len(other) == 1
@@ -201,7 +206,7 @@ def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
         frame_of("user3/human_footprint"),
     )
     (one,) = taken(row, value, scene)
-    assert isinstance(one, Said)
+    assert isinstance(one, BusOutput)
     assert (one.at, one.name) == (POSE, "user1")
     assert scene.person("user1").tf_until_ns == NOW_NS + HEARD_NS
     assert scene.person("user2").tf_until_ns == 0
@@ -219,7 +224,7 @@ def test_a_static_frame_tells_the_pose_once() -> None:
     row, scene = into("tf_static_in"), furnished()
     scene.person("user1")
     (one,) = taken(row, tf(frame_of("user1/human_footprint")), scene)
-    assert isinstance(one, Said)
+    assert isinstance(one, BusOutput)
     assert (one.at, one.name) == (SET_POSE, "user1")
     assert isinstance(one.what, SetPose)
     assert one.what.position_m == (1.0, 2.0, 0.0)
@@ -234,15 +239,17 @@ def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they
         taken(row, tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map")), scene) == []
     )
     assert row.meets is not None
-    (one,) = row.meets(About(scene, "anna", NOW_NS))
-    assert isinstance(one, Said)
+    (one,) = row.meets(ConversionContext(scene, "anna", NOW_NS))
+    assert isinstance(one, BusOutput)
     assert (one.at, one.name) == (SET_POSE, "anna")
     assert isinstance(one.what, SetPose)
     assert one.what.position_m == (1.0, 2.0, 0.0)
-    assert row.meets(About(scene, "ben", NOW_NS)) == (), "in another frame"
+    assert row.meets(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
     for count in range(MOST_TRANSFORMS):
         taken(row, tf(frame_of(f"box_{count}")), scene)
-    assert row.meets(About(scene, "anna", NOW_NS)) == (), "as many are kept as one message may have"
+    assert row.meets(ConversionContext(scene, "anna", NOW_NS)) == (), (
+        "as many are kept as one message may have"
+    )
 
 
 def command(names: list[str], speeds: list[float]) -> Any:
@@ -253,13 +260,15 @@ def test_a_belt_command_sets_speeds() -> None:
     row = into("belt_cmd")
     assert said(taken(row, command(["*"], [0.5]))) == SetSpeed(speed_mps=0.5)
     found = taken(row, command(["part_a", "*", "part_b", "part_c"], [0.25, 0.5, 0.25, 1.0]))
-    assert [each.what for each in found if isinstance(each, Said)] == [
+    assert [each.what for each in found if isinstance(each, BusOutput)] == [
         SetSpeed(speed_mps=0.5),
         SetSpeed(speed_mps=0.25, belts=("part_a", "part_b")),
     ]
-    assert "no belt 'part_c'; there are part_a, part_b" in warned([e for e in found if isinstance(e, Warned)])
+    assert "no belt 'part_c'; there are part_a, part_b" in warned(
+        [e for e in found if isinstance(e, ConversionWarning)]
+    )
     (one,) = taken(row, command(["*"], [-0.5]))
-    assert isinstance(one, Said)
+    assert isinstance(one, BusOutput)
     assert one.at is SET_SPEED
 
 
@@ -291,7 +300,7 @@ def test_a_belt_command_that_means_nothing_is_refused(
 def test_a_package_is_added_by_the_number_of_its_kind() -> None:
     row = into("add_package")
     (one,) = taken(row, make(row.type, data=1))
-    assert one == Said(ADD_PACKAGE, "", AddPackage(kind="red"))
+    assert one == BusOutput(ADD_PACKAGE, "", AddPackage(kind="red"))
     assert "kind 77 means nothing here: there are 0 blue, 1 red" in warned(
         taken(row, make(row.type, data=77))
     )
@@ -301,7 +310,7 @@ def test_feeders_are_let_rest_and_give_as_often_as_it_is_said() -> None:
     row, scene = into("feed"), furnished()
     for is_on in (False, False, True, True):
         found = taken(row, make(row.type, data=is_on), scene)
-        assert found == [Said(SET_FEEDING, "", SetFeeding(feeding=is_on))]
+        assert found == [BusOutput(SET_FEEDING, "", SetFeeding(feeding=is_on))]
 
 
 def clock(sim_s: float) -> Any:
@@ -311,12 +320,12 @@ def clock(sim_s: float) -> Any:
     )
 
 
-def ticks(row: Inward, times: list[tuple[float, float]]) -> list[ClockTick]:
+def ticks(row: InboundRoute, times: list[tuple[float, float]]) -> list[ClockTick]:
     """What comes of pairs of wall time and simulated time, s."""
     found: list[ClockTick] = []
     for wall_s, sim_s in times:
         for each in taken(row, clock(sim_s), wall_ns=NOW_NS + round(wall_s * NS_PER_S)):
-            assert isinstance(each, Said)
+            assert isinstance(each, BusOutput)
             assert each.at is CLOCK
             assert isinstance(each.what, ClockTick)
             found.append(each.what)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.routing.route_types import About, Said, Warned
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.routing.scene import Guest
 from pointit.schemas import AddPackageReply, Message, decode, encode
@@ -94,12 +94,12 @@ VALUES = {
 
 
 def check(found: Any) -> None:
-    if isinstance(found, Warned):
+    if isinstance(found, ConversionWarning):
         assert found.sentence
         assert "\n" not in found.sentence
         assert len(found.sentence) < 300
         return
-    assert isinstance(found, Said)
+    assert isinstance(found, BusOutput)
     assert found.at.at(found.name)
     if isinstance(found.at, Topic):
         assert isinstance(found.what, Message)
@@ -130,7 +130,7 @@ def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) ->
 def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
     row, scene = server(name), furnished()
     kind = jazzy().request_of(row.type)
-    about = About(scene, "user1", NOW_NS, "world")
+    about = ConversionContext(scene, "user1", NOW_NS, "world")
     for _ in range(2):
         request = make(kind, **{field: data.draw(each) for field, each in VALUES[kind].items()})
         check(row.asks(request, about))

@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.inbound.checks import LATE_NS
 from pointit.bridges.ros2.outbound.person import pointing_ray, subscription
-from pointit.bridges.ros2.routing.route_types import About, Inward, Said, Warned
+from pointit.bridges.ros2.routing.route_types import (
+    BusOutput,
+    ConversionContext,
+    ConversionWarning,
+    InboundRoute,
+)
 from pointit.bridges.ros2.routing.scene import Guest, Scene
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserPose, UserProfile
@@ -51,20 +56,20 @@ def wish(
     )
 
 
-def foreign(row: Inward, value: Any, scene: Scene) -> list[Said | Warned]:
+def foreign(row: InboundRoute, value: Any, scene: Scene) -> list[BusOutput | ConversionWarning]:
     """What comes of a value that our own codec would not send."""
     return list(row.convert(value, "user1", scene, now_ns=NOW_NS, wall_ns=NOW_NS))
 
 
-def whats(found: list[Said | Warned]) -> list[Any]:
-    return [each.what if isinstance(each, Said) else each.sentence for each in found]
+def whats(found: list[BusOutput | ConversionWarning]) -> list[Any]:
+    return [each.what if isinstance(each, BusOutput) else each.sentence for each in found]
 
 
 def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
     row, scene = into("pointing_ray_in"), with_guests("user1")
     value = place(at=EYES, frame=HERS)
     (one,) = taken(row, value, scene)
-    assert isinstance(one, Said)
+    assert isinstance(one, BusOutput)
     assert (one.at, one.name) == (RAY, "user1")
     ray = one.what
     assert isinstance(ray, PointingRay)
@@ -82,7 +87,7 @@ def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
     row, scene = into("pointing_ray_in"), with_guests("user1")
     way = vector.direction(azimuth_rad, elevation_rad)
     ours = PointingRay(stamp_ns=NOW_NS, seq=1, origin_m=EYES, direction=way)
-    (value,) = pointing_ray(ours, About(scene, "user1", NOW_NS, HERS))
+    (value,) = pointing_ray(ours, ConversionContext(scene, "user1", NOW_NS, HERS))
     rolled = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad)
     for each in (value.pose.orientation, quaternion(rolled, factor)):
         value.pose.orientation = each
@@ -120,9 +125,9 @@ def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
     value = place(at=EYES, frame=HERS)
     value.header.stamp = late
     first, second = taken(into("pointing_ray_in"), value, with_guests("user1"))
-    assert isinstance(first, Said)
+    assert isinstance(first, BusOutput)
     assert first.what.stamp_ns == NOW_NS  # type: ignore[union-attr]  # a ray
-    assert isinstance(second, Warned)
+    assert isinstance(second, ConversionWarning)
     assert "behind the site's clock" in second.sentence
 
 
@@ -142,8 +147,8 @@ def test_rays_of_who_is_no_guest_are_not_taken() -> None:
 def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubscribe() -> None:
     row, scene = into("subscription_in"), with_guests("user1", "user2")
     look, points = taken(row, wish(), scene)
-    assert isinstance(look, Said)
-    assert isinstance(points, Said)
+    assert isinstance(look, BusOutput)
+    assert isinstance(points, BusOutput)
     assert (look.at, look.name, points.at, points.name) == (PROFILE, "user1", INTERACTION, "user1")
     assert isinstance(look.what, UserProfile)
     assert look.what.cursor_color == (255, 128, 0)
@@ -203,7 +208,7 @@ def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_i
 def test_a_guest_is_known_by_their_name_in_ros() -> None:
     row, scene = into("subscription_in"), with_guests("anna-2")
     (_, points) = taken(row, wish("anna_2"), scene)
-    assert isinstance(points, Said)
+    assert isinstance(points, BusOutput)
     assert points.name == "anna-2"
 
 
@@ -212,7 +217,7 @@ def test_what_we_say_of_others_would_be_taken_of_guests() -> None:
     profile = UserProfile(stamp_ns=NOW_NS, cursor_color=(7, 80, 255), cursor_width_m=0.5)
     scene.take("user1", profile, NOW_NS)
     pointing = Interaction(stamp_ns=NOW_NS, state="pointing")
-    (value,) = subscription(pointing, About(scene, "user1", NOW_NS))
+    (value,) = subscription(pointing, ConversionContext(scene, "user1", NOW_NS))
     look, points = whats(taken(row, value, scene))
     assert (look.cursor_color, look.cursor_width_m, points.state) == ((7, 80, 255), 0.5, "pointing")
 
@@ -222,10 +227,10 @@ def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> 
     assert static(row, scene) == []
     assert row.meets is not None
     scene.person("user1")
-    (early,) = row.meets(About(scene, "user1", NOW_NS, "world"))
-    assert isinstance(early, Said)
+    (early,) = row.meets(ConversionContext(scene, "user1", NOW_NS, "world"))
+    assert isinstance(early, BusOutput)
     for pose in (early, *static(row, scene)):
-        assert isinstance(pose, Said)
+        assert isinstance(pose, BusOutput)
         assert (pose.at, pose.name) == (POSE, "user1")
         assert isinstance(pose.what, UserPose)
         assert (pose.what.position_m, pose.what.method) == ((1.0, 2.0, 0.0), "external")
@@ -233,5 +238,5 @@ def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> 
     assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
 
 
-def static(row: Inward, scene: Scene) -> list[Said | Warned]:
+def static(row: InboundRoute, scene: Scene) -> list[BusOutput | ConversionWarning]:
     return taken(row, tf(frame_of(HERS)), scene)

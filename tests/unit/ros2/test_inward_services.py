@@ -4,7 +4,12 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.routing.route_types import About, Said, Served, Warned
+from pointit.bridges.ros2.routing.route_types import (
+    BusOutput,
+    ConversionContext,
+    ConversionWarning,
+    ServiceRoute,
+)
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.uids import MOST
@@ -20,18 +25,18 @@ from pointit.schemas import (
 from tests.unit.ros2.scenes import NOW_NS, furnished, jazzy, objects, out, package, server
 
 
-def request(row: Served, **fields: Any) -> Any:
+def request(row: ServiceRoute, **fields: Any) -> Any:
     kind = jazzy().request_of(row.type)
     return jazzy().decode(kind, jazzy().encode(kind, jazzy().make(kind, **fields)))
 
 
-def response(row: Served, value: Any) -> Any:
+def response(row: ServiceRoute, value: Any) -> Any:
     kind = jazzy().response_of(row.type)
     return jazzy().decode(kind, jazzy().encode(kind, value))
 
 
-def about(scene: Scene) -> About:
-    return About(scene, "user1", NOW_NS, "world")
+def about(scene: Scene) -> ConversionContext:
+    return ConversionContext(scene, "user1", NOW_NS, "world")
 
 
 def listed(scene: Scene) -> list[int]:
@@ -44,7 +49,7 @@ def test_a_package_is_added_under_the_callers_number() -> None:
     scene.take("conveyor", objects(package(1)), NOW_NS)
     asked = request(row, uid=41, kind=1, belt=1)
     found = row.asks(asked, about(scene))
-    assert found == Said(row.request, "", AddPackage(kind="red", lane="part_b"))
+    assert found == BusOutput(row.request, "", AddPackage(kind="red", lane="part_b"))
     # it is on the conveyor before its reply comes: it waits for its number, the others do not
     scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
     assert listed(scene) == [1]
@@ -56,10 +61,12 @@ def test_a_package_is_added_under_the_callers_number() -> None:
 def test_a_package_that_was_refused_leaves_its_number_free() -> None:
     row, scene = server("add_pack"), furnished()
     asked = request(row, uid=41)
-    assert isinstance(row.asks(asked, about(scene)), Said)
-    assert isinstance(row.asks(request(row, uid=41), about(scene)), Warned)  # somebody is about to get it
+    assert isinstance(row.asks(asked, about(scene)), BusOutput)
+    assert isinstance(
+        row.asks(request(row, uid=41), about(scene)), ConversionWarning
+    )  # somebody is about to get it
     assert not response(row, row.answers(asked, None, about(scene))).result
-    assert isinstance(row.asks(request(row, uid=41), about(scene)), Said)
+    assert isinstance(row.asks(request(row, uid=41), about(scene)), BusOutput)
 
 
 def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
@@ -90,7 +97,7 @@ def test_a_package_that_cannot_be_is_refused(fields: dict[str, Any], told: str) 
     assert listed(scene) == [7]
     asked = request(row, **fields)
     found = row.asks(asked, about(scene))
-    assert isinstance(found, Warned)
+    assert isinstance(found, ConversionWarning)
     assert told in found.sentence
     assert not response(row, row.answers(asked, None, about(scene))).result
 
@@ -101,7 +108,7 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
     assert listed(scene) == [7]
     scene.take("conveyor", objects(), NOW_NS)
     asked = request(row, uid=7)
-    assert isinstance(row.asks(asked, about(scene)), Said)
+    assert isinstance(row.asks(asked, about(scene)), BusOutput)
     row.answers(asked, AddPackageReply(object_id="19-8"), about(scene))
     scene.take("conveyor", objects(package(8)), NOW_NS)
     assert listed(scene) == [7]
@@ -128,7 +135,7 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
 def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: Any, on: str) -> None:
     row, scene = server(name), furnished()
     asked = request(row, **fields)
-    assert row.asks(asked, about(scene)) == Said(row.request, on, query)
+    assert row.asks(asked, about(scene)) == BusOutput(row.request, on, query)
     for reply in (Done(), None):
         response(row, row.answers(asked, reply, about(scene)))
 
@@ -143,5 +150,5 @@ def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: An
 def test_requests_that_ours_cannot_grant_are_refused(name: str, fields: dict[str, Any], told: str) -> None:
     row = server(name)
     found = row.asks(request(row, **fields), about(furnished()))
-    assert isinstance(found, Warned)
+    assert isinstance(found, ConversionWarning)
     assert told in found.sentence

@@ -3,17 +3,17 @@
 import pytest
 
 from pointit.bridges.ros2.graph.backend import Closable, Graph
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
-from pointit.bridges.ros2.graph.graph_monitor import Outlook
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 
 
-def outlook() -> Outlook:
-    bus = ServiceBus(MemoryBus(Exchange()), ManualClock(), "ros2", "ros2")
-    return Outlook(Complaints(bus), domain=0, distro="jazzy", needs="", matching="type")
+def outlook() -> GraphMonitor:
+    bus = ServiceBus(MemoryBus(LocalBroker()), ManualClock(), "ros2", "ros2")
+    return GraphMonitor(BackendWarnings(bus), domain=0, distro="jazzy", needs="", matching="type")
 
 
 def graph(node: str) -> Graph:

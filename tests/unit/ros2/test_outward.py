@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.outbound.drawing import DELETE_ALL
 from pointit.bridges.ros2.outbound.values import LAST_S, MOST_TEXT
-from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import TRACKED_NS
 from pointit.geometry import rotation, vector
@@ -337,7 +337,7 @@ def test_whatever_the_bus_may_carry_is_converted_and_encoded(
 
 
 def test_the_same_scene_is_converted_to_the_same(table: Routes) -> None:
-    def encoded(row: Outward) -> list[bytes]:
+    def encoded(row: OutboundRoute) -> list[bytes]:
         scene = furnished()
         scene.take("user1", POSE, NOW_NS)
         scene.take("conveyor", objects(package(1)), NOW_NS)

@@ -66,14 +66,14 @@ def test_strays_are_everything_with_the_name_but_what_is_right() -> None:
     ours = rmw()
     key = ours.key("/user1/ray", POSE)
     assert key == f"7/user1/ray/geometry_msgs::msg::dds_::PoseStamped_/{POSE.hash}"
-    assert ours.strays("/user1/ray") == "*/user1/ray/*/*"
-    assert ours.astray(key, "/user1/ray", POSE) == ""
+    assert ours.misrouted_keys("/user1/ray") == "*/user1/ray/*/*"
+    assert ours.misrouting_reason(key, "/user1/ray", POSE) == ""
     for stray, why in (
         (key.replace("7/", "0/", 1), "domain 0, we are in 7; set domain_id to theirs"),
         (key.replace("PoseStamped", "Pose"), "they are geometry_msgs::msg::dds_::Pose_, not"),
         (key.replace("aaaa", "cccc"), "hash RIHS01_ccccccccccccc, ours RIHS01_aaaaaaaaaaaaa; rebuild"),
     ):
-        assert why in ours.astray(stray, "/user1/ray", POSE)
+        assert why in ours.misrouting_reason(stray, "/user1/ray", POSE)
 
 
 def _with_length(data: bytes) -> bytes:
@@ -111,5 +111,5 @@ def test_no_key_that_goes_astray_writes_to_terminals(chunks: str) -> None:
     ours = RmwZenoh(session="aa", node="/pointit", domain=7)
     domain, _, rest = chunks.partition("/")
     key = f"{domain}/x/{rest.format(POSE.dds_name, POSE.hash)}"
-    assert ours.astray(key, "/x", POSE)
-    assert ours.astray(key, "/x", POSE).isprintable()
+    assert ours.misrouting_reason(key, "/x", POSE)
+    assert ours.misrouting_reason(key, "/x", POSE).isprintable()

@@ -19,7 +19,7 @@ from pointit.bridges.ros2.outbound.rosout import (
     Rosout,
 )
 from pointit.bridges.ros2.outbound.values import MOST_TEXT
-from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.schemas import NS_PER_S, Health, KeyHealth
 from pointit.schemas.topics import HEALTH
@@ -45,7 +45,7 @@ class Log:
     """The route, and what it has said of whom."""
 
     def __init__(self) -> None:
-        self.row: Outward = out(routes(), "rosout")
+        self.row: OutboundRoute = out(routes(), "rosout")
         self.scene = furnished()
 
     def lines(self, report: Health) -> list[Any]:

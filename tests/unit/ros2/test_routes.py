@@ -8,7 +8,7 @@ import pytest
 
 from pointit.bridges.ros2.outbound.table import CLOCK_S
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
-from pointit.bridges.ros2.routing.route_types import Served
+from pointit.bridges.ros2.routing.route_types import ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.runtime.clock import SILENT_NS
@@ -48,7 +48,7 @@ def test_placeholders_are_those_of_what_a_row_stands_for(table: Routes) -> None:
 def test_every_type_is_known_with_its_hash(table: Routes) -> None:
     for row in table.all:
         assert jazzy().kind(row.type).hash.startswith("RIHS01_")
-        assert ("/srv/" in row.type) == isinstance(row, Served)
+        assert ("/srv/" in row.type) == isinstance(row, ServiceRoute)
 
 
 def test_what_is_latched_and_what_gives_way(table: Routes) -> None:

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from pointit.bridges.ros2 import service
-from pointit.bridges.ros2.routing.presence_cache import MOST_REMEMBERED, Attendance
+from pointit.bridges.ros2.routing.presence_cache import MOST_REMEMBERED, PresenceCache
 from pointit.bridges.ros2.service import Ros2
 from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
@@ -135,14 +135,14 @@ def figures(reports: list[Health]) -> tuple[Figure, ...]:
 
 
 def test_only_so_many_are_remembered() -> None:
-    attendance = Attendance("user")
+    attendance = PresenceCache("user")
     for count in range(MOST_REMEMBERED + 1):
         assert attendance.admits(POSE, PLACE, f"user{count}")
-        attendance.go(f"user{count}")
+        attendance.on_leave(f"user{count}")
     assert attendance.admits(IMU, HELD, "user0")
     assert not attendance.admits(IMU, HELD, "user1")
-    assert attendance.come("user0") == ()
-    assert attendance.come("user1") == ((POSE, PLACE),)
+    assert attendance.on_join("user0") == ()
+    assert attendance.on_join("user1") == ((POSE, PLACE),)
 
 
 async def test_what_goes_wrong_is_logged_in_ros_and_anew_by_who_comes_back(

@@ -57,11 +57,11 @@ def test_whatever_is_bound_both_directions_agree(steps: list[tuple[str, int, int
 def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
     uids = Uids()
     uids.number("old-1")
-    uids.expect(7)
+    uids.reserve(7)
     assert uids.is_settled("old-1")
     assert not uids.is_settled("new-2")
     uids.bind(7, "new-2")
-    uids.settle(7)
+    uids.end_reservation(7)
     assert uids.is_settled("other-3")
     assert uids.number("new-2") == 7
     uids.bind(1, "new-2")  # takes it from the other, and leaves its own

@@ -9,10 +9,10 @@ import pytest
 import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.zenoh import event_recovery, queries
-from pointit.runtime.zenoh.event_recovery import MOST_WRITERS, Arrears
+from pointit.runtime.zenoh.event_recovery import MOST_WRITERS, EventRecovery
 from tests.support.bench import until
 
 
@@ -78,33 +78,33 @@ class Called:
 class Reader:
     """What one reader is told."""
 
-    arrears: Arrears
+    arrears: EventRecovery
     writer: Writer
     got: list[int]
     lost: list[int]
 
     def hear(self, *numbers: int, of: Id = Id()) -> None:
         for number in numbers:
-            self.arrears.take(Heard(Source(number, of)))  # type: ignore[arg-type]  # as far as it is looked at
+            self.arrears.on_sample(Heard(Source(number, of)))  # type: ignore[arg-type]  # as far as it is looked at
 
 
 @pytest.fixture
 async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     monkeypatch.setattr(event_recovery, "WAITS_S", (0.0, *[0.001] * 5))
     monkeypatch.setattr(queries, "Callback", Called)
-    bus, writer, got, lost = MemoryBus(Exchange()), Writer(), list[int](), list[int]()
+    bus, writer, got, lost = MemoryBus(LocalBroker()), Writer(), list[int](), list[int]()
 
     def hand_on(sample: Any) -> None:
         got.append(-1 if sample.source_info is None else sample.source_info.source_sn)
 
-    yield Reader(Arrears(bus, writer, hand_on, lost.append), writer, got, lost)  # type: ignore[arg-type]  # Writer
+    yield Reader(EventRecovery(bus, writer, hand_on, lost.append), writer, got, lost)  # type: ignore[arg-type]  # Writer
     await bus.close()
 
 
 async def test_what_comes_without_gaps_is_handed_on_at_once(reader: Reader) -> None:
     reader.hear(3, 4, 5)
     reader.hear(11, 12, of=Id(eid=8))
-    reader.arrears.take(Heard(None))  # type: ignore[arg-type]  # as far as it is looked at
+    reader.arrears.on_sample(Heard(None))  # type: ignore[arg-type]  # as far as it is looked at
     assert reader.got == [3, 4, 5, 11, 12, -1]
     assert not reader.writer.asked
 

@@ -9,9 +9,9 @@ import pytest
 import pytest_asyncio
 
 from pointit.runtime import clock as clock_module
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import SimulatedClock, SiteClock, WallClock, keep_time, sleep, ticks
+from pointit.runtime.clock import SimulatedClock, SiteClock, WallClock, publish_time, sleep, ticks
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
@@ -43,16 +43,16 @@ def test_time_does_not_stand_still_or_run_backwards(speed: float) -> None:
 
 
 async def test_a_follower_may_wait_for_the_sites_time_before_it_begins() -> None:
-    exchange = Exchange()
+    exchange = LocalBroker()
     cli, service = MemoryBus(exchange), MemoryBus(exchange)
     follower = SiteClock(service)
-    assert not await follower.found(0.01)
-    waiting = asyncio.create_task(follower.found(5))
+    assert not await follower.wait_for_tick(0.01)
+    waiting = asyncio.create_task(follower.wait_for_tick(5))
     await asyncio.sleep(0)
     cli.publisher(CLOCK).put(SimulatedClock(10.0).tick())
     assert await waiting
     assert follower.speed == 10.0
-    assert await follower.found(0)  # it stays found
+    assert await follower.wait_for_tick(0)  # it stays found
     await cli.close()
     await service.close()
 
@@ -77,7 +77,7 @@ def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
 
 @pytest_asyncio.fixture
 async def bus() -> AsyncIterator[MemoryBus]:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     yield bus
     await bus.close()
 
@@ -188,7 +188,7 @@ async def test_time_is_told_at_once_and_again(monkeypatch: pytest.MonkeyPatch, b
     monkeypatch.setattr(clock_module, "TICK_PERIOD_S", 0.01)
     told: list[int] = []
     bus.subscribe(CLOCK, lambda tick, _name: told.append(tick.sim_ns))
-    keeping = asyncio.create_task(keep_time(SimulatedClock(2.0), bus))
+    keeping = asyncio.create_task(publish_time(SimulatedClock(2.0), bus))
     await until(lambda: len(told) >= 3)
     assert told == sorted(set(told))
     keeping.cancel()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import AfterValidator, Field
 
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.parameters import leaves
+from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 
@@ -285,7 +285,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_every_parameter_is_listed_with_option_type_and_default() -> None:
-    assert {leaf.option: (leaf.type_name, leaf.default) for leaf in leaves(Sample)} == {
+    assert {leaf.option: (leaf.type_name, leaf.default) for leaf in iter_parameters(Sample)} == {
         "--count": ("int", "3"),
         "--label": ("text", "none yet"),
         "--is-on": ("bool", "False"),
@@ -295,7 +295,7 @@ def test_every_parameter_is_listed_with_option_type_and_default() -> None:
         "--arm.side": ("one of left, right", "right"),
         "--limits.rate-hz": ("float", "none"),
     }
-    assert [leaf.default for leaf in leaves(Needy)] == ["required"]
+    assert [leaf.default for leaf in iter_parameters(Needy)] == ["required"]
 
 
 def test_replaced_mapping_of_a_file_hides_the_one_below_and_an_option_changes_one_entry() -> None:

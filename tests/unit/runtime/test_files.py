@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.atomic_file import write_atomically
 
 
 def names(folder: Path) -> list[str]:
@@ -20,24 +20,24 @@ def mode_of(path: Path) -> int:
 
 @pytest.mark.parametrize("durable", [False, True])
 def test_what_is_there_is_replaced(tmp_path: Path, durable: bool) -> None:  # noqa: FBT001 - pytest's way
-    put(tmp_path / "x", b"old, and longer", durable=durable)
-    put(tmp_path / "x", b"new", durable=durable)
+    write_atomically(tmp_path / "x", b"old, and longer", durable=durable)
+    write_atomically(tmp_path / "x", b"new", durable=durable)
     assert (tmp_path / "x").read_bytes() == b"new"
     assert names(tmp_path) == ["x"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
 def test_it_is_its_owners_alone_with_all_new_folders_unless_said_otherwise(tmp_path: Path) -> None:
-    put(tmp_path / "a" / "b" / "secret", b"")
+    write_atomically(tmp_path / "a" / "b" / "secret", b"")
     assert [mode_of(tmp_path / path) for path in ("a", "a/b", "a/b/secret")] == [0o700, 0o700, 0o600]
-    put(tmp_path / "a" / "b" / "secret", b"", mode=0o644)
+    write_atomically(tmp_path / "a" / "b" / "secret", b"", mode=0o644)
     assert mode_of(tmp_path / "a/b/secret") == 0o644
 
 
 def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    put(Path("x"), b"here")
-    put(Path("a/x"), b"below")
+    write_atomically(Path("x"), b"here")
+    write_atomically(Path("a/x"), b"below")
     assert (tmp_path / "x").read_bytes() == b"here"
     assert (tmp_path / "a/x").read_bytes() == b"below"
 
@@ -45,23 +45,23 @@ def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_what_cannot_be_written_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(ConfigError, match=r"folder: cannot be written \(.+\)"):
-        put(tmp_path / "folder", b"new")
-    put(tmp_path / "file", b"old")
+        write_atomically(tmp_path / "folder", b"new")
+    write_atomically(tmp_path / "file", b"old")
     with pytest.raises(ConfigError, match=r"file/x: cannot be written"):
-        put(tmp_path / "file" / "x", b"new")
+        write_atomically(tmp_path / "file" / "x", b"new")
     assert (tmp_path / "file").read_bytes() == b"old"
     assert names(tmp_path) == ["file", "folder"]
 
 
 def test_a_disk_that_is_full_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    put(tmp_path / "x", b"old")
+    write_atomically(tmp_path / "x", b"old")
 
     def full(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(ConfigError, match="No space left on device"):
-        put(tmp_path / "x", b"new", durable=True)
+        write_atomically(tmp_path / "x", b"new", durable=True)
     assert (tmp_path / "x").read_bytes() == b"old"
     assert names(tmp_path) == ["x"]
 
@@ -73,7 +73,7 @@ def test_only_what_must_last_waits_for_the_disk(tmp_path: Path, monkeypatch: pyt
         waited.append(stat.S_ISDIR(os.fstat(handle).st_mode))
 
     monkeypatch.setattr(os, "fsync", wait)
-    put(tmp_path / "x", b"")
+    write_atomically(tmp_path / "x", b"")
     assert waited == []
-    put(tmp_path / "x", b"", durable=True)
+    write_atomically(tmp_path / "x", b"", durable=True)
     assert waited == ([False] if os.name == "nt" else [False, True])  # the file, then its name

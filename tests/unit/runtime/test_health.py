@@ -9,7 +9,7 @@ import pytest
 import pytest_asyncio
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
@@ -21,7 +21,7 @@ LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 class Bench:
     def __init__(self) -> None:
-        self.exchange = Exchange()
+        self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
         self.clock = ManualClock()
         self.view = ServiceBus(self.bus, self.clock, "pointing", "pointing.anna", "anna")

@@ -7,13 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.bus.name_limiter import MAX_NAMES, MAX_USERS, SILENT_S, Names, Places, limit_of
+from pointit.runtime.bus.name_limiter import (
+    MAX_NAMES,
+    MAX_USERS,
+    SILENT_S,
+    NameLimiter,
+    Places,
+    max_names_for,
+)
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import TOPICS
 
 
-def names() -> Names:
-    return Names("user", lambda key: key.removeprefix("users/"), Places())
+def names() -> NameLimiter:
+    return NameLimiter("user", lambda key: key.removeprefix("users/"), Places())
 
 
 def test_a_flood_of_new_names_does_not_drive_out_who_is_heard() -> None:
@@ -39,7 +46,7 @@ def test_a_flood_of_new_names_does_not_drive_out_who_is_heard() -> None:
 
 def test_names_of_the_map_have_a_place_whatever_others_make_up() -> None:
     places = Places()
-    heard = Names("led", lambda key: key, places)
+    heard = NameLimiter("led", lambda key: key, places)
     places.keep("led", ["lamp"])
     for index in range(MAX_NAMES):
         heard.admit(f"x{index}", 0.0)
@@ -66,7 +73,7 @@ def test_a_name_that_is_refused_takes_no_place() -> None:
             raise KeyNameError(key)
         return key
 
-    heard = Names("user", refuse, Places())
+    heard = NameLimiter("user", refuse, Places())
     for index in range(MAX_USERS):
         with pytest.raises(KeyNameError):
             heard.admit(f"bad{index}", 0.0)
@@ -76,7 +83,7 @@ def test_a_name_that_is_refused_takes_no_place() -> None:
 
 def test_every_topic_has_a_limit_and_only_people_have_the_small_one() -> None:
     for topic in TOPICS:
-        assert limit_of(topic.placeholder) == (MAX_USERS if "{user}" in topic.key else MAX_NAMES)
+        assert max_names_for(topic.placeholder) == (MAX_USERS if "{user}" in topic.key else MAX_NAMES)
 
 
 @given(st.lists(st.tuples(st.integers(0, 400), st.floats(0, 30)), max_size=600))

@@ -2,23 +2,25 @@
 
 import pytest
 
-from pointit.runtime.health.timeliness import SILENT_S, Order
+from pointit.runtime.health.timeliness import SILENT_S, OutOfOrderFilter
 from pointit.schemas import NS_PER_S
 
 S = NS_PER_S
 PERIOD_S = 0.02
 
 
-def play(order: Order, stamps_s: list[float], began_s: float = 0.0, name: str = "anna") -> list[bool]:
+def play(
+    order: OutOfOrderFilter, stamps_s: list[float], began_s: float = 0.0, name: str = "anna"
+) -> list[bool]:
     """Offer messages that come every 20 ms; return which are news."""
     times = [began_s + number * PERIOD_S for number in range(len(stamps_s))]
     return [
-        order.admits(name, round(stamp_s * S), now_s) for stamp_s, now_s in zip(stamps_s, times, strict=True)
+        order.accepts(name, round(stamp_s * S), now_s) for stamp_s, now_s in zip(stamps_s, times, strict=True)
     ]
 
 
 def test_what_is_played_beside_what_lives_is_refused_and_counted() -> None:
-    order = Order()
+    order = OutOfOrderFilter()
     lives = [100.0 + number * PERIOD_S for number in range(50)]
     both = [stamp_s for live_s in lives for stamp_s in (live_s, live_s - 5.0)]
     assert play(order, both) == [True, False] * 50
@@ -27,7 +29,7 @@ def test_what_is_played_beside_what_lives_is_refused_and_counted() -> None:
 
 @pytest.mark.parametrize("back_s", [0.6, 5.0, 3600.0])
 def test_a_clock_that_was_set_back_is_believed_after_a_moment(back_s: float) -> None:
-    order = Order()
+    order = OutOfOrderFilter()
     assert all(play(order, [100.0 + number * PERIOD_S for number in range(50)]))
     later = play(order, [101.0 - back_s + number * PERIOD_S for number in range(100)], began_s=1.0)
     refused = later.index(True)
@@ -37,29 +39,29 @@ def test_a_clock_that_was_set_back_is_believed_after_a_moment(back_s: float) -> 
 
 
 def test_strays_of_the_future_hold_nobody_up() -> None:
-    order = Order()
+    order = OutOfOrderFilter()
     stamps_s = [stamp_s for number in range(100) for stamp_s in (100.0 + number * PERIOD_S, 9999.0)]
     assert all(play(order, stamps_s))
 
 
 def test_a_clock_that_was_set_forward_is_believed_and_what_was_before_is_old() -> None:
-    order = Order()
+    order = OutOfOrderFilter()
     stamps_s = [
         *(100.0 + number * PERIOD_S for number in range(10)),
         *(200.0 + n * PERIOD_S for n in range(70)),
     ]
     assert all(play(order, stamps_s))
-    assert not order.admits("anna", 100 * S, len(stamps_s) * PERIOD_S)
+    assert not order.accepts("anna", 100 * S, len(stamps_s) * PERIOD_S)
 
 
 def test_what_is_merely_late_is_its_readers_business() -> None:
-    order = Order()
+    order = OutOfOrderFilter()
     assert play(order, [100.0, 99.8, 100.02, 100.02]) == [True] * 4
     assert order.refused == 0
 
 
 def test_each_name_has_its_own_order() -> None:
-    order = Order()
-    assert order.admits("anna", 100 * S, 0.0)
-    assert order.admits("ben", 1 * S, 0.0)
-    assert not order.admits("anna", 1 * S, 0.1)
+    order = OutOfOrderFilter()
+    assert order.accepts("anna", 100 * S, 0.0)
+    assert order.accepts("ben", 1 * S, 0.0)
+    assert not order.accepts("anna", 1 * S, 0.1)

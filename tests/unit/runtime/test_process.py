@@ -16,7 +16,7 @@ import pytest
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.parameters import leaves
+from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError, NoAnswerError
 from pointit.runtime.service import process
 from pointit.runtime.service.process import (
@@ -27,7 +27,7 @@ from pointit.runtime.service.process import (
     service_command,
 )
 from pointit.runtime.service.service import Scope, Service
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import KeyNameError
 
 
@@ -124,7 +124,7 @@ def kill_soon(number: int) -> Callable[[], int]:
         asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), number)
         return await wait_for_ever()
 
-    return lambda: run_async(work())
+    return lambda: run_until_shutdown(work())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -152,7 +152,7 @@ def test_a_failure_while_ending_is_one() -> None:
             raise ConnectError("could not say goodbye")
 
     with pytest.raises(ConnectError):
-        run_async(work())
+        run_until_shutdown(work())
 
 
 def test_of_a_group_the_sentence_for_people_is_told() -> None:
@@ -165,9 +165,9 @@ def test_of_a_group_the_sentence_for_people_is_told() -> None:
         )
 
     with pytest.raises(ConfigError):
-        run_async(work())
+        run_until_shutdown(work())
     with pytest.raises(ZeroDivisionError):
-        run_async(fail(ExceptionGroup("a", [ExceptionGroup("b", [ZeroDivisionError()])])))
+        run_until_shutdown(fail(ExceptionGroup("a", [ExceptionGroup("b", [ZeroDivisionError()])])))
 
 
 def test_help_documents_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,7 +175,7 @@ def test_help_documents_every_parameter(capsys: pytest.CaptureFixture[str]) -> N
     words = " ".join(capsys.readouterr().out.split())
     assert "Does nothing, often." in words
     assert "POINTIT_SAMPLE_ONE__<PARAMETER>" in words
-    for leaf in leaves(SampleConfig):
+    for leaf in iter_parameters(SampleConfig):
         assert leaf.field.description is not None
         assert f"{leaf.option} <{leaf.type_name}> {leaf.field.description}" in words
         assert f"[default: {leaf.default}]" in words
@@ -229,7 +229,7 @@ def test_what_a_service_can_see_by_itself_is_told_before_anybody_is_sought(
 ) -> None:
     class Picky(Sample):
         @classmethod
-        def check(cls, config: SampleConfig) -> None:
+        def validate_config(cls, config: SampleConfig) -> None:
             raise ConfigError(f"rate_hz: {config.rate_hz:g} is none of the recording's")
 
     # nobody answers at port 9: without the check this would wait for ever

@@ -11,7 +11,7 @@ import zenoh
 
 from pointit.runtime.link.credentials import Credentials, LinkFile
 from pointit.runtime.zenoh import permission_probe
-from pointit.runtime.zenoh.permission_probe import SelfTest
+from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from tests.support.bench import until
 
 
@@ -48,7 +48,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(permission_probe, "RETRY_S", (0.02, 0.03))
 
 
-def self_test_at(router: Router) -> SelfTest:
+def self_test_at(router: Router) -> PermissionProbe:
     day = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
     link = LinkFile(
         site="lab",
@@ -60,7 +60,7 @@ def self_test_at(router: Router) -> SelfTest:
         valid_until=day + dt.timedelta(days=365),
     )
     credentials = Credentials(folder=Path(), link=link)
-    return SelfTest(cast("zenoh.Session", router), credentials, router.second, lambda: True)
+    return PermissionProbe(cast("zenoh.Session", router), credentials, router.second, lambda: True)
 
 
 @pytest.mark.parametrize("what", ["@may", "users/anna/imu"])
@@ -69,12 +69,12 @@ async def test_what_came_late_is_denied_no_longer(what: str) -> None:
     router.denied = lambda key: what in key
     test = self_test_at(router)
     try:
-        test.want("writes", "users/anna/imu")
-        test.want("reads", "map")
-        await until(lambda: bool(test.trouble), what="it to be denied")
-        assert ("nothing" in test.trouble) == (what == "@may")
+        test.add("writes", "users/anna/imu")
+        test.add("reads", "map")
+        await until(lambda: bool(test.problem), what="it to be denied")
+        assert ("nothing" in test.problem) == (what == "@may")
         router.denied = lambda _key: False
-        await until(lambda: not test.trouble, what="it to be granted")
+        await until(lambda: not test.problem, what="it to be granted")
         done = router.tests
         await until(lambda: test._task is None and test._retry is None, what="the end of testing")
         assert router.tests == done
@@ -86,8 +86,8 @@ async def test_it_is_tested_until_it_is_closed() -> None:
     router = Router()
     router.denied = lambda key: "imu" in key
     test = self_test_at(router)
-    test.want("writes", "users/anna/imu")
+    test.add("writes", "users/anna/imu")
     await until(lambda: router.tests >= 4, what="more tests")
-    assert "may not write users/anna/imu" in test.trouble
+    assert "may not write users/anna/imu" in test.problem
     await test.close()
     assert test._retry is None or test._retry.cancelled()

@@ -7,7 +7,7 @@ from typing import ClassVar
 import pytest
 import pytest_asyncio
 
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
@@ -60,7 +60,7 @@ class Worker(Service[Config]):
 
 class Bench:
     def __init__(self) -> None:
-        self.exchange = Exchange()
+        self.exchange = LocalBroker()
         self.bus, self.other = MemoryBus(self.exchange), MemoryBus(self.exchange)
         self.health: list[Health] = []
         self.alive: dict[str, bool] = {}
@@ -89,14 +89,14 @@ async def test_it_is_present_and_reports_while_it_runs(bench: Bench) -> None:
     assert [report.seq for report in bench.health[:3]] == [1, 2, 3]
     assert bench.health[0].instance == "worker.anna"
     assert bench.exchange.states[PROFILE.key]
-    assert bench.exchange.desk_of(SET_BRIGHTNESS, "") is not None
+    assert bench.exchange.handler_for(SET_BRIGHTNESS, "") is not None
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
     assert Worker.running[0].cleaned_up
     await until(lambda: bench.alive == {"worker.anna": False, "anna": False})
     assert not bench.exchange.states[PROFILE.key]
-    assert bench.exchange.desk_of(SET_BRIGHTNESS, "") is None
+    assert bench.exchange.handler_for(SET_BRIGHTNESS, "") is None
     assert not bench.bus.declarations
 
 
@@ -104,7 +104,7 @@ async def test_presence_comes_when_it_is_ready_and_goes_when_nothing_is_left(ben
     states: list[tuple[bool, bool]] = []
 
     def told(_name: str, present: bool) -> None:  # noqa: FBT001
-        served = bench.exchange.desk_of(SET_BRIGHTNESS, "") is not None
+        served = bench.exchange.handler_for(SET_BRIGHTNESS, "") is not None
         states.append((present, served))
 
     bench.other.watch(SERVICE_ALIVE, told)
@@ -180,7 +180,7 @@ async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> Non
 def test_configurations_are_looked_at_before_anything_starts() -> None:
     class Picky(Worker):
         @classmethod
-        def check(cls, config: Config) -> None:
+        def validate_config(cls, config: Config) -> None:
             raise ConfigError(f"{type(config).__name__}: no map")
 
     fine = Launch(service=Worker, config=Config(), user="anna")

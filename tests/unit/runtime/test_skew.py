@@ -6,19 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.health.clock_skew import APART_S, WINDOW_S, Skew, SkewWatch
+from pointit.runtime.health.clock_skew import APART_S, WINDOW_S, ClockSkew, ClockSkewMonitor
 
 START_NS = 1_700_000_000 * 10**9
 
 
-def watched(skews_s: dict[str, float], delays_s: dict[str, list[float]]) -> list[Skew]:
+def watched(skews_s: dict[str, float], delays_s: dict[str, list[float]]) -> list[ClockSkew]:
     """Return what is said of machines whose clocks are ahead by so much and whose reports take so long."""
-    watch = SkewWatch("here")
+    watch = ClockSkewMonitor("here")
     for host, delays in delays_s.items():
         for second, delay_s in enumerate(delays):
             sent_ns = START_NS + second * 10**9
             stamp_ns = sent_ns + int(skews_s.get(host, 0.0) * 1e9)
-            watch.hear(host, stamp_ns, sent_ns + int(delay_s * 1e9), second + delay_s)
+            watch.on_report(host, stamp_ns, sent_ns + int(delay_s * 1e9), second + delay_s)
     return list(watch.skews(max(len(delays) for delays in delays_s.values())))
 
 
@@ -27,7 +27,7 @@ def test_a_clock_apart_is_told_with_its_machine_and_by_how_much(skew_s: float) -
     found = watched({"there": skew_s}, {"here": [0.001] * 10, "there": [0.002] * 10, "fine": [0.002] * 10})
     assert [skew.host for skew in found] == ["there"]
     assert found[0].ahead_s == pytest.approx(skew_s, abs=0.003)
-    assert found[0].refuses == (abs(skew_s) >= 1.0)
+    assert found[0].exceeds_limit == (abs(skew_s) >= 1.0)
 
 
 @pytest.mark.parametrize("skew_s", [0.04, -0.04])
@@ -56,28 +56,28 @@ def test_few_and_uneven_reports_prove_nothing_yet() -> None:
 
 
 def test_a_clock_that_was_set_right_is_believed() -> None:
-    watch = SkewWatch("here")
+    watch = ClockSkewMonitor("here")
     for second in range(5):
-        watch.hear("there", START_NS + 10**9, START_NS, float(second))
+        watch.on_report("there", START_NS + 10**9, START_NS, float(second))
     assert list(watch.skews(5.0))
     for second in range(5, 5 + int(WINDOW_S)):
-        watch.hear("there", START_NS, START_NS + 10**6, float(second))
+        watch.on_report("there", START_NS, START_NS + 10**6, float(second))
     assert not list(watch.skews(5.0 + WINDOW_S))
     assert not list(watch.skews(1000.0))
 
 
 def test_hosts_are_bounded() -> None:
-    watch = SkewWatch("here")
+    watch = ClockSkewMonitor("here")
     for number in range(10_000):
-        watch.hear(f"made-up-{number}", START_NS, START_NS, number / 1000)
+        watch.on_report(f"made-up-{number}", START_NS, START_NS, number / 1000)
     assert len(watch._late) <= 256
 
 
 def test_the_sentence_names_machine_amount_and_consequence() -> None:
-    little = Skew(host="pi", ahead_s=-0.08).sentence("desk")
+    little = ClockSkew(host="pi", ahead_s=-0.08).sentence("desk")
     assert "machine pi is 80 ms behind the clock of desk" in little
     assert "latency" in little
-    much = Skew(host="pi", ahead_s=1.5).sentence("desk")
+    much = ClockSkew(host="pi", ahead_s=1.5).sentence("desk")
     assert "machine pi is 1.5 s ahead of the clock of desk" in much
     assert "refused" in much
     assert APART_S < 1

@@ -8,11 +8,11 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import instance_takeover
-from pointit.runtime.service.instance_takeover import Succession, claim
+from pointit.runtime.service.instance_takeover import TakeoverMonitor, claim_names
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import until
@@ -35,7 +35,7 @@ def report(pid: int, uptime_s: float, *, host: str = "elsewhere", stamp_ns: int 
 
 @pytest_asyncio.fixture
 async def bus() -> AsyncIterator[MemoryBus]:
-    bus = MemoryBus(Exchange())
+    bus = MemoryBus(LocalBroker())
     yield bus
     await bus.close()
 
@@ -58,13 +58,13 @@ class TestClaim:
     async def test_a_free_name_is_had_at_once(self, bus: MemoryBus) -> None:
         bus.announce(USER_ALIVE, "ben")
         began_s = asyncio.get_running_loop().time()
-        await claim(bus, USER_ALIVE, {"anna"})
-        await claim(bus, USER_ALIVE, ())
+        await claim_names(bus, USER_ALIVE, {"anna"})
+        await claim_names(bus, USER_ALIVE, ())
         assert asyncio.get_running_loop().time() - began_s < instance_takeover.SILENT_S
 
     async def test_who_reports_keeps_the_name(self, bus: MemoryBus) -> None:
         bus.announce(USER_ALIVE, "anna")
-        claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna", "ben"}))
+        claiming = asyncio.create_task(claim_names(bus, USER_ALIVE, {"anna", "ben"}))
         await reported(bus, claiming)
         with pytest.raises(
             ConfigError, match=r"^anna: already on site memory; choose another name.*process 17 on elsewhere$"
@@ -73,14 +73,14 @@ class TestClaim:
 
     async def test_a_service_keeps_its_own(self, bus: MemoryBus) -> None:
         bus.announce(SERVICE_ALIVE, "pointing.anna")
-        claiming = asyncio.create_task(claim(bus, SERVICE_ALIVE, {"pointing.anna"}, "do as you like"))
+        claiming = asyncio.create_task(claim_names(bus, SERVICE_ALIVE, {"pointing.anna"}, "do as you like"))
         await reported(bus, claiming)
         with pytest.raises(ConfigError, match="do as you like"):
             await claiming
 
     async def test_who_goes_meanwhile_leaves_the_name(self, bus: MemoryBus) -> None:
         token = bus.announce(USER_ALIVE, "anna")
-        claiming = asyncio.create_task(claim(bus, USER_ALIVE, {"anna"}))
+        claiming = asyncio.create_task(claim_names(bus, USER_ALIVE, {"anna"}))
         await asyncio.sleep(0.05)
         token.close()
         await asyncio.wait_for(claiming, instance_takeover.SILENT_S / 2)
@@ -92,7 +92,7 @@ class TestClaim:
         caplog.set_level("INFO")
         bus.announce(USER_ALIVE, "anna")
         bus.publisher(HEALTH, "pointing.ben").put(report(17, 5.0).model_copy(update={"user": "ben"}))
-        await claim(bus, USER_ALIVE, {"anna"})
+        await claim_names(bus, USER_ALIVE, {"anna"})
         assert "waiting" in caplog.text
         assert "the name is taken over" in caplog.text
 
@@ -106,14 +106,14 @@ class TestSuccession:
         is_lost: bool,  # noqa: FBT001
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        at = Succession(bus, "pointing.anna", lambda: NOW_NS)
+        at = TakeoverMonitor(bus, "pointing.anna", lambda: NOW_NS)
         await asyncio.sleep(0.01)
         bus.publisher(HEALTH, "pointing.anna").put(report(17, uptime_s))
-        await until(lambda: bool(at.mind()))
-        assert at.lost.is_set() is is_lost
-        assert "process 17 on elsewhere" in at.mind()
+        await until(lambda: bool(at.duplicate_instance_warning()))
+        assert at.superseded.is_set() is is_lost
+        assert "process 17 on elsewhere" in at.duplicate_instance_warning()
         monkeypatch.setattr(instance_takeover, "SILENT_S", 0.01)
-        await until(lambda: not at.mind(), what="not heard any more")
+        await until(lambda: not at.duplicate_instance_warning(), what="not heard any more")
         at.close()
 
     @pytest.mark.parametrize("late_s", [0.0, 2.0, 20.0])
@@ -125,22 +125,22 @@ class TestSuccession:
         ages_s = {"a": 101.0, "b": 100.0} if older == "a" else {"a": 100.0, "b": 101.0}
         lost: list[str] = []
         for me, other in (("a", "b"), ("b", "a")):
-            at = Succession(bus, f"pointing.{me}", lambda: NOW_NS)
+            at = TakeoverMonitor(bus, f"pointing.{me}", lambda: NOW_NS)
             at._me = (me, 1)
             at._began_s -= ages_s[me]
             stamp_ns = NOW_NS - int(late_s * NS_PER_S)
             news = report(1, ages_s[other] - late_s, host=other, stamp_ns=stamp_ns)
             bus.publisher(HEALTH, f"pointing.{me}").put(news)
-            await until(lambda at=at: bool(at.rival))  # type: ignore[misc]
-            if at.lost.is_set():
+            await until(lambda at=at: bool(at.duplicate))  # type: ignore[misc]
+            if at.superseded.is_set():
                 lost.append(me)
         assert lost == [older]
 
     async def test_its_own_reports_are_no_rival(self, bus: MemoryBus) -> None:
-        at = Succession(bus, "pointing.anna", lambda: NOW_NS)
+        at = TakeoverMonitor(bus, "pointing.anna", lambda: NOW_NS)
         bus.publisher(HEALTH, "pointing.anna").put(report(ME[1], 0.0, host=ME[0]))
         bus.publisher(HEALTH, "pointing.ben").put(report(17, 0.0))
         await asyncio.sleep(0.02)
-        assert not at.mind()
-        assert not at.lost.is_set()
+        assert not at.duplicate_instance_warning()
+        assert not at.superseded.is_set()
         at.close()

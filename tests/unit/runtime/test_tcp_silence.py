@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.host import tcp_timeouts
-from pointit.runtime.host.tcp_timeouts import LINGER, end_lingering, end_silence, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import LINGER, disable_linger, set_user_timeout, tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
@@ -47,11 +47,11 @@ def listening() -> Iterator[socket.socket]:
 
 def test_who_listens_hands_it_on_and_who_connects_has_it(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
-    assert end_silence({port}, AFTER_MS) == 1
+    assert set_user_timeout({port}, AFTER_MS) == 1
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
         assert waits_ms(accepted) == AFTER_MS
         assert waits_ms(client) == 0
-        assert end_silence({port}, AFTER_MS) == 3
+        assert set_user_timeout({port}, AFTER_MS) == 3
         assert waits_ms(client) == AFTER_MS
 
 
@@ -63,9 +63,9 @@ def test_connections_close_without_lingering(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
         accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
-        assert end_lingering({free_port()}) == 0
+        assert disable_linger({free_port()}) == 0
         assert lingers(accepted)
-        assert end_lingering({port}) == 1
+        assert disable_linger({port}) == 1
         assert not lingers(accepted)
         accepted.sendall(b"what was written")
         accepted.close()
@@ -75,7 +75,7 @@ def test_connections_close_without_lingering(listening: socket.socket) -> None:
 def test_others_are_left_alone(listening: socket.socket) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
-        assert end_silence({other.getsockname()[1], free_port()}, AFTER_MS) == 0
+        assert set_user_timeout({other.getsockname()[1], free_port()}, AFTER_MS) == 0
     assert waits_ms(listening) == 0
 
 
@@ -93,7 +93,7 @@ def test_nothing_is_found_where_there_is_no_proc(monkeypatch: pytest.MonkeyPatch
 
 def test_no_setting_of_a_socket_is_changed_by_looking(listening: socket.socket) -> None:
     listening.setblocking(False)
-    end_silence({listening.getsockname()[1]}, AFTER_MS)
+    set_user_timeout({listening.getsockname()[1]}, AFTER_MS)
     assert not listening.getblocking()
     with pytest.raises(BlockingIOError):
         listening.accept()
@@ -104,7 +104,7 @@ def test_locks_on_files_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "held.sqlite"
     with closing(sqlite3.connect(path, isolation_level=None)) as held:
         held.execute("BEGIN EXCLUSIVE")
-        end_silence({free_port()}, AFTER_MS)
+        set_user_timeout({free_port()}, AFTER_MS)
         other = subprocess.run(
             [sys.executable, "-c", take, str(path)], capture_output=True, text=True, check=False
         )

@@ -7,19 +7,19 @@ from collections.abc import Iterator
 
 import pytest
 
-from pointit.runtime.bus.bounded_queue import MAX_WAITING, SHOWN_S, SLICE_S, TurnedAway, WaitingLine
+from pointit.runtime.bus.bounded_queue import MAX_WAITING, SHOWN_S, SLICE_S, BoundedWorkQueue, OverflowCounter
 from tests.support.bench import until
 
 
 async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order() -> None:
     seen: list[int] = []
-    turned_away = TurnedAway()
+    turned_away = OverflowCounter()
 
     def work(item: int) -> tuple[()]:
         seen.append(item)
         return ()
 
-    line = WaitingLine("users/*/profile", work, turned_away)
+    line = BoundedWorkQueue("users/*/profile", work, turned_away)
     taken: list[bool] = []
     thread = threading.Thread(
         target=lambda: taken.extend(line.offer(item) for item in range(MAX_WAITING + 3))
@@ -27,9 +27,9 @@ async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order()
     thread.start()
     thread.join()  # the loop is held up meanwhile
     assert taken == [True] * MAX_WAITING + [False] * 3
-    sentence = turned_away.trouble(time.monotonic())
+    sentence = turned_away.problem(time.monotonic())
     assert sentence.startswith("3 questions were turned away, the last for users/*/profile, ")
-    assert turned_away.trouble(time.monotonic() + SHOWN_S + 1.0) == ""
+    assert turned_away.problem(time.monotonic() + SHOWN_S + 1.0) == ""
     await until(lambda: len(seen) == MAX_WAITING)
     assert seen == list(range(MAX_WAITING))
     assert line.offer(7), "there is room again"
@@ -37,9 +37,9 @@ async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order()
 
 
 def test_one_that_is_turned_away_is_told_of_as_one() -> None:
-    turned_away = TurnedAway()
+    turned_away = OverflowCounter()
     turned_away.add("users/anna/profile", 10.0)
-    assert turned_away.trouble(10.0).startswith(
+    assert turned_away.problem(10.0).startswith(
         f"1 question was turned away, for users/anna/profile, as more than {MAX_WAITING} waited: "
     )
 
@@ -54,7 +54,7 @@ async def test_everybody_else_gets_turns_while_one_long_item_is_worked_on() -> N
             time.sleep(SLICE_S)
             yield
 
-    line = WaitingLine("key", work, TurnedAway())
+    line = BoundedWorkQueue("key", work, OverflowCounter())
     assert line.offer(20)
     while len(counts) < 20:
         await asyncio.sleep(0)
@@ -69,7 +69,7 @@ async def test_what_fails_does_not_stop_the_next(caplog: pytest.LogCaptureFixtur
         yield
         seen.append(10 // item)
 
-    line = WaitingLine("led/brightness", work, TurnedAway())
+    line = BoundedWorkQueue("led/brightness", work, OverflowCounter())
     assert line.offer(0)
     assert line.offer(5)
     await until(lambda: seen == [2])

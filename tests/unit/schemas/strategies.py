@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 from hypothesis import strategies as st
 from pydantic.functional_validators import AfterValidator
 
-from pointit.schemas import Part
+from pointit.schemas import SchemaModel
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=SchemaModel)
 
 
 def messages(kind: type[P]) -> st.SearchStrategy[P]:
@@ -38,7 +38,7 @@ def _values(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
             low = next((each.min_length for each in metadata if hasattr(each, "min_length")), 0)
             return st.lists(_values(args[0], []), min_size=low, max_size=low + 2).map(tuple)
         return st.tuples(*(_values(each, []) for each in args))
-    if isinstance(annotation, type) and issubclass(annotation, Part):
+    if isinstance(annotation, type) and issubclass(annotation, SchemaModel):
         return messages(annotation)
     return _plain(annotation, _flat(metadata))
 

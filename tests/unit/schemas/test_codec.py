@@ -21,9 +21,9 @@ from pointit.schemas import (
     ImuSample,
     Lamp,
     Message,
-    Part,
     PointingRay,
     Query,
+    SchemaModel,
     SelectedObject,
     Strip,
     StripFrame,
@@ -317,7 +317,7 @@ def test_messages_do_not_change() -> None:
     ],
 )
 def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
-    kind: type[Part], fields: dict[str, object], where: str
+    kind: type[SchemaModel], fields: dict[str, object], where: str
 ) -> None:
     with pytest.raises(DecodeError, match=where):
         decode(kind, msgpack.packb(fields))

@@ -8,7 +8,7 @@ import pytest
 
 from pointit.schemas import Cursor, Environment, Health, Message, StripsFrame
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.catalogue.json_channel import Plain
+from pointit.schemas.catalogue.json_channel import JsonChannel
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.topics import TOPICS, Topic
 
@@ -38,11 +38,11 @@ def as_a_viewer_reads_it(schema: dict[str, Any]) -> dict[str, Any]:
 
 @topics
 def test_viewers_read_every_schema_and_find_its_fields(topic: Topic[Message]) -> None:
-    plain = Plain(topic.message)
+    plain = JsonChannel(topic.message)
     fields = as_a_viewer_reads_it(json.loads(json.dumps(plain.schema)))
     assert {"stamp_ns", "seq"} <= set(fields)
     assert plain.schema["title"] == topic.message.schema_name()
-    told = json.loads(plain.text(example(topic.message)))
+    told = json.loads(plain.to_json(example(topic.message)))
     assert_described(told, fields)
     assert set(told) == set(topic.message.model_fields)
 
@@ -59,24 +59,26 @@ def assert_described(told: Any, fields: Any) -> None:
 
 
 def test_what_may_be_plotted_is_described() -> None:
-    cursor = as_a_viewer_reads_it(Plain(Cursor).schema)
+    cursor = as_a_viewer_reads_it(JsonChannel(Cursor).schema)
     assert cursor["miss_rad"] == "number"
     assert cursor["point_m"] == ["number"]
     assert cursor["surface"] == "string"
-    health = as_a_viewer_reads_it(Plain(Health).schema)
+    health = as_a_viewer_reads_it(JsonChannel(Health).schema)
     assert health["latency"] == {"p50_s": "number", "p99_s": "number"}
     assert health["keys"][0]["rate_hz"] == "number"
-    assert Plain(Cursor).schema["properties"]["miss_m"]["description"] == "from the ray to the point"
+    assert JsonChannel(Cursor).schema["properties"]["miss_m"]["description"] == "from the ray to the point"
 
 
 def test_arrays_in_arrays_are_in_the_message_only() -> None:
-    strips = as_a_viewer_reads_it(Plain(Environment).schema)["strips"][0]
+    strips = as_a_viewer_reads_it(JsonChannel(Environment).schema)["strips"][0]
     assert "pixels" in strips
     assert "line_m" not in strips
 
 
 def test_numbers_and_empty_fields_travel_as_they_are() -> None:
-    text = Plain(Cursor).text(Cursor(stamp_ns=1_700_000_000_000_000_001, miss_rad=0.125, point_m=(1, 2, 3)))
+    text = JsonChannel(Cursor).to_json(
+        Cursor(stamp_ns=1_700_000_000_000_000_001, miss_rad=0.125, point_m=(1, 2, 3))
+    )
     told = json.loads(text)
     assert told["stamp_ns"] == 1_700_000_000_000_000_001
     assert (told["miss_rad"], told["point_m"], told["origin_m"]) == (0.125, [1, 2, 3], None)
@@ -84,7 +86,9 @@ def test_numbers_and_empty_fields_travel_as_they_are() -> None:
 
 def test_bytes_travel_as_base64() -> None:
     rgb = bytes((0, 255, 254, 62, 63, 128))
-    told = json.loads(Plain(StripsFrame).text(StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=rgb),))))
+    told = json.loads(
+        JsonChannel(StripsFrame).to_json(StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=rgb),)))
+    )
     assert base64.b64decode(told["strips"][0]["rgb"], validate=True) == rgb
-    schema = Plain(StripsFrame).schema["properties"]["strips"]["items"]["properties"]["rgb"]
+    schema = JsonChannel(StripsFrame).schema["properties"]["strips"]["items"]["properties"]["rgb"]
     assert schema["contentEncoding"] == "base64"

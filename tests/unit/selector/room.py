@@ -18,7 +18,7 @@ from pointit.schemas import (
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output, Record
-from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.selection_engine import SelectionEngine
 
 START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (5.0, -3.0, 1.6)
@@ -74,7 +74,7 @@ class Room:
     def __init__(self, *objects: TrackedObject, **config: object) -> None:
         self.records: list[Record] = []
         self.config = SelectorConfig.model_validate({"gauge": UNHURRIED, **config})
-        self.selecting = Selecting(self.config, self.records.append)
+        self.selecting = SelectionEngine(self.config, self.records.append)
         self.objects: Sequence[TrackedObject] = objects
         self.time_s = 0.0
         self.events: list[SelectionEvent] = []
@@ -139,4 +139,4 @@ class Room:
     def wait(self, duration_s: float) -> None:
         """Let time pass, with objects listed, and nobody pointing."""
         self.stay(duration_s, 10.0)
-        self.take(self.selecting.pass_time(self.now_ns))
+        self.take(self.selecting.tick(self.now_ns))

@@ -12,7 +12,7 @@ import pytest
 
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Owned, Record, event_of
-from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.store.journal import NS_PER_DAY, RETRY_EVERY_NS, Journal
 from pointit.services.selector.store.journal_table import audit
 
@@ -61,8 +61,8 @@ def keep(folder: Path, *records: Record, told: int = 0, now_ns: int = NOW) -> No
     for record in records:
         journal.add(record)
     journal.commit(now_ns)
-    journal.tell(told)
-    journal.mind(now_ns, is_selected=True)
+    journal.mark_published(told)
+    journal.maintain(now_ns, is_selected=True)
     journal.close()
 
 
@@ -80,7 +80,7 @@ def test_what_is_open_is_taken_up_and_counting_goes_on(tmp_path: Path) -> None:
     kept = journal.begin(NOW + S)
     assert kept.entries == {"a": Owned("anna", "red", NOW, 0.75)}
     assert kept.events == 5
-    assert kept.untold == []
+    assert kept.unpublished == []
     assert journal.problem == ""
     assert list(audit(journal.path)) == list(records)
     journal.close()
@@ -90,15 +90,15 @@ def test_what_was_not_told_for_sure_is_to_be_told_again_once(tmp_path: Path) -> 
     keep(tmp_path, selected("a", 1), selected("b", 2), ended("x", None), ended("b", 3), told=1)
     journal = Journal(tmp_path)
     kept = journal.begin(NOW + S)
-    assert [(record.event, record.object_id, record.seq) for record in kept.untold] == [
+    assert [(record.event, record.object_id, record.seq) for record in kept.unpublished] == [
         ("selected", "b", 2),
         ("deselected", "b", 3),
     ]
-    journal.tell(3)
-    journal.mind(NOW + S, is_selected=True)
+    journal.mark_published(3)
+    journal.maintain(NOW + S, is_selected=True)
     journal.close()
     again = Journal(tmp_path)
-    assert again.begin(NOW + 2 * S).untold == []
+    assert again.begin(NOW + 2 * S).unpublished == []
     again.close()
 
 
@@ -106,11 +106,11 @@ def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1), told=0)
     journal = Journal(tmp_path, restore_within_s=600.0)
     kept = journal.begin(NOW + 601 * S)
-    assert (kept.entries, kept.events, list(kept.untold)) == ({}, 1, [])
+    assert (kept.entries, kept.events, list(kept.unpublished)) == ({}, 1, [])
     journal.close()
     assert [record.event for record in audit(journal.path)] == ["selected", "left"]
     again = Journal(tmp_path)
-    assert list(again.begin(NOW + 602 * S).untold) == []
+    assert list(again.begin(NOW + 602 * S).unpublished) == []
     again.close()
 
 
@@ -143,7 +143,7 @@ def test_a_killed_writer_loses_nothing_that_it_committed(tmp_path: Path) -> None
         assert "another selector writes" in second.problem
         second.add(selected("other", 1))
         second.commit(NOW)
-        second.mind(NOW, is_selected=True)
+        second.maintain(NOW, is_selected=True)
         second.close()
         assert len(list(audit(second.path))) == 5  # read while it is being written
     finally:
@@ -154,7 +154,10 @@ def test_a_killed_writer_loses_nothing_that_it_committed(tmp_path: Path) -> None
     assert journal.problem == ""
     assert list(kept.entries) == ["1", "2", "3", "4", "5"]
     assert kept.events == 5
-    assert [record.seq for record in kept.untold] == [4, 5]  # with the fifth it was written that 3 was told
+    assert [record.seq for record in kept.unpublished] == [
+        4,
+        5,
+    ]  # with the fifth it was written that 3 was told
     journal.close()
 
 
@@ -229,10 +232,10 @@ def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
         (folder / "journal.sqlite").write_bytes(damaged)
         journal = Journal(folder)
         kept = journal.begin(NOW + S)
-        selecting = Selecting(SelectorConfig(), journal.add)
+        selecting = SelectionEngine(SelectorConfig(), journal.add)
         selecting.restore(kept.entries, kept.events, NOW + S)
         selecting.selection(NOW + S)  # messages can be made of it
-        for record in kept.untold:
+        for record in kept.unpublished:
             event_of(record, record.seq or 0, again=True)
         journal.close()
 
@@ -274,7 +277,7 @@ def test_a_folder_that_cannot_be_made_leaves_it_in_memory(tmp_path: Path) -> Non
     assert "then restart" in journal.problem  # it is not tried again
     journal.add(selected("a", 1))
     journal.commit(NOW)
-    journal.mind(NOW, is_selected=True)
+    journal.maintain(NOW, is_selected=True)
     journal.close()
 
 
@@ -306,7 +309,7 @@ def test_on_a_full_disk_it_goes_on_and_catches_up(tmp_path: Path) -> None:
     db.execute("PRAGMA max_page_count = 100000")
     journal.commit(NOW + S)
     assert journal.problem  # not tried again too soon
-    journal.mind(NOW + RETRY_EVERY_NS + 1, is_selected=True)
+    journal.maintain(NOW + RETRY_EVERY_NS + 1, is_selected=True)
     assert journal.problem == ""
     journal.close()
     assert [record.seq for record in audit(journal.path)] == list(range(1, 201))
@@ -338,7 +341,7 @@ def test_old_events_go_and_what_is_open_stays(tmp_path: Path) -> None:
     )
     journal = Journal(tmp_path, keep_days=30.0)
     journal.begin(NOW)
-    journal.mind(NOW + S, is_selected=True)
+    journal.maintain(NOW + S, is_selected=True)
     assert [record.object_id for record in audit(journal.path)] == ["open", "new"]
     journal.close()
 
@@ -350,7 +353,7 @@ def test_old_events_behind_one_of_the_future_go_too(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     journal.begin(NOW + 31 * NS_PER_DAY)
     for count in range(4):
-        journal.mind(NOW + 31 * NS_PER_DAY + (20 * count + 1) * S, is_selected=True)
+        journal.maintain(NOW + 31 * NS_PER_DAY + (20 * count + 1) * S, is_selected=True)
     assert [record.object_id for record in audit(journal.path)] == ["late", "late"]
     journal.close()
 
@@ -367,7 +370,7 @@ def test_to_drop_old_events_does_not_hold_the_loop_up(tmp_path: Path) -> None:
     durations_s: list[float] = []
     for count in range(10):
         began_s = time.perf_counter()
-        journal.mind(NOW + (20 * count) * S, is_selected=True)
+        journal.maintain(NOW + (20 * count) * S, is_selected=True)
         durations_s.append(time.perf_counter() - began_s)
     journal.close()
     assert len(list(audit(journal.path))) < 20_000

@@ -38,8 +38,8 @@ def test_a_toggle_selects_and_the_next_deselects() -> None:
 def test_only_the_owner_deselects() -> None:
     kept = ledger()
     kept.toggle("a", "red", "anna", 5)
-    assert kept.keeper("a", "ben", 6) == "anna"
-    assert kept.keeper("a", "anna", 6) == ""
+    assert kept.blocking_owner("a", "ben", 6) == "anna"
+    assert kept.blocking_owner("a", "anna", 6) == ""
     refused = kept.toggle("a", "red", "ben", 6)
     assert (refused.event, refused.user, refused.owner) == ("refused", "ben", "anna")
     assert "anna" in refused.reason

@@ -9,7 +9,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ReservedObject, SetMethod, SetMethodReply
 from pointit.schemas.topics import HOVER, SELECTION, SELECTION_EVENTS, SET_METHOD
 from pointit.services.selector.config import Method, SelectorConfig
-from pointit.services.selector.methods.method import changed
+from pointit.services.selector.methods.method import apply_method
 from pointit.services.selector.service import Selector
 from tests.support.bench import Bench, ManualClock, memory_bench
 from tests.unit.selector.room import Room, package
@@ -21,27 +21,27 @@ CONFIG = SelectorConfig()
 
 
 def switch(room: Room, method: Method | None = None, dwell_s: float | None = None) -> None:
-    room.selecting.use(changed(room.config, room.config, method, dwell_s))
+    room.selecting.use(apply_method(room.config, room.config, method, dwell_s))
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_that_is_named_has_its_own_time_or_the_one_that_is_given(method: Method) -> None:
-    own = changed(CONFIG, CONFIG.model_copy(update={"window_s": 3.0}), method, None)
+    own = apply_method(CONFIG, CONFIG.model_copy(update={"window_s": 3.0}), method, None)
     assert (own.method, own.dwell_s) == (method, 0.5 if method == "gauge" else 0.8)
-    slow = changed(CONFIG, CONFIG, method, 2.0)
+    slow = apply_method(CONFIG, CONFIG, method, 2.0)
     assert (slow.method, slow.dwell_s) == (method, 2.0)
-    assert changed(CONFIG, slow, None, None) is slow
-    assert changed(CONFIG, slow, None, 1.0).method == method
+    assert apply_method(CONFIG, slow, None, None) is slow
+    assert apply_method(CONFIG, slow, None, 1.0).method == method
     assert slow.gauge.sparse_full_s == pytest.approx(1.4 if method == "gauge" else 0.35)
 
 
 def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     with pytest.raises(ValueError, match=r"0\.05 s is less than the timestep of 0\.1 s in which hold"):
-        changed(CONFIG, CONFIG, "hold", 0.05)
+        apply_method(CONFIG, CONFIG, "hold", 0.05)
     lazy = CONFIG.model_copy(update={"gauge": CONFIG.gauge.model_copy(update={"sparse_full_s": 1.0})})
     with pytest.raises(ValueError, match="would take 12 s, at most 10 s"):
-        changed(lazy, lazy, None, 6.0)
-    assert changed(CONFIG, CONFIG, "gauge", 0.05).dwell_s == 0.05
+        apply_method(lazy, lazy, None, 6.0)
+    assert apply_method(CONFIG, CONFIG, "gauge", 0.05).dwell_s == 0.05
 
 
 def seconds_to_select(room: Room, x_m: float = 5.0) -> float:

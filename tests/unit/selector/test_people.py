@@ -290,7 +290,7 @@ def test_whatever_people_do_an_object_has_one_owner_and_events_tell_the_story(
     )
     for doing in doings:
         do(room, doing)
-        room.take(room.selecting.pass_time(room.now_ns))
+        room.take(room.selecting.tick(room.now_ns))
         ids = [one.id for one in room.selecting.selection(room.now_ns).objects]
         assert len(ids) == len(set(ids))
     room.wait(2.0)

@@ -60,8 +60,8 @@ async def test_a_new_run_begins_with_nothing_selected_and_the_audit_stays() -> N
         bench.start(Selector)
         await bench.settle()
         await stay(bench, clock, "anna", 1.0, "a", "b")
-        Selector.begin_anew(site, clock.now_ns() + 1)  # by another run: it is in use, and stays
-    Selector.begin_anew(site, clock.now_ns() + 1)
+        Selector.discard_saved_state(site, clock.now_ns() + 1)  # by another run: it is in use, and stays
+    Selector.discard_saved_state(site, clock.now_ns() + 1)
     async with memory_bench(clock) as bench:
         after = bench.collect(SELECTION)
         bench.start(Selector)

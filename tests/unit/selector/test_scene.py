@@ -24,7 +24,7 @@ def scene(*objects: TrackedObject, time_s: float = 0.0, lag_s: float = 0.0) -> S
 
 
 def look(looked: Scene, cursor: Cursor) -> View:
-    view = looked.look(cursor)
+    view = looked.view_from(cursor)
     assert view is not None
     return view
 
@@ -150,8 +150,8 @@ def test_a_solid_in_front_hides_what_is_behind_it(solid: str, expected: str | No
 
 
 def test_there_is_no_view_without_a_ray_or_without_objects() -> None:
-    assert scene(package("a", 5.0)).look(Cursor(stamp_ns=at(0))) is None
-    assert Scene().look(pointing(0, 5.0)) is None
+    assert scene(package("a", 5.0)).view_from(Cursor(stamp_ns=at(0))) is None
+    assert Scene().view_from(pointing(0, 5.0)) is None
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.05, 0.6))

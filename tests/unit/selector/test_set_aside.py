@@ -21,7 +21,7 @@ def test_file_set_aside_by_an_earlier_process_is_named_for_a_day_and_logged(
         return tmp_path
 
     monkeypatch.setattr("pointit.services.selector.service.site_folder", folder)
-    Selector.begin_anew("lab", NOW_NS)
+    Selector.discard_saved_state("lab", NOW_NS)
     [aside] = tmp_path.glob("journal.corrupt-*")
     assert f"was damaged and is kept as {aside.name}" in caplog.text
     day_ns = 86_400 * NS_PER_S

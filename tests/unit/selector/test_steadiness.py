@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.services.selector.methods.ray_speed import Steadiness
+from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
 
 S = 1_000_000_000
 
 
-def speed_deg_s(steadiness: Steadiness) -> float:
+def speed_deg_s(steadiness: RaySpeedEstimator) -> float:
     rate = steadiness.rate()
     assert rate is not None
     return math.degrees(math.hypot(*rate))
@@ -28,7 +28,7 @@ def speed_deg_s(steadiness: Steadiness) -> float:
 def test_a_ray_that_turns_evenly_has_that_speed(
     azimuth_deg: float, elevation_deg: float, turned_deg_s: float, raised_deg_s: float, rate_hz: int
 ) -> None:
-    steadiness = Steadiness(0.15)
+    steadiness = RaySpeedEstimator(0.15)
     for index in range(rate_hz):
         time_s = index / rate_hz - 1.0
         ray = vector.direction(
@@ -45,7 +45,7 @@ def test_a_ray_that_turns_evenly_has_that_speed(
 
 @pytest.mark.parametrize("frequency_hz", [6.0, 7.5, 9.0, 10.5, 12.0])
 def test_tremor_of_its_highest_rms_is_steady(frequency_hz: float) -> None:
-    steadiness = Steadiness(0.15)
+    steadiness = RaySpeedEstimator(0.15)
     highest = 0.0
     for index in range(400):
         time_s = index / 100
@@ -57,7 +57,7 @@ def test_tremor_of_its_highest_rms_is_steady(frequency_hz: float) -> None:
 
 
 def test_a_single_wrong_sample_changes_little() -> None:
-    steadiness = Steadiness(0.15)
+    steadiness = RaySpeedEstimator(0.15)
     for index in range(100):
         wrong = 0.3 if index == 95 else 0.0
         steadiness.add(index * S // 100, vector.direction(wrong, -0.3))
@@ -66,7 +66,7 @@ def test_a_single_wrong_sample_changes_little() -> None:
 
 
 def test_one_ray_has_no_speed_and_two_have_whatever_the_rate() -> None:
-    steadiness = Steadiness(0.15)
+    steadiness = RaySpeedEstimator(0.15)
     assert steadiness.rate() is None
     steadiness.add(0, (1.0, 0.0, 0.0))
     assert steadiness.rate() is None
@@ -77,7 +77,7 @@ def test_one_ray_has_no_speed_and_two_have_whatever_the_rate() -> None:
 
 
 def test_rays_a_nanosecond_apart_have_a_speed() -> None:
-    steadiness = Steadiness(0.15)
+    steadiness = RaySpeedEstimator(0.15)
     for index in range(4):
         steadiness.add(1_700_000_000 * S + index, vector.direction(math.radians(1e-6 * index), 0.0))
     assert speed_deg_s(steadiness) == pytest.approx(1000.0, rel=1e-6)
@@ -85,7 +85,7 @@ def test_rays_a_nanosecond_apart_have_a_speed() -> None:
 
 @pytest.mark.parametrize("turned_deg_s", [10.0, -10.0])
 def test_speed_does_not_jump_where_the_azimuth_does(turned_deg_s: float) -> None:
-    steadiness = Steadiness(0.15)
+    steadiness = RaySpeedEstimator(0.15)
     for index in range(11):
         turned_deg = 180.0 + turned_deg_s * (index - 5) / 100
         steadiness.add(index * S // 100, vector.direction(math.radians(turned_deg), 0.0))

@@ -48,7 +48,7 @@ def went_back(cue: str, back: str) -> list[str]:
 def anchoring(cycle: LifeCycle) -> LifeCycle:
     """Return `cycle` after a double press at 10 s, a consent, and news of the lamp."""
     assert told(cycle.button(*press(10, "double"))) == ["anchor", "localizing", "cue started"]
-    assert cycle.answered(cycle.run) == []
+    assert cycle.on_start_accepted(cycle.run) == []
     outputs = cycle.localization(*news(11, "sampling", target_id="led_1", since_ns=10 * S))
     assert told(outputs) == ["localizing", "cue target"]
     assert shown(outputs).next_step == AIM
@@ -87,8 +87,8 @@ def test_without_a_place_there_is_nothing_to_set_right() -> None:
 def test_the_localizers_refusal_of_the_request_is_passed_on() -> None:
     cycle = pointing()
     cycle.button(*press(10, "double"))
-    assert cycle.not_started(cycle.run + 1, "another's", 11 * S) == []
-    outputs = cycle.not_started(cycle.run, "the map has no lamps", 11 * S)
+    assert cycle.on_start_failed(cycle.run + 1, "another's", 11 * S) == []
+    outputs = cycle.on_start_failed(cycle.run, "the map has no lamps", 11 * S)
     assert told(outputs) == went_back("refused", "pointing")
     assert shown(outputs).reason == "the map has no lamps"
 
@@ -136,7 +136,7 @@ def test_it_does_not_disturb_a_localization() -> None:
     cycle = LifeCycle(localize=True)
     cycle.begin(0)
     cycle.button(*press(10))
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     for phase in ("sampling", "solved", "refused", "cancelled"):
         assert cycle.localization(*news(11, phase)) == []
     assert cycle.state == "localizing"
@@ -146,10 +146,10 @@ def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
     cycle = anchoring(pointing())
     for now_s in range(12, 70):
         cycle.imu(*sample(now_s))
-    outputs = cycle.pass_time(70 * S)
+    outputs = cycle.tick(70 * S)
     assert told(outputs) == ["cancel", *went_back("refused", "pointing")]
     assert "no further in 60 s" in shown(outputs).reason
-    assert told(cycle.pass_time(72 * S)) == ["idle", "cue stopped"]  # the wrist is silent by now
+    assert told(cycle.tick(72 * S)) == ["idle", "cue stopped"]  # the wrist is silent by now
 
 
 @pytest.mark.parametrize("back", ["pointing", "idle"])
@@ -157,7 +157,7 @@ def test_a_silent_wrist_ends_it_in_idle(back: str) -> None:
     cycle = anchoring(pointing() if back == "pointing" else resting())
     cycle.imu(*sample(11))
     assert cycle.deadline_ns == 14 * S
-    outputs = cycle.pass_time(14 * S)
+    outputs = cycle.tick(14 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
     assert "is the wristband on" in shown(outputs).reason
     assert cycle.localization(*news(14.1, "sampling", target_id="led_1", since_ns=10 * S)) == []

@@ -78,12 +78,12 @@ class AnyLife(RuleBasedStateMachine):
     def called_off(self) -> None:
         if self.cancels:
             self.cancels -= 1
-            self.cycle.called_off(self.now_ns)
+            self.cycle.on_cancel_reply(self.now_ns)
 
     @rule(span_s=st.floats(0, 100))
     def time(self, span_s: float) -> None:
         self.now_ns += round(span_s * S)
-        self.take(self.cycle.pass_time(self.now_ns))
+        self.take(self.cycle.tick(self.now_ns))
 
     @rule(span_s=st.floats(0, 3))
     def little_time_with_imu(self, span_s: float) -> None:
@@ -129,9 +129,9 @@ class AnyLife(RuleBasedStateMachine):
             return
         run = self.asked[which % len(self.asked)]
         if answers:
-            self.take(self.cycle.answered(run))
+            self.take(self.cycle.on_start_accepted(run))
         else:
-            self.take(self.cycle.not_started(run, "no answer", self.now_ns))
+            self.take(self.cycle.on_start_failed(run, "no answer", self.now_ns))
 
     @invariant()
     def what_is_shown_is_so(self) -> None:
@@ -161,7 +161,7 @@ class AnyLife(RuleBasedStateMachine):
         for _ in range(2):
             if self.cycle.deadline_ns is not None:
                 self.now_ns = max(self.now_ns, self.cycle.deadline_ns)
-                self.take(self.cycle.pass_time(self.now_ns))
+                self.take(self.cycle.tick(self.now_ns))
         assert self.cycle.state == "idle"
         self.button("press")
         if self.localize or self.has_pose:

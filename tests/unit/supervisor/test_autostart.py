@@ -52,7 +52,7 @@ def test_samples_that_are_back_after_a_silence_begin_again() -> None:
     cycle = eager()
     cycle.pose(*pose())
     cycle.imu(*sample(1))
-    outputs = cycle.pass_time(4 * S)
+    outputs = cycle.tick(4 * S)
     assert told(outputs) == ["idle", "cue stopped"]
     assert shown(outputs).next_step == user_messages.BY_ITSELF
     assert told(cycle.imu(*sample(4.1))) == ["pointing", "cue started"]
@@ -68,7 +68,7 @@ def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) ->
     assert shown(outputs).next_step == user_messages.PRESS
     assert cycle.imu(*sample(100)) == []
     assert told(cycle.button(*press(101))) == ["pointing", "cue started"]
-    cycle.pass_time(200 * S)
+    cycle.tick(200 * S)
     assert told(cycle.imu(*sample(201))) == ["pointing", "cue started"]
 
 
@@ -85,7 +85,7 @@ def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:
     cycle = eager(localize=True)
     assert cycle.imu(*sample(0.5)) == []  # a place may be on its way
     assert told(cycle.imu(*sample(1.1))) == ["start", "localizing", "cue started"]
-    outputs = cycle.not_started(cycle.run, "there is no map yet", 2 * S)
+    outputs = cycle.on_start_failed(cycle.run, "there is no map yet", 2 * S)
     assert shown(outputs).next_step == user_messages.BY_ITSELF_AT_LAMP
     assert cycle.imu(*sample(6.9)) == []
     assert told(cycle.imu(*sample(7.1)))[:2] == ["start", "localizing"]
@@ -95,7 +95,7 @@ def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:
     for now_s in range(14, 73):
         cycle.imu(*sample(now_s))
     cycle.imu(*sample(73))
-    assert told(cycle.pass_time(round(73.2 * S))) == ["cancel", "idle", "cue refused"]
+    assert told(cycle.tick(round(73.2 * S))) == ["cancel", "idle", "cue refused"]
     assert cycle.imu(*sample(78)) == []
     assert told(cycle.imu(*sample(78.3)))[:2] == ["start", "localizing"]
     assert told(cycle.button(*press(80))) == ["cancel", "idle", "cue stopped"]

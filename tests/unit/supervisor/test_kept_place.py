@@ -5,7 +5,7 @@ from typing import Literal
 
 import pytest
 
-from pointit.runtime.bus.local_broker import Exchange
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.errors import RefusedError
@@ -23,7 +23,7 @@ from pointit.schemas.topics import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from pointit.services.pui.service import Pui
-from pointit.services.supervisor.pose_restore import KeptPlace
+from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import Bench, memory_bench, until
 
@@ -58,7 +58,7 @@ def idle(now_s: float) -> tuple[Localization, int]:
 
 
 def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.localization(*idle(1))
     place.pose(pose(2))
     place.localization(idle(1)[0], 3 * S)  # an old word, heard again
@@ -73,21 +73,21 @@ def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
 
 
 def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.pose(UserPose(stamp_ns=2 * S, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5))
     place.localization(*idle(10))
     assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
 
 
 def test_a_fixed_pose_that_anchors_made_uncertain_stays_so() -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.pose(pose(2, "fixed"))
     place.localization(*idle(10))
     assert place.due(11 * S) == BACK.model_copy(update={"method": "fixed"})
 
 
 def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.pose(pose(2, "fixed"))
     place.localization(*idle(10))
     place.pose(UserPose(stamp_ns=10 * S, position_m=(9.0, 9.0, 0.0), yaw_rad=0.0))
@@ -95,7 +95,7 @@ def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -
 
 
 def test_a_localizer_that_was_away_gets_it_back() -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.localizer(1 * S, is_present=True)
     place.pose(pose(2))
     place.localizer(3 * S, is_present=True)
@@ -108,7 +108,7 @@ def test_a_localizer_that_was_away_gets_it_back() -> None:
 
 @pytest.mark.parametrize("own_s", [9.0, 10.5])
 def test_a_localizer_with_a_pose_of_its_own_keeps_it(own_s: float) -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.pose(pose(2, "fixed"))
     place.localizer(4 * S, is_present=False)
     if own_s < 10:
@@ -120,11 +120,11 @@ def test_a_localizer_with_a_pose_of_its_own_keeps_it(own_s: float) -> None:
 
 
 def test_what_a_tracker_said_or_a_running_search_will_say_is_not_given_back() -> None:
-    place = KeptPlace()
+    place = PoseRestorer()
     place.pose(pose(2, "external"))
     place.localization(*idle(10))
     assert place.due(20 * S) is None
-    place = KeptPlace()
+    place = PoseRestorer()
     place.pose(pose(2))
     place.localization(*idle(10))
     place.localization(Localization(stamp_ns=10 * S, phase="sampling"), 10 * S)
@@ -160,7 +160,7 @@ async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken
 async def test_two_restarts_leave_nobody_without_a_place() -> None:
     """The localizer by lamps, then pui: the real ones, each stopped and started again."""
     clock = SimulatedClock(10.0)
-    exchange = Exchange()
+    exchange = LocalBroker()
 
     def start(kind: type[Localizer] | type[Pui], user: str = "") -> tuple[MemoryBus, asyncio.Task[None]]:
         config = LocalizerConfig(method="static_targets") if kind is Localizer else kind.CONFIG()

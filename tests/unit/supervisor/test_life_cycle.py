@@ -29,7 +29,7 @@ def localizing(now_s: float = 10.0) -> LifeCycle:
     cycle = LifeCycle(localize=True)
     cycle.begin(0)
     assert told(cycle.button(*press(now_s))) == ["start", "localizing", "cue started"]
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     return cycle
 
 
@@ -57,7 +57,7 @@ def test_localizing_leads_through_the_targets_to_pointing() -> None:
     outputs = cycle.button(*press(10))
     assert told(outputs) == ["start", "localizing", "cue started"]
     assert shown(outputs).next_step == user_messages.WAIT
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     for index, lamp in enumerate(("led_0", "led_1")):
         sampling = {"target_id": lamp, "target_index": index, "target_count": 2}
         outputs = cycle.localization(*news(11 + index, "sampling", **sampling))
@@ -82,8 +82,8 @@ def test_a_start_that_comes_to_nothing_says_why() -> None:
     cycle = LifeCycle(localize=True)
     cycle.begin(0)
     cycle.button(*press(10))
-    assert cycle.not_started(cycle.run + 1, "another's", 11 * S) == []
-    outputs = cycle.not_started(cycle.run, "localizer does not answer", 12 * S)
+    assert cycle.on_start_failed(cycle.run + 1, "another's", 11 * S) == []
+    outputs = cycle.on_start_failed(cycle.run, "localizer does not answer", 12 * S)
     assert told(outputs) == ["idle", "cue refused"]
     assert shown(outputs).reason == "localizer does not answer"
 
@@ -100,7 +100,7 @@ def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:
     cycle.button(*press(10))
     run = cycle.run
     cycle.button(*press(11))
-    assert told(cycle.answered(run)) == ["cancel"]
+    assert told(cycle.on_start_accepted(run)) == ["cancel"]
 
 
 def test_hold_rests_from_anywhere_and_localizes_anew_from_there() -> None:
@@ -146,7 +146,7 @@ def test_news_of_an_earlier_localization_do_not_count() -> None:
     assert cycle.localization(news(9.9, "refused")[0], 10 * S) == []
     assert cycle.localization(*news(10.1, "cancelled")) == []  # of the one before: ours is not answered yet
     assert cycle.state == "localizing"
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     assert told(cycle.localization(*news(12, "cancelled"))) == ["idle", "cue stopped"]
 
 
@@ -156,12 +156,12 @@ def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     outputs = cycle.localization(*news(20, "idle"))
     assert told(outputs) == ["start", "localizing"]
     assert cycle.run == first + 1
-    assert cycle.not_started(first, "too late", 20 * S) == []
+    assert cycle.on_start_failed(first, "too late", 20 * S) == []
     assert cycle.localization(*news(20, "idle")) == []
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     assert cycle.localization(*news(21, "sampling", target_id="led_0")) != []
     cycle.imu(*sample(69))
-    outputs = cycle.pass_time(70 * S)
+    outputs = cycle.tick(70 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
     assert shown(outputs).reason == user_messages.too_long(60.0)
 
@@ -174,11 +174,11 @@ def test_forty_lamps_may_take_longer_than_one() -> None:
         cycle.imu(*sample(now_s))
         sampling = {"target_id": f"led_{index}", "target_index": index, "target_count": 40}
         cycle.localization(*news(now_s, "sampling", **sampling))
-        assert cycle.pass_time(round(now_s * S)) == []
+        assert cycle.tick(round(now_s * S)) == []
     cycle.imu(*sample(now_s + 59))
-    assert cycle.pass_time(round((now_s + 59) * S)) == []
+    assert cycle.tick(round((now_s + 59) * S)) == []
     cycle.localization(*news(now_s + 59, "sampling", target_id="led_0", target_count=40))  # back: no progress
-    assert told(cycle.pass_time(round((now_s + 60) * S))) == ["cancel", "idle", "cue refused"]
+    assert told(cycle.tick(round((now_s + 60) * S))) == ["cancel", "idle", "cue refused"]
 
 
 def test_idle_after_a_new_pose_is_a_success_that_was_not_seen() -> None:
@@ -195,8 +195,8 @@ def test_a_silent_wrist_ends_it() -> None:
     cycle.button(*press(10))
     cycle.imu(*sample(12))
     assert cycle.deadline_ns == 15 * S
-    assert cycle.pass_time(15 * S - 1) == []
-    outputs = cycle.pass_time(15 * S)
+    assert cycle.tick(15 * S - 1) == []
+    outputs = cycle.tick(15 * S)
     assert told(outputs) == ["idle", "cue stopped"]
     assert "is the wristband on" in shown(outputs).reason
     assert cycle.deadline_ns is None
@@ -205,7 +205,7 @@ def test_a_silent_wrist_ends_it() -> None:
 def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> None:
     cycle = localizing(10.0)
     assert cycle.deadline_ns == 13 * S
-    outputs = cycle.pass_time(13 * S)
+    outputs = cycle.tick(13 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
     assert "is the wristband on" in shown(outputs).reason
 
@@ -217,14 +217,14 @@ def test_what_is_told_twice_changes_nothing() -> None:
     event, now_ns = press(10)
     assert cycle.button(event, now_ns)
     assert cycle.button(event, now_ns + S) == []
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     sampling = news(11, "sampling", target_id="led_0")
     assert cycle.localization(*sampling)
     assert cycle.localization(*sampling) == []
     solved = news(12, "solved")
     assert cycle.localization(*solved)
     assert cycle.localization(*solved) == []
-    assert cycle.answered(cycle.run) == []
+    assert cycle.on_start_accepted(cycle.run) == []
     assert cycle.state == "pointing"
 
 
@@ -237,6 +237,6 @@ def test_a_wrist_that_is_heard_never_ends_pointing(moments: list[tuple[float, bo
     for span_s, looks in moments:
         now_ns += round(span_s * S)
         if looks:
-            assert cycle.pass_time(now_ns) == []
+            assert cycle.tick(now_ns) == []
         assert cycle.imu(ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY), now_ns) == []
     assert cycle.state == "pointing"

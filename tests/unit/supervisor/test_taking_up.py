@@ -45,7 +45,7 @@ def broken_off(resume_s: float = 30.0) -> LifeCycle:
     cycle.begin(0)
     cycle.pose(*pose())
     cycle.button(*press(10))
-    assert told(cycle.pass_time(13 * S)) == ["idle", "cue stopped"]
+    assert told(cycle.tick(13 * S)) == ["idle", "cue stopped"]
     return cycle
 
 
@@ -67,7 +67,7 @@ def test_a_wrist_that_comes_back_late_or_says_old_things_waits_for_a_press() -> 
 @pytest.mark.parametrize("goes_on", [True, False])
 def test_pointing_is_taken_up_where_the_localizer_is_the_same(*, goes_on: bool) -> None:
     cycle = LifeCycle()
-    cycle.take_up(before("pointing", 50), 100 * S)
+    cycle.resume_from(before("pointing", 50), 100 * S)
     cycle.begin(100 * S)
     cycle.localization(news(20 if goes_on else 99, "idle")[0], 100 * S)
     assert cycle.imu(*sample(100.1)) == []  # nobody knows where they stand
@@ -77,7 +77,7 @@ def test_pointing_is_taken_up_where_the_localizer_is_the_same(*, goes_on: bool) 
 
 def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
     cycle = LifeCycle(localize=True)
-    cycle.take_up(before("localizing", 50), 51 * S)
+    cycle.resume_from(before("localizing", 50), 51 * S)
     cycle.begin(51 * S)
     since = {"since_ns": 50 * S}
     outputs = cycle.localization(*news(51.2, "sampling", target_id="led_1", **since))
@@ -88,7 +88,7 @@ def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
         "cue started",
     ]
     unseen = LifeCycle(localize=True)
-    unseen.take_up(before("localizing", 50), 60 * S)
+    unseen.resume_from(before("localizing", 50), 60 * S)
     unseen.localization(news(55, "solved", **since)[0], 60 * S)
     unseen.pose(*pose(55))
     assert told(unseen.imu(*sample(60.1))) == ["pointing", "cue started"]
@@ -97,7 +97,7 @@ def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
 @pytest.mark.parametrize("kept", [before("idle", 50), before("pointing", 200)])
 def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
     cycle = LifeCycle()
-    cycle.take_up(kept, 100 * S)
+    cycle.resume_from(kept, 100 * S)
     cycle.pose(*pose(1))
     cycle.localization(news(2, "idle")[0], 100 * S)
     assert cycle.imu(*sample(100.1)) == []
@@ -105,7 +105,7 @@ def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
 
 def test_who_presses_first_decides() -> None:
     cycle = LifeCycle()
-    cycle.take_up(before("pointing", 50), 100 * S)
+    cycle.resume_from(before("pointing", 50), 100 * S)
     cycle.pose(*pose(1))
     assert told(cycle.button(*press(100))) == ["pointing", "cue started"]
     assert told(cycle.button(*press(101))) == ["idle", "cue stopped"]

@@ -7,7 +7,7 @@ import pytest
 from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
 from pointit.schemas.cues import SIGNS
 from pointit.services.supervisor import user_messages
-from pointit.services.supervisor.interaction_publisher import Voice
+from pointit.services.supervisor.interaction_publisher import InteractionPublisher
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.outputs import Output
 from tests.unit.supervisor.played import S, sample, shown, told
@@ -31,7 +31,7 @@ def localizing() -> LifeCycle:
     cycle = LifeCycle(localize=True, localization_timeout_s=60.0)
     cycle.begin(0)
     cycle.button(*press(10))
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     return cycle
 
 
@@ -63,7 +63,7 @@ def test_cues_say_whether_to_wait_or_to_go_on() -> None:
     cycle = LifeCycle(localize=True)
     cycle.begin(0)
     outputs = [*cycle.button(*press(10))]
-    cycle.answered(cycle.run)
+    cycle.on_start_accepted(cycle.run)
     outputs += cycle.localization(*news(11, "sampling", target_id="led_0"))
     outputs += cycle.localization(*news(12, "sampling", ahead=("anna",)))  # the lamp is left to her
     outputs += cycle.localization(*news(13, "sampling", target_id="led_0"))
@@ -87,15 +87,15 @@ def test_the_eleventh_is_told_a_number() -> None:
 def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
     cycle = localizing()
     for now_s in range(11, 200):
-        assert cycle.pass_time(now_s * S) == []
+        assert cycle.tick(now_s * S) == []
         cycle.imu(*sample(now_s))
         cycle.localization(*news(now_s, "sampling", ahead=("anna",)))
     cycle.localization(*news(199.5, "sampling", target_id="led_0"))
     for now_s in range(200, 259):
         cycle.imu(*sample(now_s))
-        assert cycle.pass_time(now_s * S) == []
+        assert cycle.tick(now_s * S) == []
     cycle.imu(*sample(258.9))
-    assert told(cycle.pass_time(259 * S)) == ["cancel", "idle", "cue refused"]
+    assert told(cycle.tick(259 * S)) == ["cancel", "idle", "cue refused"]
 
 
 @pytest.mark.parametrize("gesture", ["press", "double", "hold"])
@@ -162,12 +162,12 @@ def test_what_others_asked_for_is_theirs_to_end_but_for_a_gesture() -> None:
     cycle.begin(0)
     robot = {"target_id": "r1", "since_ns": 10 * S}
     cycle.localization(*news(10, "sampling", **robot))
-    assert told(cycle.pass_time(13 * S)) == ["idle", "cue refused"]  # the wrist is silent; no cancel
+    assert told(cycle.tick(13 * S)) == ["idle", "cue refused"]  # the wrist is silent; no cancel
     assert cycle.localization(*news(14, "sampling", **robot)) == []
     assert "localizing" in told(cycle.localization(*news(20, "sampling", target_id="r1", since_ns=20 * S)))
     assert told(cycle.button(*press(21))) == ["cancel", "idle", "cue stopped"]
     assert cycle.localization(*news(21.1, "sampling", target_id="r1", since_ns=22 * S)) == []  # in between
-    cycle.called_off(22 * S)
+    cycle.on_cancel_reply(22 * S)
     assert "localizing" in told(cycle.localization(*news(23, "sampling", target_id="r1", since_ns=23 * S)))
 
 
@@ -180,7 +180,7 @@ def test_each_sense_alone_tells_cues_apart() -> None:
 
 
 def test_lamps_flash_at_most_three_times_a_second() -> None:
-    voice = Voice()
+    voice = InteractionPublisher()
     cues = [voice.cue(round(tick * 0.1 * S), "target", "x") for tick in range(40)]
     lit = [cue.stamp_ns for cue in cues if cue.color is not None]
     assert len(lit) == 12

@@ -24,7 +24,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.user_sim.config import AimConfig, ArmConfig, MindConfig, UserSimConfig, WristbandConfig
@@ -65,7 +65,7 @@ class Life:
         self.off_rad = 0.0
         self.eyes_m = Stance(BodyMeasures(), position_m=config.position_m).eyes_m
         self.person.see(0, ROOM)
-        self.lights: Lights | None = None
+        self.lights: LightState | None = None
         self.is_told = True
         """Whether cues say that they point past everything."""
 
@@ -106,10 +106,10 @@ class Life:
         assert sample is not None
         return sample
 
-    def light(self, *, off_rad: float = 0.0, profile: UserProfile | None = None) -> Lights:
+    def light(self, *, off_rad: float = 0.0, profile: UserProfile | None = None) -> LightState:
         """Switch the strips on; the system believes the person turned by `off_rad`."""
         known = profile or UserProfile(stamp_ns=0)
-        self.lights = Lights(LedDriverConfig())
+        self.lights = LightState(LedDriverConfig())
         self.lights.on_map(ROOM)
         self.lights.on_profile("anna", known)
         self.person.see(self.now_ns, known)
@@ -129,10 +129,10 @@ class Life:
             if self.lights is not None and ray is not None:
                 self._shine_along(self.lights, self.now_ns, ray(self.now_ns))
 
-    def _shine(self, lights: Lights, sample: ImuSample) -> None:
+    def _shine(self, lights: LightState, sample: ImuSample) -> None:
         self._shine_along(lights, sample.stamp_ns, self.ray(sample))
 
-    def _shine_along(self, lights: Lights, stamp_ns: int, direction: Vec3) -> None:
+    def _shine_along(self, lights: LightState, stamp_ns: int, direction: Vec3) -> None:
         self.pui.set_pose(UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=self.off_rad))
         origin = vector.subtract(self.eyes_m, self.position_m)
         ray = PointingRay(stamp_ns=stamp_ns, origin_m=origin, direction=direction)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.body.arm import Arm, fading
-from pointit.services.user_sim.body.postural_noise import Unrest
+from pointit.services.user_sim.body.arm import Arm, minimum_jerk_to_rest
+from pointit.services.user_sim.body.postural_noise import PosturalNoise
 from pointit.services.user_sim.config import ArmConfig
 from pointit.sim.aim import Aim
 
@@ -52,12 +52,14 @@ def test_short_reaches_are_quicker() -> None:
 def test_fading_is_one_smooth_curve_from_its_start_to_rest(
     start: tuple[float, float, float], duration_s: float, share: float
 ) -> None:
-    assert fading(start, duration_s, 0.0) == pytest.approx(start)
-    assert fading(start, duration_s, duration_s) == (0.0, 0.0, 0.0)
-    assert fading(start, duration_s, duration_s * (1 - 1e-9)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-5)
+    assert minimum_jerk_to_rest(start, duration_s, 0.0) == pytest.approx(start)
+    assert minimum_jerk_to_rest(start, duration_s, duration_s) == (0.0, 0.0, 0.0)
+    assert minimum_jerk_to_rest(start, duration_s, duration_s * (1 - 1e-9)) == pytest.approx(
+        (0.0, 0.0, 0.0), abs=1e-5
+    )
     # rate and acceleration are the derivatives of what they should be
     at_s, step_s = share * duration_s, 1e-5
-    before, here, after = (fading(start, duration_s, at_s + k * step_s) for k in (-1, 0, 1))
+    before, here, after = (minimum_jerk_to_rest(start, duration_s, at_s + k * step_s) for k in (-1, 0, 1))
     assert (after[0] - before[0]) / (2 * step_s) == pytest.approx(here[1], abs=1e-3)
     assert (after[1] - before[1]) / (2 * step_s) == pytest.approx(here[2], abs=1e-1)
 
@@ -90,7 +92,7 @@ def test_the_short_way_round() -> None:
 @pytest.mark.parametrize("rate_hz", [25.0, 50.0, 200.0])
 def test_unrest_is_as_measured_whatever_the_rate(rate_hz: float) -> None:
     config = ArmConfig(tremor_rms_deg=0.0)
-    unrest = Unrest(config, np.random.default_rng(3))
+    unrest = PosturalNoise(config, np.random.default_rng(3))
     samples = np.degrees([unrest.at(round(i / rate_hz * NS_PER_S)) for i in range(int(400 * rate_hz))])
     assert samples.std(axis=0) == pytest.approx([0.25, 0.16], rel=0.1)
     lag = round(0.3 * rate_hz)
@@ -100,7 +102,7 @@ def test_unrest_is_as_measured_whatever_the_rate(rate_hz: float) -> None:
 
 def test_most_of_the_unrest_is_slow() -> None:
     """65 % of the variance below 0.5 Hz, 17 % up to 1, 14 % up to 2, < 4 % up to 4, < 1 % up to 8 Hz."""
-    unrest = Unrest(ArmConfig(tremor_rms_deg=0.0), np.random.default_rng(3))
+    unrest = PosturalNoise(ArmConfig(tremor_rms_deg=0.0), np.random.default_rng(3))
     samples = np.array([unrest.at(i * NS_PER_S // 50) for i in range(50 * 1000)])[:, 0]
     power = np.abs(np.fft.rfft(samples - samples.mean())) ** 2
     hz = np.fft.rfftfreq(len(samples), 0.02)
@@ -113,7 +115,7 @@ def test_most_of_the_unrest_is_slow() -> None:
 
 def test_some_holds_are_steadier_than_others_and_the_skilled_are_steadier() -> None:
     def sds(skill: float) -> list[float]:
-        unrest = Unrest(ArmConfig(tremor_rms_deg=0.0), np.random.default_rng(5), skill)
+        unrest = PosturalNoise(ArmConfig(tremor_rms_deg=0.0), np.random.default_rng(5), skill)
         found: list[float] = []
         for hold in range(150):
             unrest.draw()
@@ -129,7 +131,7 @@ def test_some_holds_are_steadier_than_others_and_the_skilled_are_steadier() -> N
 
 def test_tremor_lies_between_6_and_12_hz() -> None:
     config = ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0)
-    unrest = Unrest(config, np.random.default_rng(3))
+    unrest = PosturalNoise(config, np.random.default_rng(3))
     samples = np.degrees([unrest.at(i * NS_PER_S // 100) for i in range(6000)])[:, 0]
     assert samples.std() == pytest.approx(0.05, rel=0.15)
     power = np.abs(np.fft.rfft(samples)) ** 2

@@ -5,7 +5,7 @@ import pytest
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.belief import Belief, State
-from pointit.services.user_sim.decision.press import Press
+from pointit.services.user_sim.decision.press import ButtonModel
 from tests.unit.user_sim.life import PRECISE, Cue, Life
 
 WAIT = "Wait for the target to point at; press the button to cancel."
@@ -81,7 +81,7 @@ def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
 
 
 def pressed(
-    press: Press, belief: Belief, from_s: float, to_s: float, *, sees: bool | None
+    press: ButtonModel, belief: Belief, from_s: float, to_s: float, *, sees: bool | None
 ) -> list[ButtonEvent]:
     events = [
         press.step(round(step / 10 * NS_PER_S), belief, known_ns=0, sees=sees)
@@ -92,7 +92,7 @@ def pressed(
 
 def test_no_cursor_for_long_makes_the_person_press_and_think_anew() -> None:
     belief = after(STARTED)
-    press = Press(UserSimConfig())
+    press = ButtonModel(UserSimConfig())
     assert pressed(press, belief, 0.0, 20.0, sees=True) == []
     assert pressed(press, belief, 20.0, 26.0, sees=False) == []
     assert pressed(press, belief, 26.0, 60.0, sees=None) == []  # resting meanwhile
@@ -100,5 +100,5 @@ def test_no_cursor_for_long_makes_the_person_press_and_think_anew() -> None:
     (event,) = pressed(press, belief, 65.7, 67.0, sees=False)
     assert event.gesture == "press"
     assert belief.state == "idle"
-    never = Press(UserSimConfig(lost_press_s=0.0))
+    never = ButtonModel(UserSimConfig(lost_press_s=0.0))
     assert pressed(never, after(STARTED), 0.0, 100.0, sees=False) == []

@@ -21,9 +21,9 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
-from pointit.services.user_sim.sight.observed_appearance import Looks
+from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance
 from pointit.services.user_sim.sight.pixels import Kind
 
 PITCH_M = 5.0 / 150
@@ -54,7 +54,7 @@ class Bench:
 
     def __init__(self, room: Environment, profile: UserProfile, brightness: float = 1.0) -> None:
         self.room = room
-        self.lights = Lights(LedDriverConfig(brightness=brightness))
+        self.lights = LightState(LedDriverConfig(brightness=brightness))
         self.lights.on_map(room)
         self.eyes = Eyes()
         self.eyes.learn(room)
@@ -116,7 +116,7 @@ class Bench:
         ]
         return self.eyes.cursor(kind, None, spans)
 
-    def looks(self, name: str) -> Looks:
+    def looks(self, name: str) -> ObservedAppearance:
         self.open()
         thing = next(thing for thing in self.things if thing.id == name)
         assert thing.surface in ("strip", "belt")

@@ -5,7 +5,7 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.body.standing_position import Feet
+from pointit.services.user_sim.body.standing_position import StandingPosition
 from tests.unit.user_sim.life import PRECISE, ROOM, Life
 
 PLACE: Vec3 = (2.0, 0.5, 0.1)
@@ -15,7 +15,7 @@ PERIOD_NS = NS_PER_S // 50
 def walk(
     sd_m: float, every_s: float, duration_s: float = 2000.0
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    feet = Feet(PLACE, sd_m, every_s, np.random.default_rng(1))
+    feet = StandingPosition(PLACE, sd_m, every_s, np.random.default_rng(1))
     return np.array([feet.at(7 + i * PERIOD_NS) for i in range(round(duration_s * 50))])
 
 

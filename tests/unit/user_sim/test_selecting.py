@@ -19,9 +19,9 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.user_sim.config import MindConfig, UserSimConfig
-from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 from tests.unit.user_sim.life import PRECISE, Life, thing
 
@@ -124,7 +124,7 @@ def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go()
     life.before_step = lambda: life.objects(thing("r", "red", 1.0))
     assert choice(life) == "object r"
     assert life.lights is not None
-    lights: Lights = life.lights
+    lights: LightState = life.lights
     lights.on_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
 
     def ben_holds() -> None:
@@ -228,7 +228,7 @@ def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None
 
 def test_finding_takes_longer_among_more_and_the_skilled_are_quicker() -> None:
     def usual_s(items: int, choices: int, skill: float) -> float:
-        pace = Pace(UserSimConfig(), skill, np.random.default_rng(1))
+        pace = DecisionTimes(UserSimConfig(), skill, np.random.default_rng(1))
         return float(np.median([pace.find_s(items, choices) for _ in range(400)]))
 
     assert usual_s(3, 1, 0.0) == pytest.approx(0.15 + 3 * 0.03 + 0.15, rel=0.1)

@@ -12,7 +12,7 @@ from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selectio
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.belief import Belief
-from pointit.services.user_sim.decision.press import Press
+from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
@@ -114,7 +114,7 @@ def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(
 @pytest.mark.parametrize("gesture", ["double", "press"])
 def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["double", "press"]) -> None:
     """Neither for a cursor that is off (2 s) nor for one that is not to be seen (4 s)."""
-    press, belief = Press(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), Belief()
+    press, belief = ButtonModel(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), Belief()
     belief.state = "pointing"
     now_s = 0.0
 

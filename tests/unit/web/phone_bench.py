@@ -20,7 +20,7 @@ from pointit.bridges.web.wire import Answer, Ask, Role
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
-from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import WristSample
@@ -46,7 +46,7 @@ class PhoneBench:
     def __init__(self, folder: Path) -> None:
         (folder / "phone.html").write_text("<!doctype html><title>wrist</title>")
         self.clock = ManualClock(START_NS)
-        self.wrists = Wrists(WebConfig())
+        self.wrists = WristControl(WebConfig())
         self.pairing = Pairing()
         self.warned = Warned()
         self.sent: list[tuple[str, WristSample]] = []

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.server import access
-from pointit.bridges.web.server.access import GUESSES_S, MOST_ADDRESSES, MOST_GUESSES, Access, Asked
+from pointit.bridges.web.server.access import GUESSES_S, MOST_ADDRESSES, MOST_GUESSES, Access, RequestInfo
 
 OPERATOR, VIEWER = "operator token; with = and ü", "viewer-token"
 
@@ -18,8 +18,8 @@ def asked(
     origin: str = "",
     destination: str = "",
     cookies: dict[str, str] | None = None,
-) -> Asked:
-    return Asked(
+) -> RequestInfo:
+    return RequestInfo(
         scheme=scheme,
         host=host,
         address=address,
@@ -37,7 +37,7 @@ def doors() -> Access:
     return Access(OPERATOR, VIEWER)
 
 
-def with_cookie(token: str) -> Asked:
+def with_cookie(token: str) -> RequestInfo:
     return asked(cookies={access.cookie_name(HERE): access.cookie_value(token)})
 
 
@@ -52,7 +52,7 @@ def test_the_token_says_who_one_is_and_so_does_the_cookie(
 def test_no_cookie_is_nobody_and_no_guess(doors: Access) -> None:
     for _ in range(2 * MOST_GUESSES):
         assert doors.admit(HERE, 0.0) is None
-    assert not doors.is_barred("127.0.0.1", 0.0)
+    assert not doors.is_rate_limited("127.0.0.1", 0.0)
 
 
 @given(st.text())
@@ -71,13 +71,13 @@ def test_new_tokens_differ_and_are_long() -> None:
 def test_right_token_enters_however_often_its_address_has_guessed(doors: Access) -> None:
     for guess in range(10 * MOST_GUESSES):
         assert doors.enter(f"guess {guess}", HERE, 0.0) is None
-    assert doors.is_barred("127.0.0.1", 0.0)
+    assert doors.is_rate_limited("127.0.0.1", 0.0)
     assert doors.enter(OPERATOR, HERE, 0.0) == "operator"
     assert doors.admit(with_cookie(VIEWER), 0.0) == "viewer"
     assert doors.enter("wrong", HERE, 0.0) is None
-    assert not doors.is_barred("10.0.0.7", 0.0)
+    assert not doors.is_rate_limited("10.0.0.7", 0.0)
     assert len(doors._guesses["127.0.0.1"]) == MOST_GUESSES
-    assert not doors.is_barred("127.0.0.1", GUESSES_S + 0.1)
+    assert not doors.is_rate_limited("127.0.0.1", GUESSES_S + 0.1)
 
 
 def test_a_page_that_tries_its_old_cookie_again_and_again_is_not_barred(doors: Access) -> None:
@@ -89,7 +89,7 @@ def test_a_page_that_tries_its_old_cookie_again_and_again_is_not_barred(doors: A
 def test_cookies_are_guessed_no_more_often_than_tokens(doors: Access) -> None:
     for guess in range(MOST_GUESSES):
         doors.admit(asked(cookies={access.cookie_name(HERE): f"{guess}"}), 0.0)
-    assert doors.is_barred("127.0.0.1", 1.0)
+    assert doors.is_rate_limited("127.0.0.1", 1.0)
 
 
 @pytest.mark.parametrize("destination", ["image", "iframe", "script", "empty"])

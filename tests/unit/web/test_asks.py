@@ -11,10 +11,10 @@ from pointit.bridges.web.pages.page_requests import (
     OPERATORS,
     REQUESTS,
     Call,
+    PageAction,
     Press,
     Tremor,
-    Wish,
-    understood,
+    parse_request,
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
 from pointit.runtime.errors import PointItError, RefusedError
@@ -27,12 +27,12 @@ def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any
 
 
 def test_a_request_goes_to_its_server_as_the_table_says() -> None:
-    call = understood(ask(SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
+    call = parse_request(ask(SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
     assert call == Call(request=SET_SPEED, query=SetSpeed(speed_mps=1.0, belts=("a", "b")), name="")
 
 
 def test_a_request_about_a_person_names_them() -> None:
-    call = understood(ask(UNDO_SELECTION.key, name="anna"), "operator")
+    call = parse_request(ask(UNDO_SELECTION.key, name="anna"), "operator")
     assert isinstance(call, Call)
     assert call.name == "anna"
 
@@ -40,27 +40,27 @@ def test_a_request_about_a_person_names_them() -> None:
 @pytest.mark.parametrize("row", [SET_POSE, SET_MOUNTING, SET_OFFSET])
 def test_what_calibration_sets_pages_cannot(row: Any) -> None:
     with pytest.raises(RefusedError, match="pages cannot ask for"):
-        understood(ask(row.key, name="anna"), "operator")
+        parse_request(ask(row.key, name="anna"), "operator")
 
 
 @pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in OPERATORS])
 def test_a_viewer_may_ask_for_nothing(row: Any) -> None:
     assert REQUESTS["viewer"] == ()
     with pytest.raises(RefusedError, match="only looks on"):
-        understood(ask(row.key, name="anna" if row.placeholder else ""), "viewer")
+        parse_request(ask(row.key, name="anna" if row.placeholder else ""), "viewer")
 
 
 @pytest.mark.parametrize("deed", DEEDS["operator"])
 def test_a_viewer_may_do_nothing(deed: Deed) -> None:
     assert DEEDS["viewer"] == ()
     with pytest.raises(RefusedError, match="only looks on"):
-        understood(ask(deed=deed, name="anna"), "viewer")
+        parse_request(ask(deed=deed, name="anna"), "viewer")
 
 
 def test_a_phone_pairs_no_phones() -> None:
     with pytest.raises(RefusedError, match="phone"):
-        understood(ask(deed="pair", name="anna"), "wrist")
-    assert isinstance(understood(ask(deed="press", name="anna"), "wrist"), Wish)
+        parse_request(ask(deed="pair", name="anna"), "wrist")
+    assert isinstance(parse_request(ask(deed="press", name="anna"), "wrist"), PageAction)
 
 
 @pytest.mark.parametrize(
@@ -82,22 +82,22 @@ def test_a_phone_pairs_no_phones() -> None:
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(wrong: Ask, sentence: str) -> None:
     with pytest.raises(RefusedError, match=sentence):
-        understood(wrong, "operator")
+        parse_request(wrong, "operator")
 
 
 @pytest.mark.parametrize("name", ["", "*", "../x", "a/b", "-x", "a" * 65])
 def test_a_name_must_be_one(name: str) -> None:
     with pytest.raises(SchemaError):
-        understood(ask(UNDO_SELECTION.key, name=name[:64] if len(name) < 65 else ""), "operator")
+        parse_request(ask(UNDO_SELECTION.key, name=name[:64] if len(name) < 65 else ""), "operator")
     with pytest.raises((SchemaError, RefusedError)):
-        understood(ask(deed="press", name=name[:64] if len(name) < 65 else "*"), "operator")
+        parse_request(ask(deed="press", name=name[:64] if len(name) < 65 else "*"), "operator")
 
 
 def test_deeds_say_more() -> None:
-    press = understood(ask(deed="press", name="anna", gesture="hold"), "operator")
-    assert press == Wish(deed="press", user="anna", extras=Press(gesture="hold"))
-    tremor = understood(ask(deed="tremor", name="anna", rms_deg=1), "operator")
-    assert tremor == Wish(deed="tremor", user="anna", extras=Tremor(rms_deg=1.0))
+    press = parse_request(ask(deed="press", name="anna", gesture="hold"), "operator")
+    assert press == PageAction(deed="press", user="anna", extras=Press(gesture="hold"))
+    tremor = parse_request(ask(deed="tremor", name="anna", rms_deg=1), "operator")
+    assert tremor == PageAction(deed="tremor", user="anna", extras=Tremor(rms_deg=1.0))
 
 
 JSON = st.recursive(
@@ -122,7 +122,7 @@ def test_whatever_is_asked_is_understood_or_refused(
     key: str, deed: Deed | None, name: str, query: dict[str, Any], role: Role
 ) -> None:
     try:
-        meant = understood(Ask(id=1, key=key, deed=deed, name=name, query=query), role)
+        meant = parse_request(Ask(id=1, key=key, deed=deed, name=name, query=query), role)
     except (PointItError, SchemaError):
         return
     if isinstance(meant, Call):

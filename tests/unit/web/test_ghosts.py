@@ -9,8 +9,8 @@ from pointit.bridges.web.model.stale_keys import (
     WITH_WRITER,
     Deployments,
     Trackers,
-    of_person,
-    of_service,
+    keys_of_person,
+    keys_of_service,
 )
 from pointit.schemas import Deployment
 from pointit.schemas.system import ExpectedService
@@ -35,7 +35,9 @@ from pointit.schemas.topics import (
 
 
 def gone(instance: str, present: Sequence[str], known: dict[Topic[Any], list[str]]) -> set[tuple[str, str]]:
-    return {(topic.key, name) for topic, name in of_service(instance, present, lambda t: known.get(t, []))}
+    return {
+        (topic.key, name) for topic, name in keys_of_service(instance, present, lambda t: known.get(t, []))
+    }
 
 
 def test_what_has_lost_its_writer_goes() -> None:
@@ -68,7 +70,7 @@ def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
 
 
 def test_all_that_is_a_persons_goes_with_them() -> None:
-    topics = {topic for topic, user in of_person("anna") if user == "anna"}
+    topics = {topic for topic, user in keys_of_person("anna") if user == "anna"}
     assert topics == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, INTERACTION}
     assert FEEDBACK not in topics, "what happened, happened"
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.pages.latest_values import HISTORY, MOST_GONE, Hub
+from pointit.bridges.web.pages.latest_values import HISTORY, MOST_GONE, LatestValueCache
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS, STRIPS_FRAME
@@ -13,7 +13,7 @@ FAST_HZ = 1e6
 
 
 def test_a_new_page_gets_what_is_true_and_what_happened_last() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     hub.put(CURSOR, "anna", b"1")
     hub.put(CURSOR, "anna", b"2")
     hub.put(CURSOR, "ben", b"3")
@@ -28,7 +28,7 @@ def test_a_new_page_gets_what_is_true_and_what_happened_last() -> None:
 
 
 def test_a_new_page_gets_no_more_history_than_is_of_use_and_none_of_it_counts_as_dropped() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     for number in range(HISTORY + 5):
         hub.put(FEEDBACK, "anna", b"%d" % number)
     batch = hub.open(60.0).take(0.0)
@@ -38,7 +38,7 @@ def test_a_new_page_gets_no_more_history_than_is_of_use_and_none_of_it_counts_as
 
 
 def test_a_batch_travels_as_the_wire_says() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(60.0)
     hub.put(CURSOR, "anna", b"\x81")
     hub.put(SELECTION_EVENTS, "", b"\x82")
@@ -49,7 +49,7 @@ def test_a_batch_travels_as_the_wire_says() -> None:
 
 
 def test_states_between_are_missed_and_events_are_not() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(60.0)
     for value in (b"1", b"2", b"3"):
         hub.put(CURSOR, "anna", value)
@@ -61,7 +61,7 @@ def test_states_between_are_missed_and_events_are_not() -> None:
 
 
 def test_a_page_is_sent_no_more_than_its_rate() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(10.0)
     hub.put(CURSOR, "anna", b"1")
     assert feed.wait_s(0.0) == 0.0
@@ -74,7 +74,7 @@ def test_a_page_is_sent_no_more_than_its_rate() -> None:
 
 
 def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(10.0)
     hub.put(CURSOR, "anna", b"1")
     assert feed.take(0.0) is not None
@@ -93,7 +93,7 @@ def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
 
 
 def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(FAST_HZ)
     sent = 0
     for moment in range(10):
@@ -109,7 +109,7 @@ def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> No
 
 
 def test_an_acknowledgement_counts_for_all_before_and_none_that_cannot_be_counts() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(FAST_HZ)
     for moment in range(3):
         hub.put(CURSOR, "anna", bytes([moment]))
@@ -124,7 +124,7 @@ def test_an_acknowledgement_counts_for_all_before_and_none_that_cannot_be_counts
 
 
 def test_what_is_gone_is_told_once_to_those_who_knew_it() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     early = hub.open(FAST_HZ)
     hub.put(CURSOR, "anna", b"1")
     early.take(0.0)
@@ -140,7 +140,7 @@ def test_what_is_gone_is_told_once_to_those_who_knew_it() -> None:
 
 
 def test_who_comes_back_is_shown_again() -> None:
-    hub = Hub()
+    hub = LatestValueCache()
     feed = hub.open(FAST_HZ)
     hub.put(POSE, "anna", b"1")
     feed.take(0.0)
@@ -152,7 +152,7 @@ def test_who_comes_back_is_shown_again() -> None:
 
 
 def test_what_is_gone_is_not_kept_for_ever() -> None:
-    hub = Hub(most_keys=MOST_GONE + 10)
+    hub = LatestValueCache(most_keys=MOST_GONE + 10)
     feed = hub.open(FAST_HZ)
     for number in range(5 * MOST_GONE):
         assert hub.put(CURSOR, f"user{number}", b"1"), "forgotten keys fill the hub"
@@ -163,7 +163,7 @@ def test_what_is_gone_is_not_kept_for_ever() -> None:
 
 
 def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
-    hub = Hub(most_keys=3)
+    hub = LatestValueCache(most_keys=3)
     feed = hub.open(FAST_HZ)
     for name in ("a", "b", "c"):
         assert hub.put(CURSOR, name, b"1")
@@ -175,7 +175,7 @@ def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
 
 
 def test_events_beyond_the_ring_are_counted() -> None:
-    hub = Hub(most_events=4)
+    hub = LatestValueCache(most_events=4)
     feed = hub.open(FAST_HZ)
     for number in range(10):
         hub.put(FEEDBACK, "anna", bytes([number]))
@@ -204,7 +204,7 @@ ACTIONS = st.lists(
 class Page:
     """What a page makes of its batches."""
 
-    def __init__(self, hub: Hub, first_event: int = 0) -> None:
+    def __init__(self, hub: LatestValueCache, first_event: int = 0) -> None:
         self.feed = hub.open(FAST_HZ)
         self.known: dict[tuple[str, str], bytes] = {}
         self.events: list[bytes] = []
@@ -235,7 +235,7 @@ class Story:
     """A hub, two pages, and what is true."""
 
     def __init__(self) -> None:
-        self.hub = Hub(most_events=RING)
+        self.hub = LatestValueCache(most_events=RING)
         self.true: dict[tuple[str, str], bytes] = {}
         self.events: list[bytes] = []
         self.pages = [Page(self.hub), Page(self.hub)]

@@ -34,9 +34,9 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 def seen_from(profile: UserProfile, arm: Quaternion, feet_m: Vec3, yaw_rad: float) -> tuple[Vec3, Vec3]:
     """Return where in {W} the pointing service has the ray start, and where it goes."""
-    ray = ArmRay.of(profile).ray(arm)
+    ray = ArmRay.from_profile(profile).ray(arm)
     assert ray is not None
-    return vector.add(feet_m, vector.turn(ray[0], yaw_rad)), vector.turn(ray[1], yaw_rad)
+    return vector.add(feet_m, vector.rotate_z(ray[0], yaw_rad)), vector.rotate_z(ray[1], yaw_rad)
 
 
 profiles = st.builds(
@@ -68,8 +68,8 @@ def test_the_ray_of_the_arm_meets_the_place(
     assume(body.neck_to_shoulder_m * abs(rise_m) <= 0.98 * highest_m * level_m)
     assume(level_m > 1.05 * body.neck_to_shoulder_m)
     arm = MouseArm()
-    arm.wear(profile)
-    arm.stand(feet_m, yaw_rad)
+    arm.set_profile(profile)
+    arm.set_pose(feet_m, yaw_rad)
     arm.aim(at_m)
     start_m, direction = seen_from(profile, arm.step(0), feet_m, yaw_rad)
     sight = vector.subtract(at_m, start_m)
@@ -86,7 +86,7 @@ def test_it_points_ahead_before_it_is_told_where() -> None:
 @given(st.lists(st.tuples(coordinates, coordinates, st.floats(0.0, 3.0)), min_size=2, max_size=12))
 def test_it_never_turns_faster_than_a_wrist(places: list[Vec3]) -> None:
     arm = MouseArm()
-    arm.stand((0.3, 0.2, 0.0), 0.7)
+    arm.set_pose((0.3, 0.2, 0.0), 0.7)
     before, now_ns = arm.step(0), 0
     for place in places:
         arm.aim(place)
@@ -119,7 +119,7 @@ def test_it_goes_the_shorter_way_round() -> None:
 def test_a_pose_found_anew_turns_the_arm_in_the_persons_frame_only() -> None:
     arm = MouseArm()
     arm.aim((3.0, 0.0, 1.0))
-    arm.stand((0.0, 0.0, 0.0), 0.5)
+    arm.set_pose((0.0, 0.0, 0.0), 0.5)
     assert arm.azimuth((3.0, 0.0, 1.0)) == pytest.approx(-0.5)
     ahead = rotation.rotate(arm.step(0), (1.0, 0.0, 0.0))
     assert vector.azimuth(ahead) == pytest.approx(-0.5)
@@ -130,7 +130,7 @@ def test_tremor_has_the_asked_size_and_comes_again_with_its_seed() -> None:
         arm = MouseArm(seed=seed)
         arm.aim((3.0, 0.0, 1.6))
         still = arm.step(0)
-        arm.tremble(math.radians(0.5))
+        arm.set_tremor(math.radians(0.5))
         return [angle_between(still, arm.step(k * STEP_NS)) for k in range(1, 1200)]
 
     first = angles_of(1)

@@ -7,7 +7,7 @@ import msgpack
 import pytest
 
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
-from pointit.bridges.web.pages.latest_values import HISTORY, Hub
+from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import Feedback, ReadHistory, ReadHistoryReply, SelectionEvent, encode
@@ -27,7 +27,7 @@ class Looker:
     """A page's server: a hub that hears, and asks for what it has not heard."""
 
     def __init__(self, bench: Bench) -> None:
-        self.hub = Hub()
+        self.hub = LatestValueCache()
         self.past = Past(ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.hub)
 
     def hears(self, *events: SelectionEvent) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, Turn
-from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Belt, Environment, Localization, UserPose, UserProfile, WristSample
 from pointit.services.pointing.arm_ray import ArmRay
@@ -26,11 +26,11 @@ def turn(t_ms: float = 5.0, session: int = 0, q: tuple[float, float, float, floa
 
 
 @pytest.fixture
-def wrists() -> Wrists:
-    return Wrists(WebConfig(places={"anna": Place(position_m=(1.0, 0.0, 0.0), yaw_deg=30.0)}))
+def wrists() -> WristControl:
+    return WristControl(WebConfig(places={"anna": Place(position_m=(1.0, 0.0, 0.0), yaw_deg=30.0)}))
 
 
-def aim(wrists: Wrists, page: str, *, user: str = "anna") -> bool:
+def aim(wrists: WristControl, page: str, *, user: str = "anna") -> bool:
     return wrists.aim(page, AimAt(user=user, at_m=(4.0, 2.0, 1.0)))
 
 
@@ -39,8 +39,8 @@ def only(samples: list[tuple[str, WristSample]], user: str = "anna") -> WristSam
     return samples[0][1]
 
 
-def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: Wrists) -> None:
-    wrists.take("anna", "page1", "mouse")
+def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: WristControl) -> None:
+    wrists.acquire("anna", "page1", "mouse")
     assert aim(wrists, "page1")
     samples = [only(wrists.step(START + k * TICK)) for k in range(5)]
     assert [sample.seq for sample in samples] == [1, 2, 3, 4, 5]
@@ -49,22 +49,22 @@ def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: Wrists) ->
     assert samples[2].stamp_ns == START + 2 * TICK
 
 
-def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(wrists: Wrists) -> None:
+def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(wrists: WristControl) -> None:
     profile = UserProfile(stamp_ns=0, hand="left")
     wrists.profile("anna", profile)
     wrists.pose("anna", UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
-    wrists.take("anna", "page1", "mouse")
+    wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
-    ray = ArmRay.of(profile).ray(only(wrists.step(START)).orientation_xyzw)
+    ray = ArmRay.from_profile(profile).ray(only(wrists.step(START)).orientation_xyzw)
     assert ray is not None
     origin, direction = ray
-    start_m = vector.add((-1.0, 2.0, 0.0), vector.turn(origin, 1.0))
+    start_m = vector.add((-1.0, 2.0, 0.0), vector.rotate_z(origin, 1.0))
     sight = vector.subtract((4.0, 2.0, 1.0), start_m)
-    assert vector.angle_between(vector.turn(direction, 1.0), sight) < 1e-6
+    assert vector.angle_between(vector.rotate_z(direction, 1.0), sight) < 1e-6
 
 
-def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: Wrists) -> None:
-    wrists.take("anna", "page1", "mouse")
+def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: WristControl) -> None:
+    wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
     before = only(wrists.step(at(0.0))).orientation_xyzw
     wrists.localization("anna", Localization(stamp_ns=0, phase="sampling"))
@@ -74,20 +74,20 @@ def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: Wrist
     assert only(wrists.step(at(2.0))).orientation_xyzw != before
 
 
-def test_the_last_that_takes_wins_and_the_other_is_named(wrists: Wrists) -> None:
-    assert wrists.take("anna", "page1", "mouse") == ""
-    assert wrists.take("anna", "page1", "mouse") == ""
-    assert wrists.take("anna", "page2", "mouse") == "page1"
+def test_the_last_that_takes_wins_and_the_other_is_named(wrists: WristControl) -> None:
+    assert wrists.acquire("anna", "page1", "mouse") == ""
+    assert wrists.acquire("anna", "page1", "mouse") == ""
+    assert wrists.acquire("anna", "page2", "mouse") == "page1"
     assert not aim(wrists, "page1")
     assert aim(wrists, "page2")
-    assert not wrists.give("anna", "page1")
-    assert wrists.give("anna", "page2")
+    assert not wrists.release_from("anna", "page1")
+    assert wrists.release_from("anna", "page2")
     assert wrists.step(START) == []
 
 
-def test_people_have_their_own_wrists(wrists: Wrists) -> None:
-    wrists.take("anna", "page1", "mouse")
-    wrists.take("ben", "page2", "mouse")
+def test_people_have_their_own_wrists(wrists: WristControl) -> None:
+    wrists.acquire("anna", "page1", "mouse")
+    wrists.acquire("ben", "page2", "mouse")
     assert not aim(wrists, "page1", user="ben")
     assert not aim(wrists, "page1", user="nobody")
     assert [user for user, _ in wrists.step(START)] == ["anna", "ben"]
@@ -97,7 +97,7 @@ def test_people_have_their_own_wrists(wrists: Wrists) -> None:
     assert wrists.step(START) == []
 
 
-def test_a_phone_takes_the_wrist_by_saying_how_it_is_held(wrists: Wrists) -> None:
+def test_a_phone_takes_the_wrist_by_saying_how_it_is_held(wrists: WristControl) -> None:
     held = rotation.from_axis_angle((1.0, 0.0, 0.0), 0.3)
     sample = wrists.turn("anna", "phone1", turn(12.5, q=held), START)
     assert sample is not None
@@ -106,24 +106,24 @@ def test_a_phone_takes_the_wrist_by_saying_how_it_is_held(wrists: Wrists) -> Non
     assert wrists.holder("anna") == ("phone1", "phone")
 
 
-def test_a_phone_that_lost_the_wrist_asks_before_it_has_it_again(wrists: Wrists) -> None:
+def test_a_phone_that_lost_the_wrist_asks_before_it_has_it_again(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), START)
-    assert wrists.take("anna", "page1", "mouse") == "phone1"
+    assert wrists.acquire("anna", "page1", "mouse") == "phone1"
     assert wrists.turn("anna", "phone1", turn(), START) is None
-    wrists.give("anna", "page1")
+    wrists.release_from("anna", "page1")
     assert wrists.turn("anna", "phone1", turn(), START) is None
-    assert wrists.take("anna", "phone1", "phone") == ""
+    assert wrists.acquire("anna", "phone1", "phone") == ""
     assert wrists.turn("anna", "phone1", turn(), START) is not None
 
 
-def test_who_operates_takes_the_wrist_back_from_a_phone(wrists: Wrists) -> None:
+def test_who_operates_takes_the_wrist_back_from_a_phone(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), START)
     assert wrists.release("anna") == "phone1"
     assert wrists.turn("anna", "phone1", turn(), START) is None
     assert wrists.release("anna") == ""
 
 
-def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: Wrists) -> None:
+def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), START)
     sent = [START]
     for k in range(1, 60):
@@ -133,7 +133,7 @@ def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: 
     assert max(gaps) <= 0.2 * NS_PER_S
 
 
-def test_a_silent_phone_lets_go_and_has_it_again_when_it_comes_back(wrists: Wrists) -> None:
+def test_a_silent_phone_lets_go_and_has_it_again_when_it_comes_back(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), at(0.0))
     assert wrists.step(at(0.9)) != []
     assert wrists.step(at(1.1)) == []
@@ -141,21 +141,21 @@ def test_a_silent_phone_lets_go_and_has_it_again_when_it_comes_back(wrists: Wris
     assert wrists.turn("anna", "phone1", turn(), at(3.0)) is not None
 
 
-def test_a_phone_is_silent_by_the_walls_time_however_fast_the_sites_runs(wrists: Wrists) -> None:
+def test_a_phone_is_silent_by_the_walls_time_however_fast_the_sites_runs(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), at(0.0))
     assert wrists.step(at(9.0), speed=10.0) != []
     assert wrists.step(at(11.0), speed=10.0) == []
 
 
-def test_a_phone_whose_socket_is_gone_lets_go_at_once(wrists: Wrists) -> None:
+def test_a_phone_whose_socket_is_gone_lets_go_at_once(wrists: WristControl) -> None:
     wrists.turn("anna", "phone1", turn(), START)
     assert wrists.close("phone1") == ["anna"]
     assert wrists.step(at(0.3)) == []
 
 
-def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: Wrists) -> None:
+def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: WristControl) -> None:
     def number(page: str, session: int, seconds: float) -> int:
-        wrists.take("anna", page, "phone")
+        wrists.acquire("anna", page, "phone")
         sample = wrists.turn("anna", page, turn(session=session), at(seconds))
         assert sample is not None
         return sample.session
@@ -170,50 +170,50 @@ def test_each_session_of_each_phone_has_a_number_of_its_own(wrists: Wrists) -> N
     assert len(wrists._people["anna"].sessions) <= 16
 
 
-def test_tremor_is_of_who_has_the_arm(wrists: Wrists) -> None:
-    wrists.take("anna", "page1", "mouse")
-    assert not wrists.tremble("anna", "page2", 1.0)
-    assert wrists.tremble("anna", "page1", 1.0)
+def test_tremor_is_of_who_has_the_arm(wrists: WristControl) -> None:
+    wrists.acquire("anna", "page1", "mouse")
+    assert not wrists.set_tremor("anna", "page2", 1.0)
+    assert wrists.set_tremor("anna", "page1", 1.0)
     assert wrists.step(at(0.0))[0][1] != wrists.step(at(0.1))[0][1]
     samples = [only(wrists.step(at(1.0 + 0.02 * k))).orientation_xyzw for k in range(3)]
     assert len(set(samples)) == 3
-    assert not wrists.tremble("nobody", "page1", 1.0)
+    assert not wrists.set_tremor("nobody", "page1", 1.0)
 
 
-def test_what_people_are_told_of_a_wrist(wrists: Wrists) -> None:
+def test_what_people_are_told_of_a_wrist(wrists: WristControl) -> None:
     line = wrists.line("anna", "page1", START)
     assert (line.moved_by, line.is_mine, line.phone, line.battery) == ("own", False, "", None)
     assert line.assumed is not None
     assert line.assumed.position_m == (1.0, 0.0, 0.0)
     assert line.assumed.yaw_rad == pytest.approx(math.radians(30.0))
     assert wrists.line("ben", "page1", START).assumed is None
-    wrists.take("anna", "page1", "mouse")
+    wrists.acquire("anna", "page1", "mouse")
     assert wrists.line("anna", "page1", START).is_mine
     assert wrists.line("anna", "page1", START, paired="phone1").phone == "waiting for the phone"
     wrists.turn("anna", "phone1", turn(), START)
     line = wrists.line("anna", "page2", START, paired="phone1")
     assert (line.moved_by, line.is_mine, line.battery) == ("mouse", False, 0.5)
     assert line.phone == "connected, does not move the arm"
-    wrists.take("anna", "phone1", "phone")
+    wrists.acquire("anna", "phone1", "phone")
     assert wrists.line("anna", "", START, paired="phone1").phone == "moves the arm"
     assert not wrists.line("anna", "", START, paired="phone1").is_mine
     assert wrists.line("anna", "", at(2.0), paired="phone1").phone == "paired, but silent"
 
 
-def test_a_phone_that_takes_before_it_says_anything_has_no_sample_yet(wrists: Wrists) -> None:
-    wrists.take("anna", "phone1", "phone")
+def test_a_phone_that_takes_before_it_says_anything_has_no_sample_yet(wrists: WristControl) -> None:
+    wrists.acquire("anna", "phone1", "phone")
     assert wrists.step(START) == []
 
 
-def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: Wrists) -> None:
+def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: WristControl) -> None:
     belt = Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
     wrists.room(Environment(stamp_ns=0, name="hall", belts=(belt,)))
     wrists.pose("anna", UserPose(stamp_ns=0, position_m=(5.0, -3.0, 0.0), yaw_rad=0.5))
     assert wrists.ahead("anna") == pytest.approx(math.pi / 2 - 0.5)
 
 
-def test_a_map_that_comes_late_moves_who_has_no_place(wrists: Wrists) -> None:
-    wrists.take("ben", "page1", "mouse")
+def test_a_map_that_comes_late_moves_who_has_no_place(wrists: WristControl) -> None:
+    wrists.acquire("ben", "page1", "mouse")
     aim(wrists, "page1", user="ben")
     before = only(wrists.step(at(0.0)), "ben").orientation_xyzw
     belt = Belt(id="b", line_m=((-3.0, 8.0, 1.0), (3.0, 8.0, 1.0)))

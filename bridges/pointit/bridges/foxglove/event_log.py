@@ -44,7 +44,7 @@ class _Account:
     invalid: int
 
 
-class Chronicle:
+class EventLog:
     """Turns messages into lines, saying each thing once."""
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Chronicle:
         self._phases.pop(user, None)
         self._states.pop(user, None)
 
-    def standing(self, now_ns: int) -> list[Line]:
+    def active_warnings(self, now_ns: int) -> list[Line]:
         """Return the warnings that hold now."""
         return [
             Line(now_ns, LogLevel.Warning, instance, sentence)

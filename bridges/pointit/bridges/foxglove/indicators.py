@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.room import Lines
-from pointit.bridges.foxglove.shapes import Drawn
+from pointit.bridges.foxglove.shapes import NamedEntity
 from pointit.schemas import ConveyorState, Environment, Lamp, LampColor
 
 LAMP_M = 0.09
@@ -13,9 +13,9 @@ OFF = 45
 ABOVE_M = 0.2
 
 
-def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: int) -> list[Drawn]:
+def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: int) -> list[NamedEntity]:
     """Return a ball with its name for every lamp, in the colour it was told to show."""
-    entities: list[Drawn] = []
+    entities: list[NamedEntity] = []
     for lamp in all_lamps:
         told = colors.get(lamp.id)
         r, g, b = (0, 0, 0) if told is None else told.color
@@ -26,16 +26,18 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
                 f"lamp {lamp.id}",
                 now_ns,
                 facts=facts,
-                spheres=[shapes.ball((x, y, z), LAMP_M, (max(r, OFF), max(g, OFF), max(b, OFF)))],
+                spheres=[shapes.sphere((x, y, z), LAMP_M, (max(r, OFF), max(g, OFF), max(b, OFF)))],
                 texts=[shapes.label(lamp.id, (x, y, z + ABOVE_M))],
             )
         )
     return entities
 
 
-def bays(environment: Environment, lines: Lines, state: ConveyorState | None, now_ns: int) -> list[Drawn]:
+def bays(
+    environment: Environment, lines: Lines, state: ConveyorState | None, now_ns: int
+) -> list[NamedEntity]:
     """Return words where each bay's belt ends: its name, and a line for each kind that came out there."""
-    entities: list[Drawn] = []
+    entities: list[NamedEntity] = []
     for bay in environment.bays:
         if bay.belt not in lines.belts:
             continue

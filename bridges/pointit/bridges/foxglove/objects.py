@@ -7,7 +7,7 @@ from foxglove.messages import ArrowPrimitive, CubePrimitive, LinePrimitive, Text
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.room import Lines
-from pointit.bridges.foxglove.shapes import Drawn
+from pointit.bridges.foxglove.shapes import NamedEntity
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
@@ -35,7 +35,7 @@ MOVES_MPS = 0.05
 
 
 @dataclass(slots=True)
-class Claims:
+class ObjectOwnership:
     """Who does what with objects, by their id."""
 
     owners: dict[str, str] = field(default_factory=dict[str, str])
@@ -43,7 +43,7 @@ class Claims:
     hovers: dict[str, list[tuple[str, Hover]]] = field(default_factory=dict[str, list[tuple[str, Hover]]])
 
     @classmethod
-    def of(cls, selection: Selection | None, hovers: Mapping[str, Hover]) -> "Claims":
+    def of(cls, selection: Selection | None, hovers: Mapping[str, Hover]) -> "ObjectOwnership":
         """Return the claims in `selection` and in what each user hovers."""
         claims = cls()
         if selection is not None:
@@ -68,7 +68,7 @@ class _Box:
         return vector.add(self.center_m, (0.0, 0.0, self.size_m[2] / 2.0 + 0.12))
 
 
-class Looks:
+class ObjectRenderer:
     """How objects look on the lines of a map."""
 
     def __init__(self, lines: Lines, kind_colors: Mapping[str, Rgb]) -> None:
@@ -80,16 +80,16 @@ class Looks:
         self,
         tracker: str,
         objects: Iterable[TrackedObject],
-        claims: Claims,
+        claims: ObjectOwnership,
         colors: Mapping[str, Rgb],
         now_ns: int,
-    ) -> list[Drawn]:
+    ) -> list[NamedEntity]:
         """Return an entity for each of the `objects` of `tracker`; `colors` are those of people."""
         return [self._entity(f"{tracker} {item.id}", item, claims, colors, now_ns) for item in objects]
 
     def _entity(
-        self, name: str, item: TrackedObject, claims: Claims, colors: Mapping[str, Rgb], now_ns: int
-    ) -> Drawn:
+        self, name: str, item: TrackedObject, claims: ObjectOwnership, colors: Mapping[str, Rgb], now_ns: int
+    ) -> NamedEntity:
         rgb = self._kind_colors.get(item.kind, OTHER_COLOR)
         facts = {"id": item.id, "kind": item.kind}
         if item.bay:
@@ -122,7 +122,7 @@ class Looks:
             now_ns,
             lifetime_s=LIFETIME_S,
             facts=facts,
-            spheres=[shapes.ball(center, size_m[0], rgb)],
+            spheres=[shapes.sphere(center, size_m[0], rgb)],
             arrows=arrows,
             lines=lines,
             texts=texts or [shapes.label(item.id, box.above_m)],
@@ -145,7 +145,7 @@ class Looks:
     def _claimed(
         self,
         item: TrackedObject,
-        claims: Claims,
+        claims: ObjectOwnership,
         colors: Mapping[str, Rgb],
         box: _Box,
         facts: dict[str, str],

@@ -6,7 +6,7 @@ import numpy as np
 from foxglove.messages import FrameTransform, Quaternion
 
 from pointit.bridges.foxglove import shapes
-from pointit.bridges.foxglove.shapes import Drawn, Places
+from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Cursor, Goal, UserPose, UserProfile
@@ -86,9 +86,9 @@ def ellipse(pose: UserPose) -> Places | None:
     return rim
 
 
-def entities(user: str, person: Person, now_ns: int) -> list[Drawn]:
+def entities(user: str, person: Person, now_ns: int) -> list[NamedEntity]:
     """Return the body of `user` where their place is known, ray and cursor while they point, their goal."""
-    found: list[Drawn] = []
+    found: list[NamedEntity] = []
     if person.pose is not None:
         found.append(_body(user, person, person.pose, now_ns))
     if person.cursor is not None:
@@ -98,11 +98,13 @@ def entities(user: str, person: Person, now_ns: int) -> list[Drawn]:
     return found
 
 
-def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> Drawn:
+def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> NamedEntity:
     profile, rgb = person.profile, person.color
     stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
     limbs = [
-        shapes.column(pose.position_m, profile.body.footprint_to_neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)
+        shapes.cylinder(
+            pose.position_m, profile.body.footprint_to_neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6
+        )
     ]
     cursor = person.cursor
     if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
@@ -110,21 +112,21 @@ def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> Drawn:
         azimuth, elevation = stance.aim_at(met)
         arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
         shoulder = stance.shoulder_m(azimuth)
-        limbs.append(shapes.limb(shoulder, vector.add(shoulder, arm), ARM_M, rgb))
+        limbs.append(shapes.cylinder_between(shoulder, vector.add(shoulder, arm), ARM_M, rgb))
     rim_m = person.rim_m
     return shapes.entity(
         f"person {user}",
         now_ns,
         facts={"user": user, "located by": pose.method, "samples": str(pose.samples)},
         cylinders=limbs,
-        spheres=[shapes.ball(stance.eyes_m, HEAD_M, rgb)],
+        spheres=[shapes.sphere(stance.eyes_m, HEAD_M, rgb)],
         lines=[] if rim_m is None else [shapes.line(rim_m, rgb, kind="loop")],
         texts=[shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)],
     )
 
 
-def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[Drawn]:
-    found: list[Drawn] = []
+def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEntity]:
+    found: list[NamedEntity] = []
     point_m: Vec3 | None = cursor.point_m
     if cursor.origin_m is not None and cursor.direction is not None:
         way = vector.scale(cursor.direction, FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1))
@@ -150,13 +152,13 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[Drawn]:
                 now_ns,
                 lifetime_s=LIFETIME_S,
                 facts=facts,
-                spheres=[shapes.ball(point_m, CURSOR_M, rgb)],
+                spheres=[shapes.sphere(point_m, CURSOR_M, rgb)],
             )
         )
     return found
 
 
-def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> Drawn:
+def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
     """Return an arrow that a robot is to stand on and look along."""
     foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
     return shapes.entity(

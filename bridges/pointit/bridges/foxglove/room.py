@@ -6,7 +6,7 @@ import numpy as np
 from foxglove.messages import CubePrimitive
 
 from pointit.bridges.foxglove import shapes
-from pointit.bridges.foxglove.shapes import Drawn, Places
+from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import rotation, vector
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.polyline import Polyline
@@ -79,10 +79,10 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
     return places, [corner for i in first for corner in (i, i + 1, i + 2, i + 2, i + 1, i + 3)]
 
 
-def room(environment: Environment, lines: Lines, now_ns: int) -> list[Drawn]:
+def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntity]:
     """Return everything of `environment` that does not change until the next map."""
 
-    def made(kind: str, name: str, **primitives: Any) -> Drawn:
+    def made(kind: str, name: str, **primitives: Any) -> NamedEntity:
         facts = {"kind": kind, "id": name}
         return shapes.entity(f"{kind} {name}", now_ns, facts=facts, **primitives)
 
@@ -101,16 +101,16 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[Drawn]:
         entities.append(made("box", box.id, cubes=[cube], lines=[edges]))
     entities += [made("plane", plane.id, **_plane(plane)) for plane in environment.planes]
     for each in environment.cylinders:
-        shape = shapes.column(each.center_m, each.height_m, 2.0 * each.radius_m, SOLID, alpha=GLASS)
+        shape = shapes.cylinder(each.center_m, each.height_m, 2.0 * each.radius_m, SOLID, alpha=GLASS)
         entities.append(made("cylinder", each.id, cylinders=[shape]))
     for sphere in environment.spheres:
-        shown = shapes.ball(sphere.center_m, 2.0 * sphere.radius_m, SOLID, GLASS)
+        shown = shapes.sphere(sphere.center_m, 2.0 * sphere.radius_m, SOLID, GLASS)
         entities.append(made("sphere", sphere.id, spheres=[shown]))
     entities += [made("cloud", cloud.id, **_cloud(cloud)) for cloud in environment.clouds]
     for lamp in environment.lamps:
         x, y, z = lamp.position_m
         if z > POLE_M:
-            pole = shapes.column((x, y, 0.0), z, POLE_M, RIM)
+            pole = shapes.cylinder((x, y, 0.0), z, POLE_M, RIM)
             entities.append(made("pole", lamp.id, cylinders=[pole]))
     return entities
 

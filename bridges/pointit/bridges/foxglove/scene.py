@@ -13,11 +13,11 @@ from foxglove.messages import (
 )
 
 from pointit.bridges.foxglove import indicators, people, shapes
-from pointit.bridges.foxglove.objects import Claims, Looks
+from pointit.bridges.foxglove.objects import ObjectOwnership, ObjectRenderer
 from pointit.bridges.foxglove.people import Person
 from pointit.bridges.foxglove.pixels import Pixels
 from pointit.bridges.foxglove.room import Lines, room
-from pointit.bridges.foxglove.shapes import Drawn
+from pointit.bridges.foxglove.shapes import NamedEntity
 from pointit.schemas import (
     ConveyorState,
     Cursor,
@@ -84,7 +84,7 @@ class Scene:
         }
 
     @property
-    def complaints(self) -> list[str]:
+    def problems(self) -> list[str]:
         """Return what of the map cannot be drawn, a sentence each."""
         return self._lines.complaints
 
@@ -133,7 +133,7 @@ class Scene:
             )
         return self._update(part, self._drawn(part, now_ns), now_ns)
 
-    def _drawn(self, part: Part, now_ns: int) -> list[Drawn]:
+    def _drawn(self, part: Part, now_ns: int) -> list[NamedEntity]:
         if part == "room":
             return room(self._map, self._lines, now_ns)
         if part == "lamps":
@@ -147,7 +147,7 @@ class Scene:
                 for each in people.entities(user, person, now_ns)
             ]
         hovers = {user: heard.message for user, heard in self._hovers.items()}
-        claims = Claims.of(self._selection, hovers)
+        claims = ObjectOwnership.of(self._selection, hovers)
         colors = {user: person.color for user, person in self._people.items()}
         return [
             each
@@ -155,7 +155,7 @@ class Scene:
             for each in self._looks.entities(tracker, heard.message.objects, claims, colors, now_ns)
         ]
 
-    def _update(self, part: Part, drawn: list[Drawn], now_ns: int) -> SceneUpdate:
+    def _update(self, part: Part, drawn: list[NamedEntity], now_ns: int) -> SceneUpdate:
         """Return `drawn`, and take away what was there before and is not among it."""
         names = {each.name for each in drawn}
         gone = sorted(self._names.get(part, set()) - names)
@@ -172,7 +172,7 @@ class Scene:
     def _set_room(self, environment: Environment) -> None:
         self._map = environment
         self._lines = Lines(environment)
-        self._looks = Looks(self._lines, self._kind_colors)
+        self._looks = ObjectRenderer(self._lines, self._kind_colors)
         self._pixels = Pixels(self._lines.strips)
         self._is_lit = False
         self.changed |= {"room", "pixels", "lamps", "bays", "objects"}

@@ -27,7 +27,7 @@ HandOver = Callable[[Callable[[], None]], None]
 """Has a function called where everything else runs."""
 
 
-class Tell(Protocol):
+class SubscriptionCallback(Protocol):
     """Is told that a viewer begins or ends to look at a channel."""
 
     def __call__(self, topic: str, *, begins: bool) -> None:
@@ -42,7 +42,7 @@ PictureChannel = Any
 class Viewers(ServerListener):
     """Counts who looks at which channel, and tells of each who begins or ends."""
 
-    def __init__(self, hand_over: HandOver, tell: Tell) -> None:
+    def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
         """Have `tell(topic, begins=…)` called in the loop for each viewer that begins or ends to look."""
         self._hand_over = hand_over
         self._tell = tell
@@ -78,7 +78,7 @@ class Viewers(ServerListener):
 class Server:
     """Channels, and a server that nobody can control anything through: it offers no capability at all."""
 
-    def __init__(self, hand_over: HandOver, tell: Tell) -> None:
+    def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
         """Serve nobody yet; `tell` as `Viewers` has it."""
         self.viewers = Viewers(hand_over, tell)
         self._context = foxglove.Context()

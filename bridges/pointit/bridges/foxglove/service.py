@@ -13,14 +13,14 @@ from typing import Any, ClassVar
 from foxglove import Channel
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
-from pointit.bridges.foxglove.event_log import Chronicle, Line
+from pointit.bridges.foxglove.event_log import EventLog, Line
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.link.addresses import own_address
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
-from pointit.schemas.catalogue.json_channel import Plain, channel_name
+from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
 from pointit.services.registry import SHOWN
 
@@ -49,7 +49,7 @@ class _Mirrored:
     """The newest message of one key, on its way to viewers."""
 
     channel: Channel
-    plain: Plain
+    plain: JsonChannel
     topic: Topic[Any]
     name: str
     message: Message
@@ -67,9 +67,9 @@ class Foxglove(Service[FoxgloveConfig]):
         """Listen to the site; viewers are let in when it runs."""
         super().__init__(config, context)
         self._scene = Scene(config.kind_colors, config.forget_s)
-        self._chronicle = Chronicle()
+        self._chronicle = EventLog()
         self._loop = asyncio.get_running_loop()
-        self._plains = {topic.key: Plain(topic.message) for topic in SHOWN}
+        self._plains = {topic.key: JsonChannel(topic.message) for topic in SHOWN}
         self._mirrored: dict[str, _Mirrored] = {}
         self._server = Server(self._hand_over, self._on_viewer)
         self._timer: asyncio.TimerHandle | None = None
@@ -150,10 +150,10 @@ class Foxglove(Service[FoxgloveConfig]):
     def _send(self, mirrored: _Mirrored) -> None:
         mirrored.is_new = False
         if mirrored.channel.has_sinks():
-            mirrored.channel.log(mirrored.plain.text(mirrored.message), log_time=self.clock.now_ns())
+            mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=self.clock.now_ns())
 
     def _complain(self) -> None:
-        if complaints := self._scene.complaints:
+        if complaints := self._scene.problems:
             self.bus.warn("map", "; ".join(complaints[:3]))
         else:
             self.bus.clear("map")
@@ -191,7 +191,9 @@ class Foxglove(Service[FoxgloveConfig]):
             is_first = self._server.viewers.of(LOG) == 1
             chronicle = self._chronicle
             # others would read the whole history again, so they get what matters of it
-            self._say(tuple(chronicle.history) if is_first else chronicle.standing(self.clock.now_ns()))
+            self._say(
+                tuple(chronicle.history) if is_first else chronicle.active_warnings(self.clock.now_ns())
+            )
             return
         for part in PARTS:
             if topic == picture_topic(part):

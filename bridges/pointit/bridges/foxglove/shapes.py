@@ -46,7 +46,7 @@ _Z_TO_X = rotation.from_axis_angle((0.0, 1.0, 0.0), np.pi / 2.0)
 _HEAD_M, _HEAD_WIDTH_M = 0.14, 0.06
 
 
-class Drawn(NamedTuple):
+class NamedEntity(NamedTuple):
     """An entity and its name: what Foxglove's own types hold cannot be read again."""
 
     name: str
@@ -108,14 +108,14 @@ def surface(places_m: Places, indices: Sequence[int], rgb: Rgb, alpha: float = 1
     )
 
 
-def ball(center_m: Vec3, diameter_m: float, rgb: Rgb, alpha: float = 1.0) -> SpherePrimitive:
+def sphere(center_m: Vec3, diameter_m: float, rgb: Rgb, alpha: float = 1.0) -> SpherePrimitive:
     """Return a sphere."""
     return SpherePrimitive(
         pose=pose(center_m), size=size(diameter_m, diameter_m, diameter_m), color=color(rgb, alpha)
     )
 
 
-def column(
+def cylinder(
     foot_m: Vec3, height_m: float, diameter_m: float, rgb: Rgb, *, alpha: float = 1.0, waist: float = 1.0
 ) -> CylinderPrimitive:
     """Return an upright cylinder that stands at `foot_m`; at its foot it is `waist` times as wide."""
@@ -128,7 +128,7 @@ def column(
     )
 
 
-def limb(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) -> CylinderPrimitive:
+def cylinder_between(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) -> CylinderPrimitive:
     """Return a cylinder from one place to another."""
     way_m = vector.subtract(end_m, start_m)
     turned = rotation.multiply(_towards(way_m), _Z_TO_X)
@@ -169,7 +169,7 @@ def entity(
     lifetime_s: float = 0.0,
     facts: Mapping[str, str] | None = None,
     **primitives: Any,
-) -> Drawn:
+) -> NamedEntity:
     """Return an entity in {W}; `facts` are shown when it is clicked on, lifetime 0 is for ever."""
     made = SceneEntity(
         timestamp=timestamp(now_ns),
@@ -179,7 +179,7 @@ def entity(
         metadata=[KeyValuePair(key=key, value=value) for key, value in (facts or {}).items()],
         **primitives,
     )
-    return Drawn(name, made)
+    return NamedEntity(name, made)
 
 
 def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) -> list[Vec3]:

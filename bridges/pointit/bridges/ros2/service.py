@@ -14,8 +14,8 @@ from pointit.bridges.ros2.graph.backends import check_endpoint, opened
 from pointit.bridges.ros2.routing.guests import Guests
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
-from pointit.bridges.ros2.routing.presence_cache import Attendance
-from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.presence_cache import PresenceCache
+from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import HEARD, Scene
 from pointit.bridges.ros2.routing.site import Site
@@ -46,7 +46,7 @@ class Ros2(Service[Ros2Config]):
         self._leave_out(_unusable(self._table, types))
         file = self._table.file
         self._scene = Scene(types, world=file.world, person=file.person, kinds=file.kinds)
-        self._people, self._services = Attendance("user"), Attendance("service")
+        self._people, self._services = PresenceCache("user"), PresenceCache("service")
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
         """Do without the routes of types that cannot be used, and say why."""
@@ -58,7 +58,7 @@ class Ros2(Service[Ros2Config]):
         self._table = _only(self._table, lambda route: route.type not in unusable)
 
     @classmethod
-    def check(cls, config: Ros2Config) -> None:
+    def validate_config(cls, config: Ros2Config) -> None:
         """Refuse a file of routes that cannot be used, and an address that is none.
 
         Raises:
@@ -68,7 +68,7 @@ class Ros2(Service[Ros2Config]):
         routes(config.routes)
 
     @classmethod
-    def check_link(cls, config: Ros2Config, addresses: Sequence[str]) -> None:
+    def validate_link(cls, config: Ros2Config, addresses: Sequence[str]) -> None:
         """Refuse to look for ROS's router where PointIt's is: nobody there would say what is wrong.
 
         Raises:
@@ -113,10 +113,10 @@ class Ros2(Service[Ros2Config]):
     def _look(self, outbox: Outbox, inbox: Inbox, guests: Guests, graph: Graph) -> None:
         here = graph.within(self.config.backend.domain_id)
         others = {each.node for each in here.endpoints if not each.is_ours}
-        self.bus.figure("ROS nodes", len(others))
+        self.bus.set_metric("ROS nodes", len(others))
         outbox.look(here)
-        inbox.look(here)
-        guests.look(here)
+        inbox.on_graph(here)
+        guests.on_graph(here)
 
     def _hear(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
         if all(each.admits(topic, message, name) for each in (self._people, self._services)):
@@ -131,20 +131,20 @@ class Ros2(Service[Ros2Config]):
             self._scene.person(user)  # whose frame is known from now on
             outbox.join(user)
             inbox.join(user)
-            for topic, message in self._people.come(user):
+            for topic, message in self._people.on_join(user):
                 self._show(outbox, topic, message, user)
         else:
-            self._people.go(user)
+            self._people.on_leave(user)
             outbox.leave(user)
             inbox.leave(user)
             self._scene.forget(user)
 
     def _mind(self, outbox: Outbox, guests: Guests, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
-        guests.meet(instance, present)
+        guests.on_presence(instance, present)
         if present:
-            self._services.come(instance)  # its next report says all
+            self._services.on_join(instance)  # its next report says all
         else:
-            self._services.go(instance)
+            self._services.on_leave(instance)
             outbox.end(instance)
 
 
@@ -164,7 +164,7 @@ def _unusable(table: Routes, types: Types) -> dict[str, str]:
     return unusable
 
 
-def _only(table: Routes, condition: Callable[[Outward | Inward | Served], bool]) -> Routes:
+def _only(table: Routes, condition: Callable[[OutboundRoute | InboundRoute | ServiceRoute], bool]) -> Routes:
     """Return the routes for which `condition` holds."""
     return Routes(
         tuple(route for route in table.outward if condition(route)),

@@ -13,10 +13,10 @@ from starlette.websockets import WebSocket
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.model.history import Past
 from pointit.bridges.web.model.people import People
-from pointit.bridges.web.model.site_model import Belief
+from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.latest_values import MOST_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
-from pointit.bridges.web.pages.request_dispatcher import Answers
+from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
 from pointit.bridges.web.pages.session import Session
 from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.server import exposure_check
@@ -31,7 +31,7 @@ from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, S
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
-from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.bridges.web.wrists.wrist_motion import WristMotion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -68,7 +68,7 @@ class Web(Service[WebConfig]):
     CONFIG = WebConfig
 
     @classmethod
-    def check(cls, config: WebConfig) -> None:
+    def validate_config(cls, config: WebConfig) -> None:
         """Refuse what would let anybody in, see `exposure`."""
         exposure_check.check(config)
 
@@ -78,10 +78,10 @@ class Web(Service[WebConfig]):
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([exposure_check.address(config, config.port)[0]])
-        self._belief = Belief(self.NAME, config.record_s, self._now_s())
+        self._belief = SiteModel(self.NAME, config.record_s, self._now_s())
         self._past = Past(self.bus, self.clock, self._belief.hub)
         self._downloads = Downloads(self._belief.last_minute, self.bus.site, self.clock)
-        self._wrists = Wrists(config)
+        self._wrists = WristControl(config)
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
@@ -110,7 +110,7 @@ class Web(Service[WebConfig]):
         self._phones = Phones(host, self._pairing, bundle)
         app = application(doors, bundle, self._open, self._downloads.answer, self._phones.routes)
         self._lan = Lan(config, self.bus.site, app)
-        self._answers = Answers(
+        self._answers = RequestDispatcher(
             self.bus,
             people=self._people,
             wrists=self._wrists,
@@ -237,7 +237,7 @@ class Web(Service[WebConfig]):
             self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
             return
         self._attend(message, name)
-        self._pages.news(now=topic is STRIPS_FRAME)
+        self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _attend(self, message: Message, name: str) -> None:
         """Let wrists, phones and pages have what matters to them."""
@@ -265,18 +265,18 @@ class Web(Service[WebConfig]):
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._belief.set_service(instance, present, self._now_s())
         self._past.set_service(instance, present)
-        self._pages.news()
+        self._pages.notify_pages()
         self._changed()
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present:
-            self._people.come(user)
+            self._people.on_join(user)
         else:
-            self._people.go(user)
+            self._people.on_leave(user)
             self._wrists.forget(user)
             self._phones.forget(user)
-            self._belief.lose_person(user)
-            self._pages.news()
+            self._belief.on_person_left(user)
+            self._pages.notify_pages()
         self._changed()
 
     # Time.
@@ -285,16 +285,16 @@ class Web(Service[WebConfig]):
         while True:
             await asyncio.sleep(TICK_S)
             now_s = self._now_s()
-            self._belief.pass_time(now_s)
+            self._belief.tick(now_s)
             if late := self._link.sentence(now_s):
                 self.bus.warn("link", late)
             else:
                 self.bus.clear("link")
-            self._pages.news()
+            self._pages.notify_pages()
             if now_s - self._malformed_s > QUIET_S:
                 self.bus.clear("pages")
             self._listener.cut_lingering()
-            self._lan.cut_lingering()
+            self._lan.close_idle()
             self._pages.measure()
             self._pages.tell_status()
 

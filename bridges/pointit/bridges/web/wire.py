@@ -67,13 +67,13 @@ LATEST_MS = 9e12
 Id = Annotated[int, Field(ge=0, le=2**53)]
 
 
-class Part(BaseModel):
+class WireModel(BaseModel):
     """What travels to and from pages."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Hello(Part):
+class Hello(WireModel):
     """Who the page is to this server."""
 
     kind: Literal["hello"] = "hello"
@@ -85,7 +85,7 @@ class Hello(Part):
     user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
 
 
-class ServiceLine(Part):
+class ServiceLine(WireModel):
     """A service that is there, was there, or should be."""
 
     instance: str
@@ -93,7 +93,7 @@ class ServiceLine(Part):
     since_s: Annotated[float, Field(description="up, or down, for so long, wall seconds")]
 
 
-class FindingLine(Part):
+class FindingLine(WireModel):
     """One thing that is wrong, and what to do."""
 
     severity: Literal["error", "warning", "note"]
@@ -102,14 +102,14 @@ class FindingLine(Part):
     remedy: str
 
 
-class AssumedPlace(Part):
+class AssumedPlace(WireModel):
     """Where a person is taken to stand."""
 
     position_m: Annotated[Vec3, Field(description="of their feet in {W}, m")]
     yaw_rad: Annotated[float, Field(description="azimuth of {H}'s x axis in {W}, rad")]
 
 
-class PersonLine(Part):
+class PersonLine(WireModel):
     """A person who is there."""
 
     user: str
@@ -122,7 +122,7 @@ class PersonLine(Part):
     ] = None
 
 
-class Status(Part):
+class Status(WireModel):
     """How the site is; what topics do not say."""
 
     kind: Literal["status"] = "status"
@@ -133,7 +133,7 @@ class Status(Part):
     lan_url: Annotated[str, Field(description="where the local network finds the page; empty: closed")] = ""
 
 
-class Answer(Part):
+class Answer(WireModel):
     """What came of an `Ask`."""
 
     kind: Literal["answer"] = "answer"
@@ -142,7 +142,7 @@ class Answer(Part):
     error: Annotated[str, Field(description="one sentence, why not; empty: it was done")] = ""
 
 
-class Cue(Part):
+class Cue(WireModel):
     """What a phone tells its person: a `Feedback` of the bus, or the state of the interaction."""
 
     kind: Literal["cue"] = "cue"
@@ -160,7 +160,7 @@ class Cue(Part):
     has_lost_arm: Annotated[bool, Field(description="the arm does not follow this phone any more")] = False
 
 
-class Ack(Part):
+class Ack(WireModel):
     """A batch was shown."""
 
     kind: Literal["ack"] = "ack"
@@ -170,7 +170,7 @@ class Ack(Part):
     ] = None
 
 
-class Ask(Part):
+class Ask(WireModel):
     """A wish: a request of the table by its key pattern, or a deed of the server's own."""
 
     kind: Literal["ask"] = "ask"
@@ -183,7 +183,7 @@ class Ask(Part):
     query: Annotated[dict[str, Any], Field(description="fields of the query")] = {}
 
 
-class AimAt(Part):
+class AimAt(WireModel):
     """The mouse points at a place, {W}."""
 
     kind: Literal["aim"] = "aim"
@@ -191,7 +191,7 @@ class AimAt(Part):
     at_m: Vec3
 
 
-class Turn(Part):
+class Turn(WireModel):
     """The orientation of a phone."""
 
     kind: Literal["turn"] = "turn"

@@ -10,7 +10,7 @@ from typing import Any
 
 from pointit.schemas.catalogue import asyncapi
 from pointit.schemas.catalogue.asyncapi import Kind
-from pointit.schemas.catalogue.compatibility import losses, structure
+from pointit.schemas.catalogue.compatibility import breaking_changes, strip_annotations
 from pointit.schemas.catalogue.example import example
 from pointit.schemas.codec import encode
 from pointit.schemas.errors import SchemaError
@@ -67,7 +67,7 @@ def generate(kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
     return files
 
 
-def broken_rules(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
+def compatibility_errors(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
     """Return how today's messages break the rule that they only grow; a sentence each."""
     today = {kind.__name__: kind for kind in (all_kinds() if kinds is None else kinds)}
     sentences: list[str] = []
@@ -86,14 +86,14 @@ def broken_rules(committed: Files, kinds: Iterable[Kind] | None = None) -> list[
     return sentences
 
 
-def renewed(committed: Files, kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
+def updated_files(committed: Files, kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
     """Return the files to write: what is new, and newer prose; samples that are there stay as they are.
 
     Raises:
         SchemaError: a message breaks the rule that it only grows.
     """
     kinds = tuple(all_kinds() if kinds is None else kinds)
-    if broken := broken_rules(committed, kinds):
+    if broken := compatibility_errors(committed, kinds):
         raise SchemaError("; ".join(broken))
     return {
         path: content
@@ -102,13 +102,13 @@ def renewed(committed: Files, kinds: Iterable[Kind] | None = None) -> dict[str, 
     }
 
 
-def outdated(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
+def check_committed(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
     """Return what is wrong with a committed catalogue and what to do, a sentence each."""
     kinds = tuple(all_kinds() if kinds is None else kinds)
-    if broken := broken_rules(committed, kinds):
+    if broken := compatibility_errors(committed, kinds):
         return broken
     sentences: list[str] = []
-    if stale := sorted(renewed(committed, kinds)):
+    if stale := sorted(updated_files(committed, kinds)):
         more = f" and {len(stale) - 3} more" if len(stale) > 3 else ""
         sentences.append(f"missing or out of date: {', '.join(stale[:3])}{more}; run {WRITE}")
     for path in sorted(committed):
@@ -135,12 +135,12 @@ def _broken(kind: Kind, versions: set[int], committed: Files) -> Iterator[str]:
     now = message_schema(kind)
     for version in sorted(versions):
         before = _parsed(message_path(kind, version), committed)
-        if lost := losses(before, now):
+        if lost := breaking_changes(before, now):
             yield (
                 f"{name} may only grow from {name}.v{version}, but {' and '.join(lost)}; undo that, "
                 "or make it a new message"
             )
-        elif kind.version == version and structure(before) != structure(now):
+        elif kind.version == version and strip_annotations(before) != strip_annotations(now):
             yield (
                 f"{name}.v{version} has changed and versions never do: raise `version` of {name} to "
                 f"{version + 1} and run {WRITE} again"

@@ -10,18 +10,18 @@ _MAPS = frozenset({"properties", "$defs"})
 """Keywords whose members have names of ours, which may well be `title`."""
 
 
-def structure(schema: Mapping[str, Any]) -> JsonSchema:
+def strip_annotations(schema: Mapping[str, Any]) -> JsonSchema:
     """Return `schema` without its prose, with every nested part written out in place."""
     bare: JsonSchema = _bare({k: v for k, v in schema.items() if k != "$defs"}, schema.get("$defs", {}))
     return bare
 
 
-def losses(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+def breaking_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Return what keeps `new` from being `old` plus optional fields, a clause each; empty when it only grew.
 
     Defaults may change: whoever sends the newer version sends every field.
     """
-    return list(_losses(structure(old), structure(new), ""))
+    return list(_losses(strip_annotations(old), strip_annotations(new), ""))
 
 
 def _bare(node: Any, definitions: Mapping[str, Any]) -> Any:

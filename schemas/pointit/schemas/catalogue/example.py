@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, TypeVar, cast
 
-from pointit.schemas.base import Part
+from pointit.schemas.base import SchemaModel
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=SchemaModel)
 
 _STAMP_NS = 1_700_000_000_000_000_000
 _NARROW = 1000.0

@@ -15,7 +15,7 @@ from pointit.schemas.catalogue.catalogue import message_schema
 Schema = dict[str, Any]
 
 
-class Plain:
+class JsonChannel:
     """One kind of message."""
 
     def __init__(self, kind: type[Message]) -> None:
@@ -24,7 +24,7 @@ class Plain:
         self.schema: Schema = {"title": kind.schema_name(), **_plain(full, full.get("$defs", {}))}
         self._has_bytes = '"binary"' in json.dumps(full)
 
-    def text(self, message: Message) -> bytes:
+    def to_json(self, message: Message) -> bytes:
         """Return `message` as JSON; bytes as base64."""
         if self._has_bytes:
             return json.dumps(message.model_dump(), default=_base64).encode()

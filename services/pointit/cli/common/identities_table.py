@@ -38,12 +38,14 @@ def present(state: SiteState) -> list[str]:
     return [name for name, one in state.identities.items() if one.state != "removed"]
 
 
-def ending(rows: Iterable[Row]) -> list[str]:
+def expiring(rows: Iterable[Row]) -> list[str]:
     """Return whose certificates end within 30 days, or have."""
     return [row["name"] for row in rows if row["state"] in ENDING]
 
 
-def seen_from(credentials: Credentials | None, folder: Path | None, now: dt.datetime) -> list[dict[str, Any]]:
+def visible_rows(
+    credentials: Credentials | None, folder: Path | None, now: dt.datetime
+) -> list[dict[str, Any]]:
     """Return rows of the whole site where its folder is at hand, else one of the identity that is shown.
 
     Args:
@@ -76,7 +78,7 @@ def seen_from(credentials: Credentials | None, folder: Path | None, now: dt.date
 
 
 def section(rows: Iterable[Row]) -> Section:
-    """Return the table of what `seen_from` has found."""
+    """Return the table of what `visible_rows` has found."""
     return Section(
         name="identities",
         about="who may join, until when",

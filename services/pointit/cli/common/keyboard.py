@@ -10,7 +10,7 @@ import click
 from rich.status import Status
 from rich.text import Text
 
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import say
 from pointit.runtime.service.console import PlainConsole
 
@@ -58,10 +58,10 @@ def check_keyboard(otherwise: str) -> None:
         Mistake: If there is no keyboard; `otherwise` is the option that does without.
     """
     if not has_keyboard():
-        raise Mistake(f"there is no keyboard to press Enter on; use {otherwise}")
+        raise UnknownNameError(f"there is no keyboard to press Enter on; use {otherwise}")
 
 
-async def enter(text: str, otherwise: str) -> None:
+async def wait_for_enter(text: str, otherwise: str) -> None:
     """Print `text` and wait for Enter or Space.
 
     Raises:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 
-class Mistake(click.ClickException):
+class UnknownNameError(click.ClickException):
     """The person typed something that does not exist: one sentence, exit code 2."""
 
     exit_code = 2
@@ -58,7 +58,7 @@ class LazyGroup(click.Group):
             return command.name, command, args[1:]
         if ctx.resilient_parsing:  # completion in a shell
             return None, None, args[1:]
-        raise Mistake(f"no {self._kind} {args[0]!r}; {nearest(args[0], self._entries)}")
+        raise UnknownNameError(f"no {self._kind} {args[0]!r}; {nearest(args[0], self._entries)}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one line a command, without loading any."""

@@ -34,7 +34,7 @@ def site_options() -> list[click.Parameter]:
 
 
 @asynccontextmanager
-async def joined(
+async def join_site(
     site: str, connect: Sequence[str], *, patience_s: float = PATIENCE_S
 ) -> AsyncGenerator[ZenohBus]:
     """Yield a bus that has joined `site`; errors inside name the address, unless it was typed.
@@ -45,14 +45,14 @@ async def joined(
     opening = logging.getLogger(session.__name__)
     opening.setLevel(logging.ERROR)  # not "trying again until": who gives up soon says so at the end
     try:
-        with telling(f"looking for {address(site, connect)} …"):
+        with notify_if_slow(f"looking for {address(site, connect)} …"):
             bus = await ZenohBus.open(link_of(site, connect), patience_s=patience_s)
     finally:
         opening.setLevel(logging.NOTSET)
     try:
         yield bus
     except PointItError as error:
-        error.args = (f"{error}{untold_address(site, connect)}",)
+        error.args = (f"{error}{default_address_note(site, connect)}",)
         raise
     finally:
         await bus.close()
@@ -63,7 +63,7 @@ def address(site: str, connect: Sequence[str]) -> str:
     return f"site {site} at {', '.join(connect)}"
 
 
-def untold_address(site: str, connect: Sequence[str]) -> str:
+def default_address_note(site: str, connect: Sequence[str]) -> str:
     """Return ` (site lab at ...)` when --connect was not typed, else nothing: who types it knows it."""
     context = click.get_current_context(silent=True)
     if context is None or context.get_parameter_source("connect") is ParameterSource.COMMANDLINE:
@@ -72,7 +72,7 @@ def untold_address(site: str, connect: Sequence[str]) -> str:
 
 
 @contextmanager
-def telling(text: str) -> Generator[None]:
+def notify_if_slow(text: str) -> Generator[None]:
     """Say `text` on standard error when what is done inside takes longer than `SILENT_S`."""
 
     def tell() -> None:
@@ -94,7 +94,7 @@ def _any(_message: Message) -> bool:
     return True
 
 
-class Newest(Generic[M]):
+class LatestMessage(Generic[M]):
     """Follows one key."""
 
     def __init__(self, bus: Bus, topic: Topic[M], name: str = "") -> None:

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterable, Sequence
 
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import ANY, PRESENCES, REQUESTS, TOPICS
@@ -32,10 +32,10 @@ def resolve(typed: str) -> list[Wanted]:
         try:
             topic.at(name)
         except KeyNameError as error:
-            raise Mistake(f"key {typed!r}: {error}") from error
+            raise UnknownNameError(f"key {typed!r}: {error}") from error
         wanted.append((topic, name))
     if not wanted:
-        raise Mistake(f"no topic has the key {typed!r}; {_advice(parts)}")
+        raise UnknownNameError(f"no topic has the key {typed!r}; {_advice(parts)}")
     return wanted
 
 

@@ -25,18 +25,18 @@ CANDIDATES = 3
 """As many of the robots that may be meant are named."""
 
 
-def doings(monitor: Monitor, width: int) -> RenderableType:
+def activity_lines(monitor: Monitor, width: int) -> RenderableType:
     """Return what each person does, in columns that do not move."""
     return _doings(monitor, monitor.people(), width)
 
 
-def places(monitor: Monitor, width: int) -> RenderableType | None:
+def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
     """Return where people stand, if that is known of anybody."""
     users = monitor.people()
     return _places(monitor, users, width) if any(user in monitor.poses for user in users) else None
 
 
-def words(monitor: Monitor) -> list[Text]:
+def instruction_lines(monitor: Monitor) -> list[Text]:
     """Return what each person should do next; once, where all should do the same."""
     told = {user: _words(monitor, user) for user in monitor.people()}
     if len(told) > 1 and len({tuple(line.plain for line in lines) for lines in told.values()}) == 1:

@@ -9,7 +9,7 @@ from rich.live import Live
 
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.display.view import REFRESH_HZ, draw
-from pointit.launch.run.running_scenario import Stage
+from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.contract import Publisher
 from pointit.schemas import ButtonEvent
 from pointit.schemas.topics import BUTTON
@@ -17,7 +17,10 @@ from pointit.schemas.topics import BUTTON
 
 @contextlib.contextmanager
 def on_screen(
-    stage: Stage, console: Console | None, end_s: Callable[[], float | None], looks_on: Callable[[], bool]
+    stage: RunningScenario,
+    console: Console | None,
+    end_s: Callable[[], float | None],
+    looks_on: Callable[[], bool],
 ) -> Generator[None]:
     """Draw what happens, if there is a terminal; its Space key is the first person's button.
 
@@ -62,5 +65,5 @@ def on_screen(
         yield
 
 
-def _first_person(stage: Stage) -> str:
+def _first_person(stage: RunningScenario) -> str:
     return next(iter(stage.plan.users), "")

@@ -79,7 +79,7 @@ def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
     return yaw_deg if is_steady else None
 
 
-def sum_up(plan: Plan, monitor: Monitor, duration_s: float) -> None:
+def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
     """Print the summary of what ran for `duration_s`, and write it where it is wanted."""
     if not (plan.scored or plan.summary is not None or plan.as_json):
         return

@@ -11,7 +11,13 @@ from rich.panel import Panel
 from rich.segment import Segment, SegmentLines
 from rich.text import Text
 
-from pointit.cli.display.people_view import ROOMY_WIDTH, color_of, doings, places, words
+from pointit.cli.display.people_view import (
+    ROOMY_WIDTH,
+    activity_lines,
+    color_of,
+    instruction_lines,
+    pose_lines,
+)
 from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.diagnosis.observation import SILENT_S
 from pointit.geometry.polyline import Polyline
@@ -80,7 +86,7 @@ class _View:
             Block(console.render_lines(part, inner), worth)
             for worth, part in self._parts(width, options.max_width)
         ]
-        lines = fitted(blocks, options.size.height - BORDER_HEIGHT)
+        lines = drop_to_height(blocks, options.size.height - BORDER_HEIGHT)
         yield Panel(
             SegmentLines(lines, new_lines=True),
             title=self.title,
@@ -125,10 +131,10 @@ class _View:
             parts += [((STRIPS, -row), line) for row, line in enumerate(light)]
             if monitor.lamps:
                 parts.append((None, _lamps(monitor)))
-        parts.append((None, doings(monitor, whole_width)))
-        if (where := places(monitor, whole_width)) is not None:
+        parts.append((None, activity_lines(monitor, whole_width)))
+        if (where := pose_lines(monitor, whole_width)) is not None:
             parts.append(((PLACES, 0), where))
-        parts += [((WORDS, -row), line) for row, line in enumerate(words(monitor))]
+        parts += [((WORDS, -row), line) for row, line in enumerate(instruction_lines(monitor))]
         parts.append((None, figures(monitor)))
         told = list(monitor.events)
         for row, line in enumerate(told, 1):
@@ -246,14 +252,14 @@ class Block:
     """Lines that are shown or left out together."""
 
     lines: Sequence[Sequence[Segment]]
-    worth: Worth
+    priority: Worth
 
 
-def fitted(blocks: Sequence[Block], room: int) -> list[list[Segment]]:
+def drop_to_height(blocks: Sequence[Block], room: int) -> list[list[Segment]]:
     """Return the lines of `blocks` in their order, at most `room`: those worth least are left out."""
     height = sum(len(block.lines) for block in blocks)
     kept = dict(enumerate(blocks))
-    dispensable = sorted((block.worth, at) for at, block in kept.items() if block.worth is not None)
+    dispensable = sorted((block.priority, at) for at, block in kept.items() if block.priority is not None)
     for _, at in dispensable:
         if height <= room:
             break

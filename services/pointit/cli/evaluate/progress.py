@@ -22,7 +22,7 @@ LINE_EVERY_S = 10.0
 """So often a line is written where no terminal can show a bar."""
 
 
-class Tell(Protocol):
+class ProgressCallback(Protocol):
     """Told what is being done, and how many are done where they can be counted."""
 
     def __call__(self, what: str, done: int | None = None, /) -> None:
@@ -30,11 +30,11 @@ class Tell(Protocol):
 
 
 @contextmanager
-def progress(total: int | None = None) -> Generator[Tell]:
+def progress(total: int | None = None) -> Generator[ProgressCallback]:
     """Yield what shows on standard error how far it is; `total`: as many are to be done, none: unknown."""
     screen = Console(stderr=True)
     if not screen.is_terminal:
-        yield Lines(total, lambda line: click.echo(line, err=True), time.monotonic)
+        yield LineProgress(total, lambda line: click.echo(line, err=True), time.monotonic)
         return
     columns: list[ProgressColumn] = [TextColumn("{task.description}")]
     if total is None:
@@ -50,7 +50,7 @@ def progress(total: int | None = None) -> Generator[Tell]:
         yield tell
 
 
-class Lines:
+class LineProgress:
     """Writes a line when it is told something and the last line, or the begin, is long ago."""
 
     def __init__(

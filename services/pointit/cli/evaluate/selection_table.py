@@ -9,8 +9,8 @@ from rich.text import Text
 
 from pointit.cli.evaluate.table import evaluation_console
 from pointit.evaluation.selection.difference import Difference, Interval
-from pointit.evaluation.selection.row import Figures, SelectionRow
-from pointit.evaluation.selection.selection import Pace
+from pointit.evaluation.selection.row import SelectionMetrics, SelectionRow
+from pointit.evaluation.selection.selection import SimulationSpeed
 
 PEOPLE = {"pointing": "people", "mouse": "people, mouse"}
 
@@ -29,7 +29,9 @@ DIFFERENCE_NOTES = (
 )
 
 
-def print_selection(rows: Sequence[SelectionRow], differences: Sequence[Difference], pace: Pace) -> None:
+def print_selection(
+    rows: Sequence[SelectionRow], differences: Sequence[Difference], pace: SimulationSpeed
+) -> None:
     """Print `rows`, which stand together by bench and condition, people after the methods.
 
     Then what differs between methods, and the `pace`.
@@ -93,7 +95,7 @@ def _interval(interval: Interval, scale: float, unit: str) -> str:
     return f"{value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"
 
 
-def _cells(figures: Figures) -> tuple[str | None, ...]:
+def _cells(figures: SelectionMetrics) -> tuple[str | None, ...]:
     time_s, between_s = figures.time_s, figures.between_s
     return (
         str(figures.n),

@@ -7,17 +7,17 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from pointit.cli.common.lazy import Mistake, nearest
+from pointit.cli.common.lazy import UnknownNameError, nearest
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
-from pointit.cli.common.site_link import joined, quiet, site_options, untold_address
+from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
 from pointit.cli.common.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers
-from pointit.runtime.config.parameters import Leaf, leaves
+from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.shutdown import run_async
-from pointit.schemas import Query, Reply, explain
+from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.schemas import Query, Reply, summarize_validation_error
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
 
 AnyRequest = Request[Any, Any]
@@ -62,7 +62,9 @@ def command(
     request, name = resolve(key)
     query = build(request, values)
     quiet()
-    return run_async(_call(request, query, name, timeout_s, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(
+        _call(request, query, name, timeout_s, as_json=as_json, site=site, connect=connect)
+    )
 
 
 async def _call(
@@ -75,14 +77,14 @@ async def _call(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    async with joined(site, connect) as bus:
+    async with join_site(site, connect) as bus:
         reply: Reply = await bus.call(request, query, name, timeout_s=timeout_s)
     fields = reply.model_dump()
     if as_json:
         print_json({"key": request.at(name), **fields})
         return 0
     message = fields.pop("message")
-    say((message or "done") + untold_address(site, connect))
+    say((message or "done") + default_address_note(site, connect))
     if fields:
         click.echo(to_line(fields))
     return 0
@@ -102,17 +104,17 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
             try:
                 check_name(name, request.placeholder)
             except ValueError as error:
-                raise Mistake(f"key {typed!r}: {error}") from error
+                raise UnknownNameError(f"key {typed!r}: {error}") from error
         return request, name
     topic = topic_of(typed)
     if topic is not None:
-        raise Mistake(
+        raise UnknownNameError(
             f"{typed} is a topic ({topic.about}), not something to ask for; see `pointit echo {typed}`"
         )
     known = [filled(request.key, typed.split("/")) for request in REQUESTS]
     near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
     advice = f"did you mean {' or '.join(near)}?" if near else "`pointit call` lists what can be asked"
-    raise Mistake(f"nothing to ask for has the key {typed!r}; {advice}")
+    raise UnknownNameError(f"nothing to ask for has the key {typed!r}; {advice}")
 
 
 def build(request: AnyRequest, values: Iterable[str]) -> Query:
@@ -123,26 +125,30 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
     """
     layers = Layers()
     known: Sequence[str] = list(request.query.model_fields)
-    lists = {leaf.path[-1] for leaf in leaves(request.query) if leaf.type_name.startswith("list of ")}
+    lists = {
+        leaf.path[-1] for leaf in iter_parameters(request.query) if leaf.type_name.startswith("list of ")
+    }
     for value in values:
         field, separator, text = value.partition("=")
         if not separator:
-            raise Mistake(f"{request.key}: {value!r}: write FIELD=VALUE, such as {_example(request)}")
+            raise UnknownNameError(
+                f"{request.key}: {value!r}: write FIELD=VALUE, such as {_example(request)}"
+            )
         if field not in known:
             advice = nearest(field, known) if known else "it takes none"
-            raise Mistake(f"{request.key}: no field {field!r}; {advice}")
+            raise UnknownNameError(f"{request.key}: no field {field!r}; {advice}")
         if field in layers.values:
-            raise Mistake(f"{request.key}: {field} is given twice")
+            raise UnknownNameError(f"{request.key}: {field} is given twice")
         if field in lists and not text.lstrip().startswith("["):  # as people write it: belts=part_e,part_f
             text = f"[{text}]"
         try:
             layers.add_text([field], text, f"{request.key}: {value}")
         except ConfigError as error:
-            raise Mistake(str(error)) from error
+            raise UnknownNameError(str(error)) from error
     try:
         query: Query = request.query.model_validate(layers.values, strict=False)
     except ValidationError as error:
-        raise Mistake(f"{request.key}: {_complaint(request, error)}") from error
+        raise UnknownNameError(f"{request.key}: {_complaint(request, error)}") from error
     return query
 
 
@@ -158,7 +164,7 @@ def requests() -> Section:
 
 
 def _rows(request: AnyRequest) -> list[Row]:
-    fields: list[Leaf | None] = [*leaves(request.query)]
+    fields: list[ParameterInfo | None] = [*iter_parameters(request.query)]
     return [
         {
             "key": request.key,
@@ -173,7 +179,7 @@ def _rows(request: AnyRequest) -> list[Row]:
     ]
 
 
-def _range(leaf: Leaf) -> str:
+def _range(leaf: ParameterInfo) -> str:
     limits = {
         word: getattr(limit, name)
         for name, word in BOUNDS
@@ -184,7 +190,7 @@ def _range(leaf: Leaf) -> str:
 
 
 def _example(request: AnyRequest) -> str:
-    fields = list(leaves(request.query))
+    fields = list(iter_parameters(request.query))
     if not fields:
         return "no field at all: it takes none"
     return f"{fields[0].path[-1]}=VALUE"
@@ -192,8 +198,8 @@ def _example(request: AnyRequest) -> str:
 
 def _complaint(request: AnyRequest, error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
-    for leaf in leaves(request.query):
+    for leaf in iter_parameters(request.query):
         if first["type"] == "missing" and first["loc"] == leaf.path:
             field = leaf.path[-1]
             return f"{field} is missing: write {field}=VALUE, {leaf.type_name}"
-    return explain(error)
+    return summarize_validation_error(error)

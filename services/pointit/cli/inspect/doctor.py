@@ -12,18 +12,18 @@ from typing import Any
 import click
 from rich.text import Text
 
-from pointit.cli.common.identities_table import ending, section, seen_from
+from pointit.cli.common.identities_table import expiring, section, visible_rows
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
-from pointit.cli.common.site_link import PATIENCE_S, address, joined, quiet, site_options, telling
+from pointit.cli.common.site_link import PATIENCE_S, address, join_site, notify_if_slow, quiet, site_options
 from pointit.diagnosis.diagnose import diagnose, is_healthy
-from pointit.diagnosis.finding_filter import is_about, narrowed
+from pointit.diagnosis.finding_filter import filter_findings, is_about
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
-from pointit.diagnosis.writers import split
+from pointit.diagnosis.writers import split_instance
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
@@ -75,11 +75,11 @@ def command(
     """
     quiet()
     credentials = given_credentials()
-    known = seen_from(credentials, folder, dt.datetime.now(dt.UTC))
+    known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
     known = [row for row in known if not only or row["name"] == only]
     look = _Look(only)
     try:
-        run_async(_listen(look, site, connect, timeout_s))
+        run_until_shutdown(_listen(look, site, connect, timeout_s))
     except ConnectError:
         finding = Finding(
             severity="error",
@@ -96,7 +96,7 @@ def command(
         return INTERRUPTED
     findings = diagnose(look.seen)
     if only:
-        findings = narrowed(findings, look.seen, only)
+        findings = filter_findings(findings, look.seen, only)
     return _show(look.seen, findings, known, site, only=only, as_json=as_json)
 
 
@@ -147,7 +147,7 @@ class _Look:
             host=socket.gethostname(),
             speed=self._speed,
             other_sites=await sites_at(bus.link) if is_open else (),
-            denied=await bus.denies("reads", HEALTH, ANY) if sees_nobody else "",
+            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_nobody else "",
             options=_options(bus.link),
         )
 
@@ -179,8 +179,8 @@ class _Look:
 
 
 async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
-    async with joined(site, connect, patience_s=timeout_s) as bus:
-        with telling(f"listening to {address(site, connect)} …"):
+    async with join_site(site, connect, patience_s=timeout_s) as bus:
+        with notify_if_slow(f"listening to {address(site, connect)} …"):
             await look.watch(bus)
     return 0
 
@@ -224,13 +224,13 @@ def _show(
         {"service": service, "user": user, "figures": _figures(health)}
         for instance in instances
         if (health := seen.newest(instance)) is not None and health.figures
-        for service, user in [split(instance)]
+        for service, user in [split_instance(instance)]
     )
     if figures:
         print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
     if known:
         print_table(screen, section(known))
-    if others := ending(row for row in known if not row["own"]):  # of its own it was warned when it began
+    if others := expiring(row for row in known if not row["own"]):  # of its own it was warned when it began
         click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
     for finding in findings:
         who = f"{finding.service}: " if finding.service else ""
@@ -248,7 +248,7 @@ def _show(
 
 def _record(seen: Observation, instance: str) -> Row:
     health = seen.newest(instance)
-    service, user = split(instance)
+    service, user = split_instance(instance)
     return {
         "instance": instance,
         "service": service,
@@ -261,7 +261,7 @@ def _record(seen: Observation, instance: str) -> Row:
 
 def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
     health = seen.newest(instance) if instance in seen.present else None
-    service, user = split(instance)
+    service, user = split_instance(instance)
     return {
         "service": service,
         "user": user,

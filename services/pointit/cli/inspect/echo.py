@@ -7,10 +7,10 @@ import functools
 import click
 
 from pointit.cli.common.output import json_option, to_json, to_line, write_line
-from pointit.cli.common.site_link import joined, quiet, site_options
+from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.cli.common.topic_names import Wanted, resolve
-from pointit.diagnosis.writers import why_silent
-from pointit.runtime.service.shutdown import run_async
+from pointit.diagnosis.writers import silence_reason
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, Delivery, Topic
@@ -32,14 +32,14 @@ def command(key: str, *, count: int | None, as_json: bool, site: str, connect: t
     """
     wanted = resolve(key)
     quiet()
-    return run_async(_echo(key, wanted, count, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_echo(key, wanted, count, as_json=as_json, site=site, connect=connect))
 
 
 async def _echo(
     key: str, wanted: list[Wanted], count: int | None, *, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
     loop = asyncio.get_running_loop()
-    async with joined(site, connect) as bus:
+    async with join_site(site, connect) as bus:
         printer = _Printer(count, as_json=as_json)
         present = _presence(bus)
         for topic, name in wanted:
@@ -106,7 +106,7 @@ def _tell_silence(key: str, wanted: list[Wanted], present: set[str], *, any_yet:
         return
     more = " more" if any_yet else ""
     if len(wanted) == 1:
-        reason = why_silent(*wanted[0], present)
+        reason = silence_reason(*wanted[0], present)
     else:
         reason = f"present: {', '.join(sorted(present)) or 'no service'}"
     click.echo(f"waiting: nothing{more} on {key} for {SILENCE_S:g} s; {reason}", err=True)

@@ -7,13 +7,13 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
-from pointit.cli.common.site_link import joined, quiet, site_options
+from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
 from pointit.runtime.bus.contract import AnyTopic, Subscription
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message, encode
 from pointit.schemas.topics import ANY, IMU
@@ -111,11 +111,13 @@ def command(
     With --json each window is one object on one line.
     """
     if not keys and not everything:
-        raise Mistake(f"which KEY? Name one, such as '{IMU.at(ANY)}', or measure every topic with --all")
+        raise UnknownNameError(
+            f"which KEY? Name one, such as '{IMU.at(ANY)}', or measure every topic with --all"
+        )
     wanted = resolve_all([EVERYTHING] if everything else keys)
     named = resolve_all(key for key in keys if ANY not in key)
     quiet()
-    return run_async(
+    return run_until_shutdown(
         _measure(wanted, named, window, watch=watch, as_json=as_json, site=site, connect=connect)
     )
 
@@ -131,7 +133,7 @@ async def _measure(
     connect: tuple[str, ...],
 ) -> int:
     loop = asyncio.get_running_loop()
-    async with joined(site, connect) as bus:
+    async with join_site(site, connect) as bus:
         counter = _Counter(bus, wanted, named)
         while True:
             await asyncio.sleep(window_s)

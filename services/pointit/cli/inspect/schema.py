@@ -96,7 +96,7 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def _write(folder: Path, *, as_json: bool) -> int:
-    files = catalogue.renewed(read_folder(folder))
+    files = catalogue.updated_files(read_folder(folder))
     write_folder(folder, files)
     if as_json:
         _print_json({"written": sorted(files)})
@@ -109,7 +109,7 @@ def _write(folder: Path, *, as_json: bool) -> int:
 
 
 def _check(folder: Path, *, as_json: bool) -> int:
-    problems = catalogue.outdated(read_folder(folder))
+    problems = catalogue.check_committed(read_folder(folder))
     if as_json:
         _print_json({"ok": not problems, "problems": problems})
     for problem in problems:

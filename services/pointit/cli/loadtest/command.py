@@ -15,18 +15,18 @@ from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Section, json_option, print_json, show
-from pointit.cli.common.site_link import joined, quiet, site_options
-from pointit.cli.loadtest.figures import Measured, Search
+from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.loadtest.figures import CapacitySearch, LoadResult
 from pointit.cli.loadtest.layout import Layout, Load, groups
-from pointit.cli.loadtest.rig import rigged, router_process
+from pointit.cli.loadtest.rig import router_process, start_load_test
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.link.credentials import Credentials, read_credentials
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.service.instance_takeover import claim
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.runtime.service.instance_takeover import claim_names
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE
 
@@ -130,9 +130,9 @@ def command(
         site=site,
         connect=() if is_own else connect,
     )
-    done: list[Measured] = []
-    search = Search(FIRST, MOST_USERS) if sweep else None
-    code = run_async(_run(load, search, done))
+    done: list[LoadResult] = []
+    search = CapacitySearch(FIRST, MOST_USERS) if sweep else None
+    code = run_until_shutdown(_run(load, search, done))
     if not done:
         return INTERRUPTED
     if as_json:
@@ -147,7 +147,7 @@ def command(
     return EXIT_FAILED if done[-1].failure else 0
 
 
-def _section(load: Load, done: Sequence[Measured]) -> Section:
+def _section(load: Load, done: Sequence[LoadResult]) -> Section:
     about = f"{load.rate_hz:g} Hz each for {load.duration_s:g} s, {load.name}"
     return Section(
         name="load",
@@ -157,7 +157,7 @@ def _section(load: Load, done: Sequence[Measured]) -> Section:
     )
 
 
-async def _run(load: Load, search: Search | None, done: list[Measured]) -> int:
+async def _run(load: Load, search: CapacitySearch | None, done: list[LoadResult]) -> int:
     counts = [load.users] if search is None else search.counts()
     for count in counts:
         _tell(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
@@ -170,17 +170,17 @@ async def _run(load: Load, search: Search | None, done: list[Measured]) -> int:
             + (measured.failure or "carried")
         )
         if search is not None:
-            search.tell(count, carried=not measured.failure)
+            search.report(count, carried=not measured.failure)
     return 0
 
 
-async def _measure(load: Load, count: int) -> Measured:
+async def _measure(load: Load, count: int) -> LoadResult:
     here, elsewhere = groups(load, count)
     async with _bus(load) as (bus, endpoint, router):
         if load.connect:
             users = [user for group in (here, *elsewhere) for user in group.wrists]
-            await claim(bus, USER_ALIVE, users)
-        async with rigged(bus, here, elsewhere, endpoint, router) as rig:
+            await claim_names(bus, USER_ALIVE, users)
+        async with start_load_test(bus, here, elsewhere, endpoint, router) as rig:
             await rig.measure(load.rate_hz, WARM_UP_S, load.name)
             _tell(f"  measuring for {load.duration_s:g} s …")
             return await rig.measure(load.rate_hz, load.duration_s, load.name)
@@ -190,7 +190,7 @@ async def _measure(load: Load, count: int) -> Measured:
 async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
     """Yield this process's bus, where others join, and the router's process."""
     if load.connect:
-        async with joined(load.site, load.connect) as bus:
+        async with join_site(load.site, load.connect) as bus:
             yield bus, load.connect[0], None
         return
     async with contextlib.AsyncExitStack() as stack:
@@ -252,5 +252,5 @@ def secured_site(folder: Path, site: str, port: int) -> Credentials:
         dashboard_rate_hz=0.0,
         identities={},
     )
-    made.found(state, {NAME: "supervisor"}, now)
+    made.create(state, {NAME: "supervisor"}, now)
     return read_credentials(made.identity_folder(NAME), now)

@@ -26,7 +26,7 @@ class Usage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class LoadResult:
     """One measurement."""
 
     users: int
@@ -112,7 +112,7 @@ def quantile_ms(values_s: Sequence[float], share: float) -> float | None:
     return sorted(values_s)[max(0, math.ceil(share * len(values_s)) - 1)] * 1e3
 
 
-class Search:
+class CapacitySearch:
     """How many to try next: doubled until it is too many, then halved between until that is near enough."""
 
     def __init__(self, first: int, most: int, steps: int = 3) -> None:
@@ -124,7 +124,7 @@ class Search:
         self._steps = steps
 
     def counts(self) -> Iterator[int]:
-        """Yield what to try; `tell` before the next is asked for."""
+        """Yield what to try; `report` before the next is asked for."""
         count = min(self._first, self._most)
         while self._failed is None:
             yield count
@@ -137,7 +137,7 @@ class Search:
                 return
             yield count
 
-    def tell(self, count: int, *, carried: bool) -> None:
+    def report(self, count: int, *, carried: bool) -> None:
         """Take how it went."""
         if carried:
             self.carried = max(self.carried, count)

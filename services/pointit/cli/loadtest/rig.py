@@ -11,9 +11,9 @@ from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.cli.loadtest.figures import Measured, Usage
-from pointit.cli.loadtest.worker import taken, told
-from pointit.cli.loadtest.wrist import Wrist, beat
+from pointit.cli.loadtest.figures import LoadResult, Usage
+from pointit.cli.loadtest.worker import dump_launches, read_usage
+from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_services
@@ -98,12 +98,17 @@ class Worker:
             process_group=0,  # a terminal's Ctrl-C is for the parent, which ends its children
         )
         worker = cls(group, process)
-        worker.tell(
-            {"site": site, "connect": connect, "launches": told(group.launches), "wrists": list(group.wrists)}
+        worker.send_line(
+            {
+                "site": site,
+                "connect": connect,
+                "launches": dump_launches(group.launches),
+                "wrists": list(group.wrists),
+            }
         )
         return worker
 
-    def tell(self, what: dict[str, Any]) -> None:
+    def send_line(self, what: dict[str, Any]) -> None:
         """Send it a line."""
         if self.process.stdin is not None:
             self.process.stdin.write((json.dumps(what) + "\n").encode())
@@ -132,7 +137,7 @@ class Worker:
             await self.process.wait()
 
 
-class Rig:
+class LoadTest:
     """A site under load, ready to be measured."""
 
     def __init__(self, bus: ZenohBus, here: Group, workers: Sequence[Worker], router: int | None) -> None:
@@ -171,18 +176,18 @@ class Rig:
                 )
             await asyncio.sleep(0.05)
 
-    async def measure(self, rate_hz: float, duration_s: float, layout: str) -> Measured:
+    async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
         """Drive all wrists for `duration_s` and return what came of it."""
         self._sight.clear()
-        before, sent = taken(), sum(wrist.sent for wrist in self._wrists)
-        router = taken(self._router) if self._router else None
+        before, sent = read_usage(), sum(wrist.sent for wrist in self._wrists)
+        router = read_usage(self._router) if self._router else None
         began_s = time.monotonic()
         for worker in self._workers:
-            worker.tell({"rate_hz": rate_hz, "duration_s": duration_s})
-        await beat(self._wrists, rate_hz, duration_s)
+            worker.send_line({"rate_hz": rate_hz, "duration_s": duration_s})
+        await drive_wrists(self._wrists, rate_hz, duration_s)
         answers = [await worker.answer() for worker in self._workers]
         lasted_s = time.monotonic() - began_s
-        after = taken()
+        after = read_usage()
         await asyncio.sleep(DRAIN_S)
         sent = sum(wrist.sent for wrist in self._wrists) - sent + sum(answer["sent"] for answer in answers)
         processes: list[Usage] = []
@@ -193,10 +198,10 @@ class Rig:
             Usage(name=worker.group.name, cpu=answer["cpu_s"] / lasted_s, memory_mb=answer["memory_mb"])
             for worker, answer in zip(self._workers, answers, strict=True)
         ]
-        if router is not None and (now := taken(self._router)) is not None:
+        if router is not None and (now := read_usage(self._router)) is not None:
             cpu = (now.cpu_s - router.cpu_s) / lasted_s
             processes.append(Usage(name="router", cpu=cpu, memory_mb=now.memory_mb))
-        return Measured(
+        return LoadResult(
             users=len(self._users),
             rate_hz=rate_hz,
             duration_s=duration_s,
@@ -212,9 +217,9 @@ class Rig:
 
 
 @contextlib.asynccontextmanager
-async def rigged(
+async def start_load_test(
     bus: ZenohBus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
-) -> AsyncGenerator[Rig]:
+) -> AsyncGenerator[LoadTest]:
     """Yield a site with all services running; `connect` is where the processes join.
 
     Raises:
@@ -230,7 +235,7 @@ async def rigged(
         for group in elsewhere:
             worker = await Worker.start(group, bus.site, connect)
             workers.append(worker)  # one by one: who has begun is ended, whatever happens to the next
-        rig = Rig(bus, here, workers, router)
+        rig = LoadTest(bus, here, workers, router)
         await rig.until_ready(services)
         yield rig
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.loadtest.wrist import Wrist, beat
+from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Layers
 from pointit.runtime.link.credentials import VARIABLE, read_credentials
@@ -23,7 +23,7 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import run_program
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import IMU
 from pointit.services import registry
@@ -31,7 +31,7 @@ from pointit.services import registry
 PATIENCE_S = 10.0
 
 
-def told(launches: Sequence[Launch]) -> list[dict[str, Any]]:
+def dump_launches(launches: Sequence[Launch]) -> list[dict[str, Any]]:
     """Return launches as a worker is told them."""
     return [
         {
@@ -74,9 +74,9 @@ async def _work() -> int:
         wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
         while line := await reader.readline():
             order = json.loads(line)
-            before, sent = taken(), sum(wrist.sent for wrist in wrists)
-            await beat(wrists, order["rate_hz"], order["duration_s"])
-            after = taken()
+            before, sent = read_usage(), sum(wrist.sent for wrist in wrists)
+            await drive_wrists(wrists, order["rate_hz"], order["duration_s"])
+            after = read_usage()
             _say(
                 {
                     "sent": sum(wrist.sent for wrist in wrists) - sent,
@@ -103,7 +103,7 @@ def _now() -> Any:
 def command() -> int:
     """Take part in a load test; started by `pointit load`."""
     setup_logging("warning")
-    return run_async(_work())
+    return run_until_shutdown(_work())
 
 
 if __name__ == "__main__":
@@ -111,14 +111,14 @@ if __name__ == "__main__":
 
 
 @dataclass(frozen=True, kw_only=True)
-class Taken:
+class UsageSample:
     """So far."""
 
     cpu_s: float
     memory_mb: float
 
 
-def taken(pid: int | None = None) -> Taken | None:
+def read_usage(pid: int | None = None) -> UsageSample | None:
     """Return what the process `pid` has taken, or this one; none when the system does not say."""
     folder = Path("/proc") / str(os.getpid() if pid is None else pid)
     try:
@@ -127,10 +127,12 @@ def taken(pid: int | None = None) -> Taken | None:
     except (OSError, IndexError, ValueError):
         return _own() if pid is None else None
     ticks = int(fields[11]) + int(fields[12])  # utime and stime, proc(5)
-    return Taken(cpu_s=ticks / os.sysconf("SC_CLK_TCK"), memory_mb=pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+    return UsageSample(
+        cpu_s=ticks / os.sysconf("SC_CLK_TCK"), memory_mb=pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    )
 
 
-def _own() -> Taken:
+def _own() -> UsageSample:
     usage = resource.getrusage(resource.RUSAGE_SELF)
     unit = 1 if sys.platform == "darwin" else 1024  # getrusage(2): the peak, in bytes or in KiB
-    return Taken(cpu_s=usage.ru_utime + usage.ru_stime, memory_mb=usage.ru_maxrss * unit / 1e6)
+    return UsageSample(cpu_s=usage.ru_utime + usage.ru_stime, memory_mb=usage.ru_maxrss * unit / 1e6)

@@ -36,7 +36,7 @@ class Wrist:
         )
 
 
-async def beat(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
+async def drive_wrists(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
     """Have every wrist put `rate_hz` samples a second for `duration_s`.
 
     What could not be put within a period is left out and so missing from `sent`: put in a burst, samples

@@ -9,7 +9,7 @@ from pointit.cli.common.option_types import Point, person_option
 from pointit.cli.common.output import json_option, print_json
 from pointit.maps.checks.check import check_map, contents
 from pointit.maps.checks.finding import Finding, error
-from pointit.maps.file import MapError, map_path, read_clouds, read_map_file, travelling
+from pointit.maps.file import MapError, map_path, read_clouds, read_map_file, to_message
 from pointit.maps.model import MapFile
 from pointit.runtime.errors import ConfigError
 
@@ -69,7 +69,7 @@ def examined(
     findings = check_map(file, clouds, person_m=person_m)
     if not any(each.severity == "error" for each in findings):
         try:
-            travelling(path, file, clouds, 0)
+            to_message(path, file, clouds, 0)
         except ConfigError as too_large:
             findings.append(error(name, str(too_large).removeprefix(f"{path}: ")))
     return has, findings

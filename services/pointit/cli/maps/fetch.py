@@ -9,18 +9,18 @@ import click
 import yaml
 
 from pointit.bridges.ros2.config import NAME, BackendConfig
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED
-from pointit.cli.common.site_link import quiet, telling
+from pointit.cli.common.site_link import notify_if_slow, quiet
 from pointit.cli.maps.check import examined, print_findings
 from pointit.launch.plan.extras import has_extra, remedy
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
-from pointit.runtime.config.parameters import Leaf, leaves
+from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.service.shutdown import run_until_shutdown
 
 PARAMETER = "map"
 """What a parameter with the text or the path of a map is called, unless it is said."""
@@ -36,12 +36,12 @@ _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The one in C where PyYAML has it, as for reading."""
 
 
-def _leaves() -> list[Leaf]:
+def _leaves() -> list[ParameterInfo]:
     """Return the parameters of the bridge's backend that are options here too."""
-    return [leaf for leaf in leaves(BackendConfig, ("backend",)) if leaf.path[-1] != "node"]
+    return [leaf for leaf in iter_parameters(BackendConfig, ("backend",)) if leaf.path[-1] != "node"]
 
 
-def _parameter(leaf: Leaf) -> str:
+def _parameter(leaf: ParameterInfo) -> str:
     return "__".join(leaf.path)
 
 
@@ -102,26 +102,30 @@ def command(
     """
     name = node if node.startswith("/") else f"/{node}"
     if not NAME.fullmatch(name):
-        raise Mistake(f"NODE {node!r}: is no node's full name; write one like /pui_node or /site1/pui_node")
+        raise UnknownNameError(
+            f"NODE {node!r}: is no node's full name; write one like /pui_node or /site1/pui_node"
+        )
     if parameter is not None and prefix is not None:
-        raise Mistake("--parameter and --prefix: the map is in one parameter or in many; give one of them")
+        raise UnknownNameError(
+            "--parameter and --prefix: the map is in one parameter or in many; give one of them"
+        )
     config = _config(backend)
     if not has_extra("ros2"):
         raise ConfigError(f"map fetch needs {remedy('ros2')}")
-    from pointit.bridges.ros2.parameters.map_of_node import Wish, fetched  # noqa: PLC0415 - takes half a second and an extra
+    from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched  # noqa: PLC0415 - takes half a second and an extra
 
     quiet()
-    wish = Wish(node=name, parameter=parameter, usual=PARAMETER, prefix=prefix, timeout_s=timeout_s)
+    wish = FetchRequest(node=name, parameter=parameter, usual=PARAMETER, prefix=prefix, timeout_s=timeout_s)
     found: list[Mapping[str, Any]] = []
 
     async def fetch() -> int:
-        found.append(await fetched(config, wish, say=_say, telling=telling))
+        found.append(await fetched(config, wish, say=_say, telling=notify_if_slow))
         return 0
 
     bridge = logging.getLogger("pointit.bridges.ros2")
     bridge.setLevel(logging.ERROR)  # the error at the end says it
     try:
-        run_async(fetch())
+        run_until_shutdown(fetch())
     finally:
         bridge.setLevel(logging.NOTSET)
     if not found:
@@ -164,7 +168,7 @@ def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
             except OSError as error:
                 raise ConfigError(f"{output}: cannot be written ({error.strerror or error})") from error
         else:
-            put(output.resolve(), content, mode=0o644)
+            write_atomically(output.resolve(), content, mode=0o644)
     print_findings(name, has, findings, err=output is None or has_errors)
     if has_errors:
         click.echo(f"{name}: was not written, as it has errors; correct the parameters of {node}", err=True)

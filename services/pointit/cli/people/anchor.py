@@ -8,10 +8,10 @@ import click
 from pointit.cli.common.keyboard import changing_line
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import Newest, joined, quiet, site_options, untold_address
+from pointit.cli.common.site_link import LatestMessage, default_address_note, join_site, quiet, site_options
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LATE_S, Anchoring
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_async
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Anchor, UserPose
 from pointit.schemas.topics import POSE, check_name
 
@@ -51,14 +51,14 @@ def command(
     """
     check_name(user, "user")
     quiet()
-    return run_async(_anchor(user, lamp, timeout_s, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_anchor(user, lamp, timeout_s, as_json=as_json, site=site, connect=connect))
 
 
 async def _anchor(
     user: str, lamp: str, timeout_s: float, *, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
-    async with joined(site, connect) as bus:
-        poses = Newest(bus, POSE, user)
+    async with join_site(site, connect) as bus:
+        poses = LatestMessage(bus, POSE, user)
         anchoring = Anchoring(bus, user)
         before = await poses.wait(SHORT_S)
         try:
@@ -72,7 +72,7 @@ async def _anchor(
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        say(f"{user}: {sentence(anchor, before, after)}{untold_address(site, connect)}")
+        say(f"{user}: {sentence(anchor, before, after)}{default_address_note(site, connect)}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 

@@ -4,9 +4,9 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
 
-from pointit.cli.common.site_link import PATIENCE_S, telling
-from pointit.cli.people.pose_messages import missing
-from pointit.runtime.bus.contract import Bus, present
+from pointit.cli.common.site_link import PATIENCE_S, notify_if_slow
+from pointit.cli.people.pose_messages import missing_reason
+from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor
 from pointit.schemas.topics import (
@@ -26,7 +26,7 @@ RETRY_S = 0.5
 """How long to wait at least before a localizer that was busy is asked again."""
 
 
-class NotBegunError(RefusedError):
+class AnchorNotStartedError(RefusedError):
     """The localizer does not even begin; says why."""
 
     def __init__(self, reason: str, *, is_busy: bool = False) -> None:
@@ -57,7 +57,7 @@ class Anchoring:
         """Return whether somebody is being localized, or points at a lamp: this person or another."""
         return any(news.phase == "sampling" for news in self._everybody.values())
 
-    async def free(self, patience_s: float) -> bool:
+    async def wait_until_idle(self, patience_s: float) -> bool:
         """Wait until nobody is localized any more; return whether that was within `patience_s`."""
         await asyncio.sleep(RETRY_S)
         with contextlib.suppress(TimeoutError):
@@ -87,7 +87,7 @@ class Anchoring:
         try:
             await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
         except RefusedError as error:
-            raise NotBegunError(str(error), is_busy=was_busy or self.is_busy) from error
+            raise AnchorNotStartedError(str(error), is_busy=was_busy or self.is_busy) from error
         except asyncio.CancelledError:  # before the answer: it may have begun all the same
             if not had_work:
                 await self._call_off()
@@ -111,14 +111,17 @@ class Anchoring:
 
     async def _before(self) -> int:
         """Return the stamp of the newest news so far: what is newer is of what is asked for next."""
-        with contextlib.suppress(TimeoutError), telling(f"waiting for the localizer of {self._user} …"):
+        with (
+            contextlib.suppress(TimeoutError),
+            notify_if_slow(f"waiting for the localizer of {self._user} …"),
+        ):
             async with asyncio.timeout(PATIENCE_S):
                 while self._news is None:
                     await self._change()
         if self._news is None:
-            there = await present(self._bus, SERVICE_ALIVE, LISTEN_S)
+            there = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
             raise NoAnswerError(
-                f"no localizer of {self._user} is heard: {missing(LOCALIZATION, self._user, there)}"
+                f"no localizer of {self._user} is heard: {missing_reason(LOCALIZATION, self._user, there)}"
             )
         return self._news.stamp_ns
 

@@ -8,19 +8,26 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.keyboard import changing_line, enter
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.keyboard import changing_line, wait_for_enter
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import PATIENCE_S, joined, quiet, site_options, telling, untold_address
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    default_address_note,
+    join_site,
+    notify_if_slow,
+    quiet,
+    site_options,
+)
 from pointit.cli.people.anchoring import LISTEN_S
-from pointit.cli.people.stored_calibration import erase_here, kept_here, reached
-from pointit.diagnosis.writers import instance_of, why_silent
+from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
+from pointit.diagnosis.writers import instance_of, silence_reason
 from pointit.geometry.rotation import IDENTITY, Quaternion
-from pointit.runtime.bus.contract import Bus, present
+from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
 from pointit.services.imu_bridge.mounting import (
@@ -28,11 +35,11 @@ from pointit.services.imu_bridge.mounting import (
     Hold,
     Mounting,
     MountingError,
-    Stillness,
+    RestPoseCollector,
     angle_between,
     solve_mounting,
 )
-from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
 
 POSES = (
     ("ahead", "point level straight ahead, with the arm stretched and the palm down"),
@@ -43,7 +50,7 @@ NOTICEABLE_RAD = math.radians(2.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Way:
+class GuidanceOptions:
     """How the person is led."""
 
     rest_s: float
@@ -103,28 +110,30 @@ def command(
     """
     check_name(user, "user")
     if show and erase:
-        raise Mistake("--show and --erase exclude each other")
+        raise UnknownNameError("--show and --erase exclude each other")
     quiet()
     if show or erase:
-        return run_async(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
-    way = Way(
+        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+    way = GuidanceOptions(
         rest_s=rest_s,
         timeout_s=timeout_s,
         waits=not non_interactive,
         asks=not (yes or non_interactive or as_json),
     )
-    return run_async(_measure(user, way, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_measure(user, way, as_json=as_json, site=site, connect=connect))
 
 
-async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with joined(site, connect) as bus:
+async def _measure(
+    user: str, way: GuidanceOptions, *, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    async with join_site(site, connect) as bus:
         try:
             found = await measure(bus, user, way)
             if not as_json:
-                for sentence in account(found):
+                for sentence in format_result(found):
                     say(f"{user}: {sentence}")
             if way.asks:
-                await enter("Press Enter to use it, Ctrl-C to leave everything as it is.", "--yes")
+                await wait_for_enter("Press Enter to use it, Ctrl-C to leave everything as it is.", "--yes")
         except asyncio.CancelledError:
             return INTERRUPTED
         query = SetMounting(sensor_from_arm_xyzw=found.arm_from_true, is_relative=True)
@@ -132,7 +141,7 @@ async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tu
     if as_json:
         print_json({"user": user, **fields(found), **_reply_fields(reply)})
         return 0
-    say(f"{user}: {reply.message}{untold_address(site, connect)}")
+    say(f"{user}: {reply.message}{default_address_note(site, connect)}")
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: set the "
@@ -141,7 +150,7 @@ async def _measure(user: str, way: Way, *, as_json: bool, site: str, connect: tu
     return 0
 
 
-async def measure(bus: Bus, user: str, way: Way) -> Mounting:
+async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
     """Lead the person through the two poses and return what they tell.
 
     Raises:
@@ -154,7 +163,9 @@ async def measure(bus: Bus, user: str, way: Way) -> Mounting:
     for name, what in POSES:
         text = f"{user}: {what}"
         if way.waits:
-            await enter(f"{text}, then press Enter and rest for {way.rest_s:g} s", "--non-interactive")
+            await wait_for_enter(
+                f"{text}, then press Enter and rest for {way.rest_s:g} s", "--non-interactive"
+            )
         else:
             click.echo(f"{text}, and rest for {way.rest_s:g} s", err=True)
         # without Enter, the next pose is one that is far from the one before
@@ -180,7 +191,7 @@ class _Wrist:
 
     async def check(self) -> None:
         """Make sure that samples come, from a service that has a mounting."""
-        there = await present(self._bus, SERVICE_ALIVE, LISTEN_S)
+        there = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
         bridge = instance_of(SET_MOUNTING.server, self._user)
         if bridge not in there:
             raise NoAnswerError(
@@ -188,18 +199,18 @@ class _Wrist:
                 f"start it, as in `pointit user {self._user} --imu serial:PORT`"
             )
         try:
-            with telling(f"waiting for the wrist of {self._user} …"):
+            with notify_if_slow(f"waiting for the wrist of {self._user} …"):
                 async with asyncio.timeout(PATIENCE_S):
                     await self._next()
         except TimeoutError:
-            why = why_silent(IMU, self._user, there)
+            why = silence_reason(IMU, self._user, there)
             raise NoAnswerError(f"nothing comes from the wrist of {self._user}: {why}") from None
 
     async def rest(
-        self, name: str, way: Way, show: Callable[[str], None], apart_from: Quaternion | None
+        self, name: str, way: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
     ) -> Hold:
         """Return the next pose in which the arm rests, not before it is far from `apart_from`."""
-        stillness = Stillness(way.rest_s)
+        stillness = RestPoseCollector(way.rest_s)
         try:
             async with asyncio.timeout(way.timeout_s):
                 while True:
@@ -235,7 +246,7 @@ class _Wrist:
         self._fresh.set()
 
 
-def account(found: Mounting) -> list[str]:
+def format_result(found: Mounting) -> list[str]:
     """Return what was found, in words."""
     about_deg, off_deg = math.degrees(found.about_arm_rad), math.degrees(found.off_axis_rad)
     way = "clockwise" if about_deg > 0 else "counter-clockwise"
@@ -280,17 +291,17 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
     """Show or forget: by who runs, else in the file on this machine."""
     # a relative rotation that turns nothing asks what is in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
-    reply = await reached(site, connect, lambda bus: bus.call(SET_MOUNTING, query, user))
+    reply = await query_site(site, connect, lambda bus: bus.call(SET_MOUNTING, query, user))
     if reply is not None:
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            say(f"{user}: {reply.message}{untold_address(site, connect) if erase else ''}")
+            say(f"{user}: {reply.message}{default_address_note(site, connect) if erase else ''}")
         return 0
-    file = StateFile(KeptMountings, user, PURPOSE)
+    file = StateFile(StoredMountings, user, PURPOSE)
     if erase:
-        return erase_here(user, file, "mounting", as_json=as_json)
-    kept = kept_here(user, file, "mounting", as_json=as_json)
+        return erase_local(user, file, "mounting", as_json=as_json)
+    kept = read_local(user, file, "mounting", as_json=as_json)
     if kept is not None:
         for source, own in sorted(kept.by_source.items()):
             x, y, z, w = own.sensor_from_arm_xyzw

@@ -9,35 +9,42 @@ from typing import Any
 import click
 
 from pointit.cli.common.keyboard import ChangingLine, changing_line
-from pointit.cli.common.lazy import Mistake, nearest
+from pointit.cli.common.lazy import UnknownNameError, nearest
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
-    Newest,
-    joined,
+    LatestMessage,
+    default_address_note,
+    join_site,
+    notify_if_slow,
     quiet,
     site_options,
-    telling,
-    untold_address,
 )
 from pointit.cli.people.anchor import timeout_option
-from pointit.cli.people.anchoring import LISTEN_S, Anchoring, NotBegunError
-from pointit.cli.people.offset_report import Pointing, assess, describe, doubt, shown_row, table_row
+from pointit.cli.people.anchoring import LISTEN_S, Anchoring, AnchorNotStartedError
+from pointit.cli.people.offset_report import (
+    AnchorResidual,
+    assess,
+    describe,
+    rejection_reason,
+    shown_row,
+    table_row,
+)
 from pointit.cli.people.pose import found
-from pointit.cli.people.stored_calibration import erase_here, kept_here, reached
-from pointit.diagnosis.writers import why_silent
-from pointit.runtime.bus.contract import AnyTopic, Bus, present
+from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
+from pointit.diagnosis.writers import silence_reason
+from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
 from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
 from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class CalibrationOptions:
     """What to do."""
 
     lamps: Sequence[str]
@@ -92,17 +99,19 @@ def command(
     """
     check_name(user, "user")
     if show and erase:
-        raise Mistake("--show and --erase exclude each other")
+        raise UnknownNameError("--show and --erase exclude each other")
     quiet()
     if show or erase:
-        return run_async(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
     names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
-    wanted = Wanted(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
-    return run_async(_measure(user, wanted, as_json=as_json, site=site, connect=connect))
+    wanted = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
+    return run_until_shutdown(_measure(user, wanted, as_json=as_json, site=site, connect=connect))
 
 
-async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with joined(site, connect) as bus:
+async def _measure(
+    user: str, wanted: CalibrationOptions, *, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    async with join_site(site, connect) as bus:
         clock = SiteClock(bus)
         anchoring = Anchoring(bus, user)
         lamps = await _lamps(bus, user, wanted.lamps)
@@ -119,7 +128,7 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         except asyncio.CancelledError:
             return INTERRUPTED
         fitted, rows = assess(anchors, clock.now_ns())
-        worry = doubt(rows)
+        worry = rejection_reason(rows)
         if worry:
             worry = (
                 f"the pose looks wrong, {worry}: localize first, or `pointit pose {user} X Y`, then "
@@ -135,7 +144,7 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
         said = ". ".join(filter(None, (worry, "nothing is changed (--dry-run)")))
         if wanted.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
-            said = reply.message + untold_address(site, connect)
+            said = reply.message + default_address_note(site, connect)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
         told = [table_row(row) for row in rows]
@@ -150,8 +159,12 @@ async def _measure(user: str, wanted: Wanted, *, as_json: bool, site: str, conne
 
 async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
     """Return the lamps to point at; the person's place must be known as well."""
-    room, pose, news = Newest(bus, MAP), Newest(bus, POSE, user), Newest(bus, LOCALIZATION, user)
-    with telling("waiting for the map …"):
+    room, pose, news = (
+        LatestMessage(bus, MAP),
+        LatestMessage(bus, POSE, user),
+        LatestMessage(bus, LOCALIZATION, user),
+    )
+    with notify_if_slow("waiting for the map …"):
         environment = await room.wait(PATIENCE_S)
     if environment is None:
         raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
@@ -161,12 +174,14 @@ async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
         raise PointItError(f"map {environment.name!r} has no lamps to point at; add `leds` to it")
     for name in wanted:
         if name not in known:
-            raise Mistake(f"--lamps: no lamp {name!r} on map {environment.name!r}; {nearest(name, known)}")
+            raise UnknownNameError(
+                f"--lamps: no lamp {name!r} on map {environment.name!r}; {nearest(name, known)}"
+            )
     return list(wanted) or known
 
 
 async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
-    return why_silent(topic, user, await present(bus, SERVICE_ALIVE, LISTEN_S))
+    return silence_reason(topic, user, await list_present(bus, SERVICE_ALIVE, LISTEN_S))
 
 
 async def _point(
@@ -184,8 +199,8 @@ async def _point(
             which = f"{user}: {number} of {len(lamps)}"
             try:
                 anchor = await _begun(anchoring, lamp, timeout_s, which, line)
-            except NotBegunError as error:
-                raise NotBegunError(f"{user}: everything is as before: {error}") from error
+            except AnchorNotStartedError as error:
+                raise AnchorNotStartedError(f"{user}: everything is as before: {error}") from error
             except RefusedError as error:
                 missed.append(f"{lamp}: {error}")
                 line.say(f"{which}: {lamp}: {error}")
@@ -203,15 +218,15 @@ async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, 
 
     try:
         return await anchoring.point(lamp, timeout_s, tell)
-    except NotBegunError as error:
+    except AnchorNotStartedError as error:
         if not error.is_busy:
             raise
         line.say(f"{which}: {error}; waiting for up to {timeout_s:g} s")
-    await anchoring.free(timeout_s)
+    await anchoring.wait_until_idle(timeout_s)
     return await anchoring.point(lamp, timeout_s, tell)
 
 
-def _show(user: str, rows: Sequence[Pointing]) -> None:
+def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
     about = (
         f"how far {user} pointed too far right and too low, each as it was and corrected; a turn that all "
         "have in common is the pose's and left out"
@@ -224,15 +239,15 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
     """Show or forget: by who runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:
-        reply = await reached(site, connect, lambda bus: bus.call(SET_OFFSET, SetOffset(), user))
+        reply = await query_site(site, connect, lambda bus: bus.call(SET_OFFSET, SetOffset(), user))
         if reply is None:
-            return erase_here(user, file, "offset", as_json=as_json)
+            return erase_local(user, file, "offset", as_json=as_json)
         if as_json:
             print_json({"user": user, "from": "supervisor", "message": reply.message})
         else:
-            say(f"{user}: {reply.message}{untold_address(site, connect)}")
+            say(f"{user}: {reply.message}{default_address_note(site, connect)}")
         return 0
-    profile = await reached(site, connect, lambda bus: _profile(bus, user))
+    profile = await query_site(site, connect, lambda bus: _profile(bus, user))
     if profile is not None:
         offset = profile.offset
         if as_json:
@@ -241,15 +256,15 @@ async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tu
         else:
             click.echo(f"{user}: {'no offset is in use' if offset is None else describe(offset)}")
         return 0
-    offset = kept_here(user, file, "offset", as_json=as_json)
+    offset = read_local(user, file, "offset", as_json=as_json)
     if offset is not None:
         click.echo(f"{user}: {describe(offset)}")
     return 0
 
 
 async def _profile(bus: Bus, user: str) -> UserProfile:
-    with telling(f"waiting for the profile of {user} …"):
-        profile = await Newest(bus, PROFILE, user).wait(PATIENCE_S)
+    with notify_if_slow(f"waiting for the profile of {user} …"):
+        profile = await LatestMessage(bus, PROFILE, user).wait(PATIENCE_S)
     if profile is None:
         raise NoAnswerError(f"no profile of {user} came")
     return profile

@@ -27,7 +27,7 @@ SCATTER_RAD = math.radians(20.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pointing:
+class AnchorResidual:
     """One pointing at a lamp, with what the person's errors were and what is left of them, rad.
 
     Target less ray; azimuths without what is common to all pointings: that is the heading of the pose. None
@@ -78,30 +78,30 @@ def _turn(seen: Sighting) -> float:
     return vector.wrap(seen.target_azimuth_rad - seen.azimuth_rad)
 
 
-def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[Pointing]]:
+def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[AnchorResidual]]:
     """Return the offset that `anchors` tell, and what became of each."""
     steady = [anchor for anchor in anchors if anchor.target_m and anchor.spread_rad <= STEADY_RAD]
     sightings = [seen for seen in map(sighting, in_one_pose(steady)) if seen is not None]
     fitted = fit(sightings, now_ns)
-    rows: list[Pointing] = []
+    rows: list[AnchorResidual] = []
     index = 0
     for anchor in anchors:
         if anchor not in steady:
-            rows.append(Pointing(lamp=anchor.target_id, is_used=False, why_not=anchor.reason))
+            rows.append(AnchorResidual(lamp=anchor.target_id, is_used=False, why_not=anchor.reason))
             continue
         rows.append(_row(anchor, sightings[index], fitted, is_used=index not in fitted.dropped))
         index += 1
     return fitted, rows
 
 
-def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> Pointing:
+def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> AnchorResidual:
     azimuth = vector.wrap(_turn(seen) - fitted.heading_rad)
     elevation = seen.target_elevation_rad - seen.elevation_rad
     by_azimuth = by_elevation = 0.0
     if fitted.offset is not None:
         world = seen.azimuth_rad + fitted.heading_rad
         by_azimuth, by_elevation = correction.apply(fitted.offset, world, seen.elevation_rad)
-    return Pointing(
+    return AnchorResidual(
         lamp=anchor.target_id,
         azimuth_before_rad=azimuth,
         azimuth_after_rad=vector.wrap(azimuth - by_azimuth),
@@ -113,7 +113,7 @@ def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) ->
     )
 
 
-def doubt(rows: Sequence[Pointing]) -> str:
+def rejection_reason(rows: Sequence[AnchorResidual]) -> str:
     """Return why an offset from `rows` is not to be kept: the pose that they count from looks wrong."""
     measured = [row for row in rows if row.azimuth_before_rad is not None]
     dropped = sum(not row.is_used for row in measured)
@@ -129,7 +129,7 @@ def doubt(rows: Sequence[Pointing]) -> str:
     return f"the directions scatter by {math.degrees(rms):.0f}° about their mean"
 
 
-def table_row(row: Pointing) -> dict[str, Any]:
+def table_row(row: AnchorResidual) -> dict[str, Any]:
     """Return `row` for a program, in degrees; empty where nothing was measured."""
     return {
         "lamp": row.lamp,
@@ -142,7 +142,7 @@ def table_row(row: Pointing) -> dict[str, Any]:
     }
 
 
-def shown_row(row: Pointing) -> dict[str, Any]:
+def shown_row(row: AnchorResidual) -> dict[str, Any]:
     """Return `row` for people: by how many degrees it was too far right and too low."""
     counts = "yes" if row.is_used else f"no: {row.why_not}"
     if row.is_used and row.not_accepted:

@@ -5,26 +5,26 @@ import math
 
 import click
 
-from pointit.cli.common.keyboard import check_keyboard, enter
-from pointit.cli.common.lazy import Mistake
+from pointit.cli.common.keyboard import check_keyboard, wait_for_enter
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
-    Newest,
-    joined,
+    LatestMessage,
+    default_address_note,
+    join_site,
+    notify_if_slow,
     quiet,
     site_options,
-    telling,
-    untold_address,
 )
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LISTEN_S
-from pointit.cli.people.pose_messages import localizing, missing, outside, people
-from pointit.runtime.bus.contract import Bus, present
+from pointit.cli.people.pose_messages import localizing, missing_reason, out_of_map_warning, people
+from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain
@@ -107,16 +107,16 @@ def command(
     check_name(user, "user")
     query = _place(place, yaw_deg)
     if yaw_deg is not None and (query is None or facing_deg is not None):
-        raise Mistake(
+        raise UnknownNameError(
             "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"
         )
     if now and facing_deg is None:
-        raise Mistake("--now belongs to --facing")
+        raise UnknownNameError("--now belongs to --facing")
     quiet()
     if facing_deg is not None and not now:
         check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
     asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
-    return run_async(_pose(user, asked, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_pose(user, asked, as_json=as_json, site=site, connect=connect))
 
 
 class _Asked:
@@ -141,28 +141,28 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
         except ValueError:
             number = math.nan
         if not abs(number) <= FARTHEST:
-            raise Mistake(f"{word!r} is no place in metres and no option; write X Y, or X Y Z")
+            raise UnknownNameError(f"{word!r} is no place in metres and no option; write X Y, or X Y Z")
         numbers.append(number)
     if len(numbers) not in (2, 3):
-        raise Mistake(f"a place has two or three numbers, X Y and perhaps Z, got {len(numbers)}")
+        raise UnknownNameError(f"a place has two or three numbers, X Y and perhaps Z, got {len(numbers)}")
     x, y, z = (*numbers, 0.0)[:3]
     return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
 
 
 async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with joined(site, connect) as bus:
+    async with join_site(site, connect) as bus:
         clock = SiteClock(bus)
-        poses, news = Newest(bus, POSE, user), Newest(bus, LOCALIZATION, user)
+        poses, news = LatestMessage(bus, POSE, user), LatestMessage(bus, LOCALIZATION, user)
         try:
             said = await _say(bus, user, asked, poses)
         except asyncio.CancelledError:
             return INTERRUPTED
         if said and not as_json:
             for sentence in said:
-                say(f"{user}: {sentence}{untold_address(site, connect)}")
+                say(f"{user}: {sentence}{default_address_note(site, connect)}")
             return 0
         pose = await found(bus, user, poses, news)
-        await clock.found(CLOCK_PATIENCE_S)
+        await clock.wait_for_tick(CLOCK_PATIENCE_S)
         shown = pose_text.fields(pose, clock.now_ns())
     if as_json:
         print_json({"user": user, **shown})
@@ -172,13 +172,15 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
     return 0
 
 
-async def found(bus: Bus, user: str, poses: Newest[UserPose], progress: Newest[Localization]) -> UserPose:
+async def found(
+    bus: Bus, user: str, poses: LatestMessage[UserPose], progress: LatestMessage[Localization]
+) -> UserPose:
     """Return where a person stands.
 
     Raises:
         NoAnswerError: nobody knows it yet, or there is no such person; says what to do.
     """
-    with telling(f"waiting for the pose of {user} …"):
+    with notify_if_slow(f"waiting for the pose of {user} …"):
         pose = await poses.wait(SHORT_S)
         if pose is None and not localizing(user, progress.value):
             pose = await poses.wait(PATIENCE_S - SHORT_S)
@@ -186,8 +188,8 @@ async def found(bus: Bus, user: str, poses: Newest[UserPose], progress: Newest[L
             return pose
         if busy := localizing(user, progress.value):
             raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
-        there = await present(bus, SERVICE_ALIVE, LISTEN_S)
-    why = missing(POSE, user, there)
+        there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
+    why = missing_reason(POSE, user, there)
     say_it = f"; or say it: pointit pose {user} X Y" if user in people(there) else ""
     raise NoAnswerError(f"where {user} stands is not known: {why}{say_it}")
 
@@ -206,15 +208,15 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
     )
 
 
-async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> list[str]:
+async def _say(bus: Bus, user: str, asked: _Asked, poses: LatestMessage[UserPose]) -> list[str]:
     """Ask the localizer for what was asked for, and return what it says."""
     said: list[str] = []
     before = poses.value
     if asked.place is not None:
         before = await poses.wait(YAW_PATIENCE_S)
         query = asked.place
-        room = await Newest(bus, MAP).wait(MAP_PATIENCE_S)
-        if room is not None and (far := outside(query.position_m, room)):
+        room = await LatestMessage(bus, MAP).wait(MAP_PATIENCE_S)
+        if room is not None and (far := out_of_map_warning(query.position_m, room)):
             click.echo(f"warning: {far}", err=True)
         more = ""
         if asked.keeps_yaw and before is None:
@@ -227,7 +229,7 @@ async def _say(bus: Bus, user: str, asked: _Asked, poses: Newest[UserPose]) -> l
     if asked.facing_deg is not None:
         direction = f"{asked.facing_deg:g}°"
         if not asked.now:
-            await enter(
+            await wait_for_enter(
                 f"{user}: point level with a straight arm towards {direction} (0° is along x of the room, "
                 "90° along y), such as at the wall there, and hold; then press Enter",
                 WITHOUT_KEYBOARD,

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 
-from pointit.diagnosis.writers import split, why_silent
+from pointit.diagnosis.writers import silence_reason, split_instance
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Environment, Localization
 from pointit.schemas.base import Vec3
@@ -13,14 +13,14 @@ FAR_M = 5.0
 
 def people(present: Collection[str]) -> list[str]:
     """Return who has services among those `present`."""
-    return sorted({user for _, user in map(split, present) if user})
+    return sorted({user for _, user in map(split_instance, present) if user})
 
 
-def missing(topic: AnyTopic, user: str, present: Collection[str]) -> str:
+def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     """Return one clause on why `topic` of `user` is not heard, and what to do."""
     there = people(present)
     if user in there:
-        return why_silent(topic, user, present)
+        return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "nobody is there"
     return f"no {user} is on this site, {who}; add them with `pointit user {user}`"
 
@@ -37,7 +37,7 @@ def localizing(user: str, news: Localization | None) -> str:
     return f"{user} is being localized{lamp}; wait until that is done"
 
 
-def outside(place: Vec3, room: Environment) -> str:
+def out_of_map_warning(place: Vec3, room: Environment) -> str:
     """Return by how much `place` is outside what the map holds, where that is far; else empty."""
     points = [lamp.position_m for lamp in room.lamps]
     lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]

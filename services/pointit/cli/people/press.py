@@ -7,12 +7,12 @@ from typing import Literal, cast
 import click
 
 from pointit.cli.common.output import json_option, print_json, say
-from pointit.cli.common.site_link import PATIENCE_S, joined, quiet, site_options
-from pointit.diagnosis.writers import instance_of, split
+from pointit.cli.common.site_link import PATIENCE_S, join_site, quiet, site_options
+from pointit.diagnosis.writers import instance_of, split_instance
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import ButtonEvent, Feedback, Interaction
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, SERVICE_ALIVE, check_name
 
@@ -39,12 +39,14 @@ def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple
     """
     check_name(user, "user")
     quiet()
-    return run_async(_press(user, cast("Gesture", gesture), as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(
+        _press(user, cast("Gesture", gesture), as_json=as_json, site=site, connect=connect)
+    )
 
 
 async def _press(user: str, gesture: Gesture, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with joined(site, connect) as bus:
-        if denied := await bus.denies("writes", BUTTON, user):
+    async with join_site(site, connect) as bus:
+        if denied := await bus.denial_reason("writes", BUTTON, user):
             raise NoAnswerError(denied)
         answer = await press(bus, user, gesture)
     if as_json:
@@ -114,7 +116,9 @@ class _Person:
         await self._changed.wait()
 
     def _advice(self) -> str:
-        people = sorted(user for service, user in map(split, self._present) if service == "supervisor")
+        people = sorted(
+            user for service, user in map(split_instance, self._present) if service == "supervisor"
+        )
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "nobody else is there either"

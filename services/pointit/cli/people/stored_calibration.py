@@ -7,7 +7,7 @@ import click
 from pydantic import BaseModel
 
 from pointit.cli.common.output import print_json
-from pointit.cli.common.site_link import joined
+from pointit.cli.common.site_link import join_site
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConnectError, NoAnswerError
 from pointit.runtime.host.state_file import StateFile
@@ -16,16 +16,16 @@ R = TypeVar("R")
 K = TypeVar("K", bound=BaseModel)
 
 
-async def reached(site: str, connect: Sequence[str], ask: Callable[[Bus], Awaitable[R]]) -> R | None:
+async def query_site(site: str, connect: Sequence[str], ask: Callable[[Bus], Awaitable[R]]) -> R | None:
     """Return what `ask` gets on a site; none when there is no site, or nobody on it who answers."""
     try:
-        async with joined(site, connect) as bus:
+        async with join_site(site, connect) as bus:
             return await ask(bus)
     except (ConnectError, NoAnswerError):
         return None
 
 
-def erase_here(user: str, file: StateFile[K], what: str, *, as_json: bool) -> int:
+def erase_local(user: str, file: StateFile[K], what: str, *, as_json: bool) -> int:
     """Forget what is kept on this machine, and say so; return the exit code."""
     was_kept = file.erase()
     if as_json:
@@ -37,7 +37,7 @@ def erase_here(user: str, file: StateFile[K], what: str, *, as_json: bool) -> in
     return 0
 
 
-def kept_here(user: str, file: StateFile[K], what: str, *, as_json: bool) -> K | None:
+def read_local(user: str, file: StateFile[K], what: str, *, as_json: bool) -> K | None:
     """Return what is kept on this machine when it is to be shown to people, having said where it is from."""
     kept = file.read()
     if as_json:

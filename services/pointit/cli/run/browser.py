@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.atomic_file import write_atomically
 from pointit.schemas.topics import SERVICE_ALIVE
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class Opening:
                 if self._is_closed:
                     return
                 if self._copy is not None:
-                    put(self._copy, self._file.read_bytes())
+                    write_atomically(self._copy, self._file.read_bytes())
             is_open = webbrowser.open((self._copy or self._file).absolute().as_uri())
         except (OSError, webbrowser.Error, ConfigError):
             is_open = False

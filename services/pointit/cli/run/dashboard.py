@@ -10,12 +10,21 @@ import click
 from pointit.cli.common.site_link import site_options
 from pointit.cli.run import browser
 from pointit.cli.run.run_options import NEW_LINK
-from pointit.launch.plan.page import EVERYWHERE, PORT, Page, can_be, kept_link, missing, page_of, where
+from pointit.launch.plan.page import (
+    EVERYWHERE,
+    PORT,
+    Page,
+    is_available,
+    kept_link,
+    page_of,
+    page_unavailable_error,
+    where,
+)
 from pointit.launch.plan.page_tokens import kept_tokens
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.run_bus import CLOCK_PATIENCE_S
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
-from pointit.runtime.bus.contract import present
+from pointit.runtime.bus.contract import list_present
 from pointit.runtime.clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
@@ -23,7 +32,7 @@ from pointit.runtime.link.options import link_of
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
 from pointit.runtime.service.service import check_launches, run_service
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 
@@ -63,15 +72,17 @@ def command(
     Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
     """
     setup_logging("warning" if log_level == "info" else log_level)
-    if not can_be():
-        raise missing("pointit dashboard")
+    if not is_available():
+        raise page_unavailable_error("pointit dashboard")
     asked = _asked(port, host, is_lan=lan)
     tokens, notes = kept_tokens(site, renew=new_link)
     for note in notes:
         click.echo(note, err=True)
     page = page_of(Settings(), asked=asked, tokens=tokens, option="--port")
     check_launches([page.launch()])
-    return run_async(_serve(page, link_of(site, connect), is_open=not no_browser, view_only=view_only))
+    return run_until_shutdown(
+        _serve(page, link_of(site, connect), is_open=not no_browser, view_only=view_only)
+    )
 
 
 def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
@@ -108,8 +119,8 @@ async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> i
     bus = await ZenohBus.open(link)
     try:
         clock = SiteClock(bus)
-        await clock.found(CLOCK_PATIENCE_S)
-        there = await present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S)
+        await clock.wait_for_tick(CLOCK_PATIENCE_S)
+        there = await list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S)
         launches = (page.launch(number) for number in range(1, len(there) + 2))
         launch = next(launch for launch in launches if launch.instance not in there)
         url = page.viewer_url if view_only else page.url

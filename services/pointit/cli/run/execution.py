@@ -12,20 +12,20 @@ from rich.text import Text
 
 from pointit.cli.common.output import say
 from pointit.cli.display.screen import on_screen
-from pointit.cli.display.summary import sum_up
+from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
 from pointit.cli.run import browser
 from pointit.launch.plan.page import Onlookers, Page, kept_link, where
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
-from pointit.launch.run.run_bus import beside_others, clock_of, open_bus
-from pointit.launch.run.running_scenario import Stage
-from pointit.launch.run.scenario_requests import Wishes
-from pointit.runtime.clock import Clock, SimulatedClock, WallClock, keep_time
+from pointit.launch.run.run_bus import adapt_to_site, clock_of, open_bus
+from pointit.launch.run.running_scenario import RunningScenario
+from pointit.launch.run.scenario_requests import ScenarioRequests
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock, publish_time
 from pointit.runtime.service.console import PlainConsole
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.service import check_launches
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH, RUN_SCENARIO
@@ -55,7 +55,7 @@ def execute(plan: Plan, log_level: str) -> int:
         notes += kept_offsets(plan.launches)
     for note in notes:
         _tell(note, console if drawn else None)
-    return run_async(_run(plan, console if drawn else None))
+    return run_until_shutdown(_run(plan, console if drawn else None))
 
 
 def _tell(sentence: str, console: Console | None) -> None:
@@ -70,7 +70,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
     """Run the plan to its end; sum it up even when it is cut short."""
     bus = await open_bus(plan)
     try:
-        run = _Run(await beside_others(plan, bus), bus, console)
+        run = _Run(await adapt_to_site(plan, bus), bus, console)
         failed = True
         try:
             await run.live(await clock_of(plan, bus))
@@ -80,15 +80,15 @@ async def _run(plan: Plan, console: Console | None) -> int:
             raise
         finally:
             if run.stage is not None and (not failed or run.stage.monitor.first_cursor_unix_s is not None):
-                sum_up(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed)
+                write_summary(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed)
     finally:
         await bus.close()
     return 0 if run.stage is None else _verdict(run.stage)
 
 
-def _verdict(stage: Stage) -> int:
+def _verdict(stage: RunningScenario) -> int:
     if stage.plan.scored and stage.monitor.first_cursor_unix_s is None and not stage.saw_cursor:
-        advice = "; ".join(stage.monitor.complaints()) or "`pointit doctor` during a run says what is missing"
+        advice = "; ".join(stage.monitor.warnings()) or "`pointit doctor` during a run says what is missing"
         log.error("no cursor ever appeared; %s", advice)
         return 1
     return 0
@@ -98,7 +98,7 @@ class _Run:
     """One run on its bus, until it is over."""
 
     def __init__(self, plan: Plan, bus: ZenohBus, console: Console | None) -> None:
-        self.stage: Stage | None = None
+        self.stage: RunningScenario | None = None
         self.lasted_s = 0.0
         """How long the scenario that ran last took, of the wall."""
         self._plan = plan
@@ -108,7 +108,7 @@ class _Run:
         """The file that holds the page's link."""
         self._news = asyncio.Event()
         """Something happened that may end or change the run."""
-        self._wishes = Wishes(self._news.set)
+        self._wishes = ScenarioRequests(self._news.set)
         self._onlookers = Onlookers()
         self._limit_s: float | None = None
         """When it ends whoever looks on, monotonic; none: it goes on for who does."""
@@ -116,7 +116,7 @@ class _Run:
     async def live(self, clock: Clock) -> None:
         """Run until it is over: by its duration, unless somebody looks on, or because services have ended."""
         is_drawn = self._console is not None
-        stage = self.stage = Stage(
+        stage = self.stage = RunningScenario(
             self._plan,
             self._bus,
             clock,
@@ -164,11 +164,11 @@ class _Run:
             else:
                 _tell(sentence, self._console)
 
-    async def _until_over(self, stage: Stage) -> None:
+    async def _until_over(self, stage: RunningScenario) -> None:
         while not stage.has_ended:
             self._news.clear()
             if self._wishes:
-                await self._wishes.grant(stage)
+                await self._wishes.apply_next(stage)
                 continue
             left_s = self._left_s()
             if left_s is not None and left_s <= 0.0:
@@ -196,7 +196,7 @@ class _Run:
         until_s = end_s if self._limit_s is not None else max(end_s, self._onlookers.until_s)
         return until_s - time.monotonic()
 
-    def _lasted_s(self, stage: Stage) -> float:
+    def _lasted_s(self, stage: RunningScenario) -> float:
         """Return how long what is on stage has run: its duration, if that ended it."""
         now_s, end_s = time.monotonic(), self._end_s()
         is_prolonged = self._limit_s is None and end_s is not None and self._onlookers.until_s > end_s
@@ -214,7 +214,7 @@ def _say(sentence: str) -> None:
 
 
 @contextlib.asynccontextmanager
-async def _told(stage: Stage, *, is_drawn: bool) -> AsyncGenerator[None]:
+async def _told(stage: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[None]:
     """Tell the site what time it is, and without a view the log the figures, now and then."""
 
     async def tell_figures() -> None:
@@ -224,7 +224,7 @@ async def _told(stage: Stage, *, is_drawn: bool) -> AsyncGenerator[None]:
 
     tasks: list[asyncio.Task[None]] = []
     if isinstance(stage.clock, WallClock | SimulatedClock):  # whoever joins has this time, not its own
-        tasks.append(asyncio.create_task(keep_time(stage.clock, stage.bus), name="clock"))
+        tasks.append(asyncio.create_task(publish_time(stage.clock, stage.bus), name="clock"))
     if not is_drawn:
         tasks.append(asyncio.create_task(tell_figures(), name="figures"))
     try:

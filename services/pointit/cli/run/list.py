@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.lazy import Mistake, nearest
+from pointit.cli.common.lazy import UnknownNameError, nearest
 from pointit.cli.common.output import Section, json_option, show
 from pointit.services.registry import PROCESSES
 
@@ -80,5 +80,5 @@ SECTIONS: dict[str, Callable[[], Section]] = {"scenarios": scenarios, "maps": ma
 def command(section: str | None, *, as_json: bool) -> None:
     """List what there is to run, or one SECTION of it."""
     if section is not None and section not in SECTIONS:
-        raise Mistake(f"no section {section!r}; {nearest(section, SECTIONS)}")
+        raise UnknownNameError(f"no section {section!r}; {nearest(section, SECTIONS)}")
     show([SECTIONS[name]() for name in ([section] if section else SECTIONS)], as_json=as_json)

@@ -26,7 +26,7 @@ from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.service import Pointing
 from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.service import RobotReplay
-from pointit.sim.accuracy import Accuracy, Measured, reference_yaw_deg
+from pointit.sim.accuracy import Accuracy, PoseError, reference_yaw_deg
 from pointit.sim.recordings import OPERATOR, ImuRecording, read_imu_csv
 
 log = logging.getLogger(__name__)
@@ -168,7 +168,7 @@ def _report(result: dict[str, Any], accuracy: Accuracy, summary: Path | None, *,
 _HEADER = "   time    position error    yaw error    1 sigma           residual    samples"
 
 
-def _line(row: Measured) -> str:
+def _line(row: PoseError) -> str:
     position = "        -" if row.position_error_m is None else f"{row.position_error_m:7.3f} m"
     yaw = "       -" if row.yaw_error_deg is None else f"{row.yaw_error_deg:+7.1f}°"
     return (

@@ -12,11 +12,18 @@ from pointit.cli.display.summary import check_writable
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import BESIDE_ROS, choices_of, joining, page_options, shared_options
 from pointit.launch.plan.launches import PAGE, Choices
-from pointit.launch.plan.page import REMEDY, Page, can_be, is_asked_of_page, missing, page_of
+from pointit.launch.plan.page import (
+    REMEDY,
+    Page,
+    is_asked_of_page,
+    is_available,
+    page_of,
+    page_unavailable_error,
+)
 from pointit.launch.plan.page_tokens import kept_tokens
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
-from pointit.launch.plan.scenario_catalog import Program, places, staged
+from pointit.launch.plan.scenario_catalog import ScenarioCatalog, places, scenario_launches
 from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
 from pointit.launch.run.surroundings import USUAL
@@ -25,7 +32,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.link.options import given_credentials, link_options
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 
 
 def _check_people(choices: Choices, people: int) -> None:
@@ -129,7 +136,7 @@ def run(
         from pointit.cli.run.replay import replay  # noqa: PLC0415 - only what is needed is loaded
 
         setup_logging(options["log_level"])
-        return run_async(
+        return run_until_shutdown(
             replay(
                 recording,
                 speed=speed,
@@ -151,13 +158,13 @@ def run(
     _check_people(choices, people)
     page, notes = _page(chosen, choices, options)
     choices = dataclasses.replace(choices, page=page is not None)
-    launches = staged(chosen, choices, people)
+    launches = scenario_launches(chosen, choices, people)
     check_settings({*(launch.service.NAME for launch in launches), *([PAGE] if page else [])}, choices)
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
     name = Path(scenario).stem
-    program = None if site_only else Program.beginning_with(name, scenario, chosen, choices)
+    program = None if site_only else ScenarioCatalog.beginning_with(name, scenario, chosen, choices)
     plan = Plan(
         name=name,
         launches=launches,
@@ -207,11 +214,11 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
             if is_given:
                 raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
         return None, []
-    if not can_be():
+    if not is_available():
         asked["--set web."] = is_asked_of_page(choices.settings)
         for option, is_given in asked.items():
             if is_given:
-                raise missing(option)
+                raise page_unavailable_error(option)
         return None, [f"{REMEDY}; --no-web runs without it and without this note"]
     said = {"port": port} if port is not None else {}
     tokens, notes = kept_tokens(options["site"], renew=options["new_link"])

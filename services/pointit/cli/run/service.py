@@ -9,7 +9,7 @@ from pointit.cli.common.output import Section, json_option, show
 from pointit.cli.run.list import services
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.process import absent_command, service_command
+from pointit.runtime.service.process import service_command, unavailable_command
 from pointit.services.registry import PROCESSES, Process
 
 
@@ -18,7 +18,7 @@ def _loader(row: Process) -> Callable[[], click.Command]:
         try:
             return service_command(load(row))
         except ConfigError as error:  # its help can be read before what it needs is installed
-            return absent_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
+            return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
 
     return loaded
 

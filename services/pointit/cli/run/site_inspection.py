@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import cast
 
 from pointit.access.rights import ALL, Role, rights_of
-from pointit.cli.common.site_link import joined
+from pointit.cli.common.site_link import join_site
 from pointit.launch.run.surroundings import USUAL, Found, surroundings
 from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.service.shutdown import run_async
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas.topics import USER_ALIVE
 
 
@@ -29,7 +29,7 @@ def check_person(name: str) -> None:
         )
 
 
-def look_round(site: str, connect: Sequence[str]) -> Found | None:
+def inspect_site(site: str, connect: Sequence[str]) -> Found | None:
     """Return which scenario runs on a site and which place is free; none when interrupted.
 
     Where nobody answers it is the usual scenario's first place: who runs it may come later.
@@ -38,11 +38,11 @@ def look_round(site: str, connect: Sequence[str]) -> Found | None:
 
     async def look() -> int:
         try:
-            async with joined(site, connect) as bus:
+            async with join_site(site, connect) as bus:
                 found.append(await surroundings(bus))
         except ConnectError:
             found.append((USUAL, 1))
         return 0
 
-    run_async(look())
+    run_until_shutdown(look())
     return found[0] if found else None

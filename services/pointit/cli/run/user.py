@@ -8,7 +8,7 @@ import click
 
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import choices_of, joining, shared_options
-from pointit.cli.run.site_inspection import check_person, look_round
+from pointit.cli.run.site_inspection import check_person, inspect_site
 from pointit.launch.plan.launches import user_launches
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario
@@ -43,7 +43,7 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
     check_person(name)
     if scenario is None or place is None:
         link = joining(options)
-        found = (USUAL, 1) if not link.connect else look_round(link.site, link.connect)
+        found = (USUAL, 1) if not link.connect else inspect_site(link.site, link.connect)
         if found is None:
             return 0
         scenario, place = scenario or found[0], place or found[1]

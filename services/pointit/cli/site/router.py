@@ -9,18 +9,18 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from pointit.access.denied_operations import FILTER, MARKS, Refused
+from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations
 from pointit.access.limits import MOST_CONNECTIONS, Connection, Limits
-from pointit.access.recent_denials import Recent
+from pointit.access.recent_denials import RecentDenials
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
-from pointit.runtime.service.shutdown import run_async
-from pointit.runtime.zenoh.router.router import Router, raise_file_limit, routing
-from pointit.runtime.zenoh.router.router_log import listening
+from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.zenoh.router.router import Router, raise_file_limit, running_router
+from pointit.runtime.zenoh.router.router_log import captured_log
 
 log = logging.getLogger(__name__)
 
@@ -97,10 +97,10 @@ def command(
         )
     raise_file_limit()
     if folders:
-        return run_async(_guard(_of_sites(folders, uplinks), most_connections))
+        return run_until_shutdown(_guard(_of_sites(folders, uplinks), most_connections))
     if file is not None:
-        return run_async(_guard(_of_file(file), most_connections))
-    return run_async(_route(listen))
+        return run_until_shutdown(_guard(_of_file(file), most_connections))
+    return run_until_shutdown(_route(listen))
 
 
 def _of_file(path: Path) -> Router:
@@ -118,31 +118,31 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
     sites = [SiteFolder(folder) for folder in folders]
 
     def make() -> str:
-        return json.dumps(configuration([site.routed(uplinks=uplinks) for site in sites]))
+        return json.dumps(configuration([site.router_site(uplinks=uplinks) for site in sites]))
 
     return Router(make, Path(), [file for site in sites for file in site.router_files()])
 
 
 async def _guard(router: Router, most_connections: int = MOST_CONNECTIONS) -> int:
-    refused, limits = Refused(), Limits(most_connections)
-    with listening(FILTER, refused.take, MARKS):
+    refused, limits = DeniedOperations(), Limits(most_connections)
+    with captured_log(FILTER, refused.take, MARKS):
         await router.open()
         try:
             click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
             async with asyncio.TaskGroup() as group:
                 group.create_task(_tell(router, refused, limits), name="refused")
-                group.create_task(router.follow(), name="router")
+                group.create_task(router.reload_on_change(), name="router")
         finally:
             await router.close()
     return 0
 
 
-async def _tell(router: Router, refused: Refused, limits: Limits) -> None:
+async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> None:
     """Say who was refused what, soon and not more often than anybody reads: in the log, and to doctor.
 
     Who takes more than one identity may is cut off.
     """
-    loop, recent = asyncio.get_running_loop(), Recent()
+    loop, recent = asyncio.get_running_loop(), RecentDenials()
     before_s = loop.time()
     while True:
         await asyncio.sleep(TELL_S)
@@ -170,7 +170,7 @@ async def _tell(router: Router, refused: Refused, limits: Limits) -> None:
 
 
 async def _route(listen: tuple[str, ...]) -> int:
-    async with routing(listen):
+    async with running_router(listen):
         click.echo(f"router listens on {', '.join(listen)}; Ctrl-C ends it")
         await asyncio.Event().wait()
     return 0

@@ -137,7 +137,7 @@ def init(
         dashboard_rate_hz=dashboard_rate,
         identities={},
     )
-    made = site.found(state, roles, _now())
+    made = site.create(state, roles, _now())
     if as_json:
         print_json({"site": name, "folder": str(path), "identities": sorted(made.identities)})
         return
@@ -220,7 +220,7 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
     state = site.state()
     if not names:
         names = tuple(
-            identities_table.ending(identities_table.rows_of(state, identities_table.present(state), now))
+            identities_table.expiring(identities_table.rows_of(state, identities_table.present(state), now))
         )
         if hosts:
             names = tuple(dict.fromkeys((ROUTER, *names)))
@@ -259,7 +259,7 @@ def show(folder: Path, *, as_json: bool) -> None:
 
 def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
     rows = identities_table.rows_of(state, names, _now())
-    ending = identities_table.ending(rows)
+    ending = identities_table.expiring(rows)
     if as_json:
         print_json({"site": state.site, "identities": rows})
     else:

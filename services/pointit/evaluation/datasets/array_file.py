@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from pointit.evaluation.recordings.table_file import MOST_CHARACTERS, check_file, shown
+from pointit.evaluation.recordings.table_file import MOST_CHARACTERS, check_file, truncate
 from pointit.runtime.errors import ConfigError
 
 Kind = Literal["number", "text"]
@@ -74,12 +74,12 @@ def _array(where: str, file: zipfile.ZipFile, info: zipfile.ZipInfo, kind: Kind,
         shape, is_fortran, dtype = read_header(stream)
         if dtype.kind not in _DTYPES[kind] or (kind == "text" and dtype.itemsize > 4 * MOST_CHARACTERS):
             wanted = "real numbers" if kind == "number" else f"texts of at most {MOST_CHARACTERS} characters"
-            raise ConfigError(f"{where}: {wanted} were expected, got {shown(str(dtype))}; convert them")
+            raise ConfigError(f"{where}: {wanted} were expected, got {truncate(str(dtype))}; convert them")
         count = math.prod(shape)
         if min(shape, default=0) < 0 or count > most:
             raise ConfigError(
-                f"{where}: has the shape {shown(shape)} and at most {MAX_VALUES:g} values are read from one "
-                "file; cut it into pieces"
+                f"{where}: has the shape {truncate(shape)} and at most {MAX_VALUES:g} values are read "
+                "from one file; cut it into pieces"
             )
         size = count * dtype.itemsize
         raw = stream.read(size + 1)  # up to the end, where the sum of all bytes is checked

@@ -6,7 +6,7 @@ import numpy as np
 
 from pointit.evaluation.datasets.plausible import check_reach, check_times
 from pointit.evaluation.localization.arm_rays import eye_finger_rays, eye_height_m
-from pointit.evaluation.localization.trial import Following, Reading
+from pointit.evaluation.localization.trial import FollowRecording, Reading
 from pointit.evaluation.recordings.data_folder import file_of, read_index, text_of, yaw_of
 from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
@@ -48,7 +48,7 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> N
     fresh = np.append(True, np.any(np.diff(recorded.orientation_xyzw, axis=0) != 0.0, axis=1))
     sensors: list[Quaternion] = [tuple(row) for row in recorded.orientation_xyzw[fresh].tolist()]
     origins_m, directions = eye_finger_rays((arm.orientation(each) for each in sensors), OPERATOR)
-    following = Following(
+    following = FollowRecording(
         set=NAME,
         subject=subject,
         pointings=Pointings(recorded.t_s[fresh], origins_m, directions, recorded.robot_m[fresh]),

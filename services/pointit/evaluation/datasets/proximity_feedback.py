@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
-from pointit.evaluation.recordings.table_file import Table, check_text, read_table, shown
+from pointit.evaluation.recordings.table_file import Table, check_text, read_table, truncate
 from pointit.runtime.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -151,7 +151,7 @@ def _phases(
         if name not in PHASES:
             raise table.refuse(
                 first + i,
-                f"column 'phase': one of {', '.join(PHASES)} was expected, got {shown(name)}",
+                f"column 'phase': one of {', '.join(PHASES)} was expected, got {truncate(name)}",
             )
         rank = PHASES.index(name)
         if rank < last:

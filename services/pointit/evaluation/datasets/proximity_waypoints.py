@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pointit.evaluation.datasets.plausible import check_floor, check_reach, check_times
-from pointit.evaluation.localization.trial import Following, Reading
+from pointit.evaluation.localization.trial import FollowRecording, Reading
 from pointit.evaluation.recordings.data_folder import (
     EYE_HEIGHTS_M,
     Entry,
@@ -73,7 +73,7 @@ def _add(folder: Path, path: Path, entry: Entry, reading: Reading) -> None:
                 "it in metres over the floor?"
             )
     rays = np.column_stack([floor_m[fresh], np.full(len(t_s), -eyes_m)])
-    following = Following(
+    following = FollowRecording(
         set=NAME,
         subject=text_of(folder, entry, "subject"),
         pointings=Pointings(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.evaluation.datasets.plausible import check_reach
-from pointit.evaluation.recordings.table_file import Table, read_table, shown
+from pointit.evaluation.recordings.table_file import Table, read_table, truncate
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def read_wall_trials(folder: Path) -> list[WallTrials]:
         raise table.refuse(
             strange,
             f"column 'feedback': one of {', '.join(FEEDBACKS)} was expected, got "
-            f"{shown(table.texts['feedback'][strange])}",
+            f"{truncate(table.texts['feedback'][strange])}",
         )
     directions = _ours(table.vectors("efrc_dir_x", "efrc_dir_y", "efrc_dir_z"))
     lengths = np.linalg.norm(directions, axis=1)

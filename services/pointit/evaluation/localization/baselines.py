@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guess:
+class BaselineEstimate:
     """A pose that states no uncertainty."""
 
     x_m: float
@@ -25,16 +25,16 @@ class Guess:
     yaw_rad: float
 
 
-def mean_angle_4dof(pointings: Pointings) -> Guess:
+def mean_angle_4dof(pointings: Pointings) -> BaselineEstimate:
     """Return x, y, z and yaw with the least mean angle between rays and targets."""
     x, y, z, yaw = _descended(pointings, 4)
-    return Guess(x_m=x, y_m=y, z_m=z, yaw_rad=yaw)
+    return BaselineEstimate(x_m=x, y_m=y, z_m=z, yaw_rad=yaw)
 
 
-def mean_angle_z0(pointings: Pointings) -> Guess:
+def mean_angle_z0(pointings: Pointings) -> BaselineEstimate:
     """Return the same with the feet at z = 0, as in the ROS 2 toolkit."""
     x, y, yaw = _descended(pointings, 3)
-    return Guess(x_m=x, y_m=y, z_m=0.0, yaw_rad=yaw)
+    return BaselineEstimate(x_m=x, y_m=y, z_m=0.0, yaw_rad=yaw)
 
 
 def mean_angle(pointings: Pointings, x: float, y: float, z: float, yaw: float) -> float:

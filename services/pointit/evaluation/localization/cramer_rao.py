@@ -48,13 +48,13 @@ def _scatter(trials: Sequence[Trial]) -> Array:
     """Return one sigma of a pointing, sideways and upwards, rad; the mean costs each trial one pointing."""
     squares, freedom = np.zeros(2), 0.0
     for trial in trials:
-        count = independent(trial)
+        count = effective_sample_count(trial)
         squares += count * _misses(trial).var(axis=0)
         freedom += max(count - 1.0, 0.1)
     return np.asarray(np.sqrt(squares / freedom), dtype=np.float64)
 
 
-def independent(trial: Trial) -> float:
+def effective_sample_count(trial: Trial) -> float:
     """Return how many independent pointings `trial` has: at least one a hold, at most one a sample."""
     steps = np.diff(trial.pointings.stamps_s)
     pauses = steps > GAP_S
@@ -95,7 +95,7 @@ def _median_m(trial: Trial, spread_rad: Array) -> float:
     slope[1, :, 1] = away[:, 2] * away[:, 1] / (level_m * square)
     slope[1, :, 3] = 1.0
     slope /= spread_rad[:, None, None]
-    information = np.einsum("cni,cnj->ij", slope, slope) * (independent(trial) / len(away))
+    information = np.einsum("cni,cnj->ij", slope, slope) * (effective_sample_count(trial) / len(away))
     information[3, 3] += 1.0 / BIAS_SIGMA_RAD**2
     values, vectors = np.linalg.eigh(information)
     if values[0] <= SINGULAR * values[-1]:

@@ -6,26 +6,32 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from pointit.evaluation.localization.baselines import Guess, mean_angle_4dof, mean_angle_z0
+from pointit.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.localization.cramer_rao import median_bounds_m
 from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
 from pointit.evaluation.localization.trial import Trial
-from pointit.evaluation.recordings.parallel import spread
+from pointit.evaluation.recordings.parallel import map_parallel
 from pointit.evaluation.recordings.row import Row
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
 
 OURS = "pointit"
 
-Solver = Callable[[Pointings], Solution | Refusal | Guess]
+Solver = Callable[[Pointings], Solution | Refusal | BaselineEstimate]
 
-STATED = Trust(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+STATED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 """The localizer's own, but every pose is taken that states its sigma, however large: an error that is only
 met by poses that are sure would flatter."""
 
 ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Takes whatever fits best, as the baselines do."""
 
-ACCEPTED = Trust()
+ACCEPTED = SolverSettings()
 """The localizer's own limits."""
 
 
@@ -80,7 +86,7 @@ def localization_rows(
     results: dict[int, list[Outcome]] = {}
     done = 0
     tick(done, len(tasks))
-    for number, outcomes in spread(solved, pieces, jobs):
+    for number, outcomes in map_parallel(solved, pieces, jobs):
         results[number] = outcomes
         done += len(pieces[number])
         tick(done, len(tasks))
@@ -152,6 +158,6 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
     )
 
 
-def _off_m(found: Solution | Guess, trial: Trial) -> float:
+def _off_m(found: Solution | BaselineEstimate, trial: Trial) -> float:
     off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
     return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M

@@ -43,7 +43,7 @@ class Trial:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Following:
+class FollowRecording:
     """A recording of somebody who follows a moving robot with the finger."""
 
     set: str
@@ -108,7 +108,7 @@ class Reading:
         """Note that `path` was passed over."""
         self.notes.append(f"{path} is skipped: {why}")
 
-    def follow(self, path: Path, following: Following) -> None:
+    def follow(self, path: Path, following: FollowRecording) -> None:
         """Add the trials of `following`, read from `path`; note where there are none."""
         before = len(self.trials)
         self.trials.extend(following.trials())

@@ -22,7 +22,7 @@ import numpy as np
 
 from pointit.evaluation.datasets import proximity_feedback
 from pointit.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
-from pointit.evaluation.pointing.drift_courses import Course, chained, courses, hold_sigma_rad
+from pointit.evaluation.pointing.drift_courses import HoldSequence, chained, courses, hold_sigma_rad
 from pointit.evaluation.pointing.drift_simulated import normal_row, simulated_rows
 from pointit.evaluation.pointing.drift_solvers import SOLVERS
 from pointit.evaluation.recordings.row import ALL, Row, Spread
@@ -75,10 +75,10 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
 
 
 def _rows(
-    condition: str, some: Sequence[Course], anchors_s: Sequence[float], told_s: float, sigma_rad: float
+    condition: str, some: Sequence[HoldSequence], anchors_s: Sequence[float], told_s: float, sigma_rad: float
 ) -> list[Row]:
     """Return a row for each person and solver, and those over all."""
-    trials: list[tuple[Course, list[int], int]] = []
+    trials: list[tuple[HoldSequence, list[int], int]] = []
     for course in some:
         told = course.nearest(told_s)
         anchors = sorted({course.nearest(at_s) for at_s in anchors_s})

@@ -12,7 +12,7 @@ from pointit.evaluation.datasets.proximity_feedback import FloorTrial
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.rest_detection import Stillness, StillRate
+from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 
 EYE_M = 1.64
 """Assumed height of the eyes: the recordings do not tell it, and azimuths hardly depend on it."""
@@ -35,8 +35,8 @@ class Hold:
     samples: int
     rate_radps: float
     """At which the yaw changes within the hold, by least squares."""
-    rest: StillRate | None
-    """What `Stillness` made of it, its time as the hold's."""
+    rest: RestYawRate | None
+    """What `RestDetector` made of it, its time as the hold's."""
 
     @property
     def yaw_rad(self) -> float:
@@ -45,7 +45,9 @@ class Hold:
 
     def turned(self, yaw_rad: float, later_s: float) -> "Hold":
         """Return the same hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
-        moved = replace(self, at_s=self.at_s + later_s, direction_h=vector.turn(self.direction_h, -yaw_rad))
+        moved = replace(
+            self, at_s=self.at_s + later_s, direction_h=vector.rotate_z(self.direction_h, -yaw_rad)
+        )
         if self.rest is None:
             return moved
         stamp_ns = self.rest.stamp_ns + round(later_s * NS_PER_S)
@@ -53,7 +55,7 @@ class Hold:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
+class HoldSequence:
     """Holds with one heading reference, the first of which sets the heading."""
 
     subject: str
@@ -65,16 +67,16 @@ class Course:
         return min(range(len(self.holds)), key=lambda i: abs(self.holds[i].at_s - start_s - at_s))
 
 
-def courses(trials: Sequence[FloorTrial]) -> list[Course]:
+def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
     """Return the runs: the heading was taken anew whenever the first target came again."""
-    out: list[Course] = []
+    out: list[HoldSequence] = []
     held: list[Hold] = []
     seen: set[str] = set()
     subject = ""
     for trial in trials:
         if trial.subject != subject or trial.target_id in seen:
             if held:
-                out.append(Course(subject=subject, holds=tuple(held)))
+                out.append(HoldSequence(subject=subject, holds=tuple(held)))
             held = []
             seen.clear()
             subject = trial.subject
@@ -83,13 +85,13 @@ def courses(trials: Sequence[FloorTrial]) -> list[Course]:
         if hold is not None:
             held.append(hold)
     if held:
-        out.append(Course(subject=subject, holds=tuple(held)))
+        out.append(HoldSequence(subject=subject, holds=tuple(held)))
     return out
 
 
-def chained(runs: Iterable[Course]) -> Iterator[Course]:
+def chained(runs: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
     """Return each person's runs as one, in every order of the first few: one goes on where another ended."""
-    people: dict[str, list[Course]] = {}
+    people: dict[str, list[HoldSequence]] = {}
     for run in runs:
         people.setdefault(run.subject, []).append(run)
     for mine in people.values():
@@ -97,7 +99,7 @@ def chained(runs: Iterable[Course]) -> Iterator[Course]:
             yield _joined(order)
 
 
-def _joined(runs: Sequence[Course]) -> Course:
+def _joined(runs: Sequence[HoldSequence]) -> HoldSequence:
     chain = runs[0]
     for run in runs[1:]:
         last, first = chain.holds[-1], run.holds[0]
@@ -106,7 +108,7 @@ def _joined(runs: Sequence[Course]) -> Course:
     return chain
 
 
-def hold_sigma_rad(runs: Sequence[Course]) -> float:
+def hold_sigma_rad(runs: Sequence[HoldSequence]) -> float:
     """Return one sigma of the azimuth of one hold, from what three in a row have beside a constant rate."""
     beside: list[float] = []
     for run in runs:
@@ -129,7 +131,7 @@ def _hold(trial: FloorTrial) -> Hold | None:
     # the middle of the hold, whatever single samples do
     azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
     rate = float(linregress(stretch.times_s, azimuths).slope)
-    stillness = Stillness()
+    stillness = RestDetector()
     rests = [
         stillness.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
         for a, e, t in zip(azimuths, elevations, stretch.times_s, strict=True)

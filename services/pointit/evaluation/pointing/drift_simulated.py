@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pointit.evaluation.pointing.drifting_person import DriftingPerson, Ways
+from pointit.evaluation.pointing.drifting_person import DriftingPerson, DriftPersonModel
 from pointit.evaluation.recordings.row import ALL, Row, Spread
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter
-from pointit.services.localizer.drift.rest_detection import Stillness
+from pointit.services.localizer.drift.rest_detection import RestDetector
 
 NAME = "simulated_drift"
 ANCHORS_S = (60.0, 120.0)
@@ -26,9 +26,9 @@ Outcome = dict[str, tuple[float, float | None]]
 """Error and stated sigma by solver, rad."""
 
 
-def simulated_rows(people: int, ways: Ways | None = None) -> list[Row]:
+def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Row]:
     """Return the rows of `people` simulated people, the same ones each time."""
-    ways = ways if ways is not None else Ways()
+    ways = ways if ways is not None else DriftPersonModel()
     rows: list[Row] = []
     for condition, anchors_s, how in (
         ("3 min, 1 anchor/min", ANCHORS_S, ways),
@@ -54,7 +54,7 @@ def simulated_rows(people: int, ways: Ways | None = None) -> list[Row]:
     return rows
 
 
-def outcome(seed: int, ways: Ways, anchors_s: Sequence[float], jump_rad: float = 0.0) -> Outcome:
+def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_rad: float = 0.0) -> Outcome:
     """Return how far each solver's yaw is off at `TOLD_S`.
 
     Args:
@@ -68,14 +68,16 @@ def outcome(seed: int, ways: Ways, anchors_s: Sequence[float], jump_rad: float =
     plain, rested = DriftFilter(fix), DriftFilter(fix)
     told = [(0.0, fix.yaw_rad)]
     for number, at_s in enumerate(anchors_s):
-        stillness = Stillness()
+        stillness = RestDetector()
         samples = person.rest(at_s - ways.rest_s - 1.0)
         for rest in (*(stillness.add(*sample) for sample in samples), stillness.end()):
             if rest is not None:
-                rested.still(rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps)
+                rested.update_rest_rate(
+                    rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps
+                )
         target, direction = person.pointing(at_s, jump_rad if number == 1 else 0.0)
         for drift in (plain, rested):
-            drift.anchor(
+            drift.update_anchor(
                 round(at_s * NS_PER_S), target, (0.0, 0.0, ways.eye_m), direction,
                 spread_rad=ways.hold_yaw_sigma_rad, samples=50,
             )  # fmt: skip
@@ -94,7 +96,7 @@ def outcome(seed: int, ways: Ways, anchors_s: Sequence[float], jump_rad: float =
     }
 
 
-def bound_rad(ways: Ways, anchors_s: Sequence[float]) -> float:
+def bound_rad(ways: DriftPersonModel, anchors_s: Sequence[float]) -> float:
     """Return one sigma of the best estimate of the yaw at `TOLD_S` without rests (Cramér and Rao).
 
     A constant rate with the prior of IMUs, and anchors that err by themselves: neither walk, nor bent arms,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointit.evaluation.pointing.drift_courses import EYE_M, Course
+from pointit.evaluation.pointing.drift_courses import EYE_M, HoldSequence
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
@@ -16,50 +16,50 @@ PLACE_SIGMA_M = 0.05
 
 
 @dataclass(frozen=True)
-class Guess:
+class YawEstimate:
     """What a solver says of a later hold's yaw."""
 
     yaw_rad: float
     sigma_rad: float | None = None
 
 
-Solver = Callable[[Course, Sequence[int], int], Guess]
+Solver = Callable[[HoldSequence, Sequence[int], int], YawEstimate]
 """Course, holds that are anchors (the first hold among them, all before the last), hold to be told."""
 
 
-def _raw(course: Course, anchors: Sequence[int], told: int) -> Guess:
+def _raw(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
     del anchors, told
-    return Guess(course.holds[0].yaw_rad)
+    return YawEstimate(course.holds[0].yaw_rad)
 
 
-def _re_anchored(course: Course, anchors: Sequence[int], told: int) -> Guess:
+def _re_anchored(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
     del told
-    return Guess(course.holds[anchors[-1]].yaw_rad)
+    return YawEstimate(course.holds[anchors[-1]].yaw_rad)
 
 
-def _rate_of_holds(course: Course, anchors: Sequence[int], told: int) -> Guess:
+def _rate_of_holds(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
     last = course.holds[anchors[-1]]
     rate = float(np.mean([hold.rate_radps for hold in course.holds[:told]]))
-    return Guess(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+    return YawEstimate(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
 
 
-def _constant_rate(course: Course, anchors: Sequence[int], told: int) -> Guess:
+def _constant_rate(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
     first, last = course.holds[0], course.holds[anchors[-1]]
     if first is last:
-        return Guess(last.yaw_rad)
+        return YawEstimate(last.yaw_rad)
     rate = math.remainder(last.yaw_rad - first.yaw_rad, math.tau) / (last.at_s - first.at_s)
-    return Guess(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+    return YawEstimate(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
 
 
-def _filter(course: Course, anchors: Sequence[int], told: int) -> Guess:
+def _filter(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
     return _filtered(course, anchors, told, rests=False)
 
 
-def _filter_and_rests(course: Course, anchors: Sequence[int], told: int) -> Guess:
+def _filter_and_rests(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
     return _filtered(course, anchors, told, rests=True)
 
 
-def _filtered(course: Course, anchors: Sequence[int], told: int, *, rests: bool) -> Guess:
+def _filtered(course: HoldSequence, anchors: Sequence[int], told: int, *, rests: bool) -> YawEstimate:
     settings = DriftSettings()
     first = course.holds[0]
     level = math.cos(vector.elevation(first.direction_h))
@@ -75,7 +75,7 @@ def _filtered(course: Course, anchors: Sequence[int], told: int, *, rests: bool)
     )
     for number, hold in enumerate(course.holds[:told]):
         if number in anchors[1:]:
-            drift.anchor(
+            drift.update_anchor(
                 round(hold.at_s * NS_PER_S),
                 hold.target_m,
                 (0.0, 0.0, EYE_M),
@@ -85,9 +85,11 @@ def _filtered(course: Course, anchors: Sequence[int], told: int, *, rests: bool)
             )
         rest = hold.rest
         if rests and rest is not None:
-            drift.still(rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps)
+            drift.update_rest_rate(
+                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps
+            )
     pose: DriftPose = drift.predict(round(course.holds[told].at_s * NS_PER_S))
-    return Guess(pose.yaw_rad, pose.yaw_sigma_rad)
+    return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)
 
 
 SOLVERS: dict[str, Solver] = {

@@ -18,7 +18,7 @@ STEP_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ways:
+class DriftPersonModel:
     """How people and IMUs are; angles in rad."""
 
     rate_sigma_radps: float = math.radians(0.25)
@@ -46,7 +46,7 @@ class Ways:
 class DriftingPerson:
     """One person, one IMU; all that happens comes from the seed."""
 
-    def __init__(self, seed: int, ways: Ways, length_s: float) -> None:
+    def __init__(self, seed: int, ways: DriftPersonModel, length_s: float) -> None:
         """Draw where they stand and how the IMU drifts for `length_s`."""
         self._rng = np.random.default_rng(seed)
         self._ways = ways

@@ -10,9 +10,9 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from pointit.evaluation.recordings.table_file import check_file, check_text, is_file, shown, shown_path
+from pointit.evaluation.recordings.table_file import check_file, check_text, is_file, shown_path, truncate
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import explain
+from pointit.schemas import summarize_validation_error
 
 VARIABLE = "POINTIT_DATA"
 """Names the folder with the recordings where no option does."""
@@ -82,13 +82,15 @@ def read_index(folder: Path) -> list[Entry]:
         else:
             entries = _ENTRIES.validate_json(raw)
     except ValidationError as error:
-        raise ConfigError(f"{path}: a list of objects, one a file, was expected; {explain(error)}") from error
+        raise ConfigError(
+            f"{path}: a list of objects, one a file, was expected; {summarize_validation_error(error)}"
+        ) from error
     except ValueError as error:  # of numbers with thousands of digits
         raise ConfigError(f"{path}: a value in it cannot be shown ({error}); correct the index") from error
     names = [name for entry in entries if isinstance(name := entry.get("file"), str)]
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
     if twice is not None:
-        raise ConfigError(f"{path}, 'file': {shown(twice)} is listed twice; list each file once")
+        raise ConfigError(f"{path}, 'file': {truncate(twice)} is listed twice; list each file once")
     return list(entries)
 
 
@@ -102,7 +104,7 @@ def text_of(folder: Path, entry: Entry, key: str) -> str:
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**15:
         value = str(value)  # a subject may be a number
     if not isinstance(value, str):
-        raise ConfigError(f"{_where(folder, entry, key)}: a text was expected, got {shown(value)}")
+        raise ConfigError(f"{_where(folder, entry, key)}: a text was expected, got {truncate(value)}")
     return check_text(_where(folder, entry, key), value)
 
 
@@ -115,7 +117,7 @@ def file_of(folder: Path, entry: Entry) -> Path | None:
     name = text_of(folder, entry, "file")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ConfigError(
-            f"{folder / INDEX}, 'file': {shown(name)} leads out of the folder; name a file in {folder}"
+            f"{folder / INDEX}, 'file': {truncate(name)} leads out of the folder; name a file in {folder}"
         )
     path = folder / name
     return path if is_file(path) else None
@@ -135,7 +137,7 @@ def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float],
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
         raise ConfigError(
             f"{_where(folder, entry, key)}: a number from {least:g} to {most:g} {unit} was expected, "
-            f"got {shown(value)}"
+            f"got {truncate(value)}"
         )
     return float(value)
 
@@ -163,5 +165,5 @@ def eye_height_of(folder: Path, entry: Entry) -> float | None:
 
 def _where(folder: Path, entry: Entry, key: str) -> str:
     name = entry.get("file", "an entry")
-    named = name if isinstance(name, str) and name.isprintable() and len(name) <= 60 else shown(name)
+    named = name if isinstance(name, str) and name.isprintable() and len(name) <= 60 else truncate(name)
     return f"{folder / INDEX}, {named}, {key!r}"

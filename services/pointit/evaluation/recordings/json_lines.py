@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pointit.evaluation.recordings.table_file import check_file
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import explain
+from pointit.schemas import summarize_validation_error
 
 
 class Line(BaseModel):
@@ -40,7 +40,8 @@ def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
                     yield line, kind.model_validate_json(text)
                 except ValidationError as error:
                     raise ConfigError(
-                        f"{path}, line {line}: {explain(error)}; correct the line, or take it out"
+                        f"{path}, line {line}: {summarize_validation_error(error)}; "
+                        "correct the line, or take it out"
                     ) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error

@@ -23,7 +23,7 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THR
 """The cores are used by the processes; threads inside them would only disturb the times."""
 
 
-def spread(
+def map_parallel(
     work: Callable[[Piece], Result], pieces: Iterable[Piece], jobs: int
 ) -> Generator[tuple[int, Result]]:
     """Yield the number of each piece and what `work` made of it, as they come.

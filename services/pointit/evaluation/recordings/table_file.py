@@ -114,7 +114,7 @@ def shown_path(path: Path) -> str:
     return text if len(text) <= 2 * MOST_CHARACTERS else f"{text[:MOST_CHARACTERS]}..."
 
 
-def shown(value: object) -> str:
+def truncate(value: object) -> str:
     """Return `value` for a sentence, at most some sixty characters of it."""
     try:
         text = repr(value)
@@ -135,7 +135,8 @@ def check_text(where: str, name: str) -> str:
     """
     if not name or len(name) > MOST_CHARACTERS or not name.isprintable():
         raise ConfigError(
-            f"{where}: a text of 1 to {MOST_CHARACTERS} printable characters was expected, got {shown(name)}"
+            f"{where}: a text of 1 to {MOST_CHARACTERS} printable characters was expected, "
+            f"got {truncate(name)}"
         )
     if name == RESERVED and where.endswith("'subject'"):
         raise ConfigError(f"{where}: {name!r} is the name of all together; give this one another")
@@ -193,7 +194,7 @@ def _columns(path: Path, header: Sequence[str], names: Sequence[str]) -> dict[st
         )
     for name in names:
         if header.count(name) != 1:
-            found = ", ".join(shown(each) for each in header[:40]) or "nothing"
+            found = ", ".join(truncate(each) for each in header[:40]) or "nothing"
             raise ConfigError(f"{path}, line 1: one column {name!r} was expected, found {found}")
     return {name: header.index(name) for name in names}
 
@@ -231,6 +232,7 @@ def _numbers(table: Table, name: str, cells: Sequence[str], *, may_be_empty: boo
         if not abs(values[row]) <= FARTHEST:
             raise table.refuse(
                 row,
-                f"column {name!r}: a number was expected, within {FARTHEST:g} either way, got {shown(text)}",
+                f"column {name!r}: a number was expected, within {FARTHEST:g} either way, "
+                f"got {truncate(text)}",
             )
     return values

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from pointit.evaluation.datasets import belts_lab, belts_vr
 from pointit.evaluation.selection.condition import LAB, VR, lab_condition, vr_condition
-from pointit.evaluation.selection.row import Figures, TimeSpread
+from pointit.evaluation.selection.row import SelectionMetrics, TimeSpread
 
-Humans = dict[tuple[str, str], dict[str, Figures]]
+Humans = dict[tuple[str, str], dict[str, SelectionMetrics]]
 """Bench and condition to figures by what people did it with."""
 
 USUALLY = {"pointing": "pointing", "mouse_gui": "mouse"}
@@ -35,11 +35,11 @@ def humans(recordings: Path | None, notes: list[str]) -> Humans:
     return found
 
 
-def lab_figures(runs: list[belts_lab.Run]) -> Figures:
+def lab_figures(runs: list[belts_lab.Run]) -> SelectionMetrics:
     """Return the figures over `runs` of people."""
     toggles = [toggle for run in runs for toggle in run.toggles]
     targets = sum(run.targets for run in runs)
-    return Figures(
+    return SelectionMetrics(
         n=len(runs),
         time_s=TimeSpread.of(run.completion_s for run in runs if run.completion_s is not None),
         between_s=TimeSpread.of(
@@ -52,13 +52,13 @@ def lab_figures(runs: list[belts_lab.Run]) -> Figures:
     )
 
 
-def vr_figures(passages: list[belts_vr.Passage]) -> Figures:
+def vr_figures(passages: list[belts_vr.Passage]) -> SelectionMetrics:
     """Return the figures over `passages` of packages, those that should not be selected among them."""
     targets = [passage for passage in passages if passage.is_target]
     took_s = [passage.took_s for passage in targets if passage.took_s is not None]
     wrong = sum(passage.took_s is not None for passage in passages if not passage.is_target)
     toggles = wrong + len(took_s)
-    return Figures(
+    return SelectionMetrics(
         n=len(targets),
         time_s=TimeSpread.of(took_s),
         wrong_rate=wrong / toggles if toggles else None,
@@ -80,7 +80,7 @@ def _vr(folder: Path) -> Humans:
     return _gathered(VR, {key: vr_figures(passages) for key, passages in groups.items()})
 
 
-def _gathered(bench: str, groups: dict[tuple[str, str], Figures]) -> Humans:
+def _gathered(bench: str, groups: dict[tuple[str, str], SelectionMetrics]) -> Humans:
     found: Humans = defaultdict(dict)
     for (condition, means), figures in groups.items():
         found[bench, condition][means] = figures

@@ -3,7 +3,7 @@
 from pydantic import ValidationError
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import explain
+from pointit.schemas import summarize_validation_error
 from pointit.services.selector.config import JournalConfig, SelectorConfig
 
 _NO_JOURNAL = JournalConfig(enabled=False)
@@ -45,4 +45,4 @@ def selector_config(name: str) -> SelectorConfig:
     try:
         return SelectorConfig.model_validate(fields)
     except ValidationError as error:
-        raise ConfigError(f"--method {name}: {explain(error)}") from error
+        raise ConfigError(f"--method {name}: {summarize_validation_error(error)}") from error

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.evaluation.selection.world import Somebody
+from pointit.evaluation.selection.world import TrialPerson
 from pointit.schemas import UserProfile
 from pointit.schemas.base import Rgb, Vec3
 from pointit.services.user_sim.config import AimConfig, MindConfig, UserSimConfig
@@ -37,9 +37,9 @@ PRACTISED = PersonModel(skill=0.7, search_per_item_s=0.005, decide_per_bit_s=0.0
 (Hick's slope flattens with practice); of their lapses 0.04 (1 - skill) come about, 1.2 % of choices."""
 
 
-def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = PRACTISED) -> Somebody:
+def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = PRACTISED) -> TrialPerson:
     """Return somebody who stands at `position_m` and selects packages of `target_kind`."""
-    return Somebody(
+    return TrialPerson(
         name=f"person-{index + 1}",
         config=UserSimConfig(
             position_m=position_m,

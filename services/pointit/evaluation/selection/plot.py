@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pointit.evaluation.selection.row import Figures, SelectionRow
+from pointit.evaluation.selection.row import SelectionMetrics, SelectionRow
 from pointit.runtime.errors import ConfigError
 
-Value = Callable[[Figures], float | None]
+Value = Callable[[SelectionMetrics], float | None]
 
 PANELS: tuple[tuple[str, Value], ...] = (
     ("time, s", lambda figures: None if figures.time_s is None else figures.time_s.median),

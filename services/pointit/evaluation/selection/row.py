@@ -24,7 +24,7 @@ class TimeSpread:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figures:
+class SelectionMetrics:
     """What somebody, simulated or not, was worth in a condition; what is not known is none."""
 
     n: int
@@ -50,9 +50,9 @@ class SelectionRow:
     bench: str
     condition: str
     method: str
-    figures: Figures
+    figures: SelectionMetrics
     """Of the simulated person."""
-    human: dict[str, Figures]
+    human: dict[str, SelectionMetrics]
     """Of people in the same condition, by what they did it with; empty: there are none."""
 
     def as_json(self) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from pointit.evaluation.selection.row import Figures, TimeSpread
+from pointit.evaluation.selection.row import SelectionMetrics, TimeSpread
 
 
 @dataclass(kw_only=True)
@@ -21,7 +21,7 @@ class Score:
     right_s: list[float] = field(default_factory=list[float])
     """When each right toggle of a target was made, from the beginning."""
     took_s: list[float] = field(default_factory=list[float])
-    """What counts as time, see `Figures`."""
+    """What counts as time, see `SelectionMetrics`."""
     simulated_s: float = 0.0
     cpu_s: float = 0.0
     """Processor time that it took to simulate."""
@@ -36,10 +36,10 @@ class Score:
             self.right_s.append(at_s)
 
 
-def figures_of(scores: Sequence[Score], *, per_package: bool) -> Figures:
+def figures_of(scores: Sequence[Score], *, per_package: bool) -> SelectionMetrics:
     """Return the figures over `scores`; `per_package`: n counts packages, not runs."""
     targets, toggles = sum(score.targets for score in scores), sum(score.toggles for score in scores)
-    return Figures(
+    return SelectionMetrics(
         n=targets if per_package else len(scores),
         time_s=TimeSpread.of(took_s for score in scores for took_s in score.took_s),
         between_s=TimeSpread.of(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.evaluation.recordings.parallel import spread
+from pointit.evaluation.recordings.parallel import map_parallel
 from pointit.evaluation.selection.condition import Condition
 from pointit.evaluation.selection.difference import Difference, differences_of
 from pointit.evaluation.selection.human import Humans
@@ -18,7 +18,7 @@ CHUNK = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pace:
+class SimulationSpeed:
     """How fast time went by in the simulation."""
 
     simulated_s: float
@@ -26,7 +26,7 @@ class Pace:
     """Processor time, of all processes together."""
 
     @classmethod
-    def of(cls, results: Iterable[Sequence[Score]]) -> "Pace":
+    def of(cls, results: Iterable[Sequence[Score]]) -> "SimulationSpeed":
         """Return that of all `results`."""
         scores = [score for each in results for score in each]
         return cls(
@@ -49,7 +49,7 @@ def selection_rows(
     jobs: int,
     humans: Humans,
     tick: Callable[[int, int], None],
-) -> tuple[list[SelectionRow], list[Difference], Pace]:
+) -> tuple[list[SelectionRow], list[Difference], SimulationSpeed]:
     """Return how simulated people do by condition and method, how methods differ, and the speed.
 
     A trial has the same people, packages and unrest of hands with every method, whatever else is tried: rows
@@ -93,7 +93,7 @@ def selection_rows(
         )
         for (condition, method), scores in groups.items()
     ]
-    return rows, differences_of(groups), Pace.of(results.values())
+    return rows, differences_of(groups), SimulationSpeed.of(results.values())
 
 
 def document(rows: Sequence[SelectionRow], differences: Sequence[Difference]) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def done(trials: Sequence[Trial]) -> list[Score]:
 
 def _worked(pieces: Sequence[Sequence[Trial]], jobs: int) -> Iterator[tuple[int, list[Score]]]:
     if jobs > 1:
-        yield from spread(done, pieces, jobs)
+        yield from map_parallel(done, pieces, jobs)
     else:
         for number, piece in enumerate(pieces):
             yield number, done(piece)

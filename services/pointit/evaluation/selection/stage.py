@@ -10,7 +10,7 @@ import numpy as np
 from pointit.evaluation.selection.carousel import OTHER, TARGET, Carousel
 from pointit.evaluation.selection.condition import LAB, RING_M, VR, Condition
 from pointit.evaluation.selection.people import person
-from pointit.evaluation.selection.world import START_NS, Movers, Somebody
+from pointit.evaluation.selection.world import START_NS, ObjectMotion, TrialPerson
 from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map
 from pointit.schemas import BeltLink, Environment
@@ -41,12 +41,12 @@ REST_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
+class TrialSetup:
     """A condition, ready to be lived through once."""
 
     environment: Environment
-    movers: Movers
-    people: Sequence[Somebody]
+    movers: ObjectMotion
+    people: Sequence[TrialPerson]
     surfaces: Surfaces
     packages: int
     limit_s: float
@@ -58,7 +58,7 @@ class Stage:
     """Events with which a package is out of reach."""
 
 
-def stage_of(condition: Condition, entropy: Sequence[int]) -> Stage:
+def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
     """Return `condition` with packages and people as drawn from `entropy`."""
     rng = np.random.default_rng([*entropy, 1])
     if condition.bench == LAB:
@@ -81,7 +81,7 @@ def room(name: str, kind: Literal["strip", "belt"]) -> tuple[Environment, Surfac
     return environment, Surfaces(environment, (kind,))
 
 
-def _lab(condition: Condition, rng: np.random.Generator) -> Stage:
+def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     """Return packages spread over the ring as theirs were: evenly, each off by as much as they may be."""
     environment, surfaces = room("lab", "strip")
     ids = [strip.id for strip in environment.strips]
@@ -91,7 +91,7 @@ def _lab(condition: Condition, rng: np.random.Generator) -> Stage:
     loose_m = (pitch_m - LAB_LEAST_M) / 2.0
     positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
     positions_m = positions_m + rng.uniform(-loose_m, loose_m, condition.packages)
-    return Stage(
+    return TrialSetup(
         environment=environment,
         movers=Carousel(
             environment,
@@ -108,7 +108,7 @@ def _lab(condition: Condition, rng: np.random.Generator) -> Stage:
     )
 
 
-def _vr(condition: Condition, rng: np.random.Generator) -> Stage:
+def _vr(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     """Return belts fed each on its own, with intervals as theirs were."""
     environment, surfaces = room("vr_belts", "belt")
     kinds = kinds_of(condition, rng)
@@ -124,7 +124,7 @@ def _vr(condition: Condition, rng: np.random.Generator) -> Stage:
         )
         for number, belt in enumerate(VR_BELTS)
     }
-    return Stage(
+    return TrialSetup(
         environment=environment,
         movers=_plant(environment, condition, feeders, rng),
         people=[person(0, (0.0, 0.0, 0.0), TARGET)],
@@ -134,7 +134,7 @@ def _vr(condition: Condition, rng: np.random.Generator) -> Stage:
     )
 
 
-def _conveyor(condition: Condition, rng: np.random.Generator) -> Stage:
+def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     """Return the paper's demonstrator, fed at one entry; selected packages leave at bay 1."""
     environment, surfaces = room("conveyor", "belt")
     interval_s = condition.spacing_m / condition.speed_mps
@@ -147,7 +147,7 @@ def _conveyor(condition: Condition, rng: np.random.Generator) -> Stage:
         count=condition.packages,
     )
     way_m = sum(Polyline(belt.line_m).length_m for belt in environment.belts)
-    return Stage(
+    return TrialSetup(
         environment=environment,
         movers=_plant(environment, condition, {"entry": feeder}, rng),
         people=[person(index, PLACES_M[index], TARGET) for index in range(condition.users)],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pointit.evaluation.selection.condition import Condition
 from pointit.evaluation.selection.method import selector_config
 from pointit.evaluation.selection.score import Score
-from pointit.evaluation.selection.stage import Stage, stage_of
+from pointit.evaluation.selection.stage import TrialSetup, stage_of
 from pointit.evaluation.selection.world import START_NS, USUAL, Rates, World
 from pointit.schemas import NS_PER_S, SelectionEvent
 
@@ -45,7 +45,7 @@ def run(trial: Trial) -> Score:
         seed=trial.entropy,
         rates=trial.rates,
     )
-    watch = Watch(trial.condition, stage)
+    watch = TrialRecorder(trial.condition, stage)
     end_ns = START_NS + round(stage.limit_s * NS_PER_S)
     while world.now_ns < end_ns and not watch.is_over(world.now_ns):
         watch.take(world.step(), world.entered_ns)
@@ -56,10 +56,10 @@ def run(trial: Trial) -> Score:
     return score
 
 
-class Watch:
+class TrialRecorder:
     """Takes down what happens to packages."""
 
-    def __init__(self, condition: Condition, stage: Stage) -> None:
+    def __init__(self, condition: Condition, stage: TrialSetup) -> None:
         self._passing = condition.per_package
         self._stage = stage
         self._score = Score(targets=condition.targets)

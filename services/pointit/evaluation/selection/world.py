@@ -24,14 +24,14 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.pointer import Pointer
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
-from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 
@@ -41,7 +41,7 @@ START_NS = 1_000 * NS_PER_S
 TRACKER = "belts"
 
 
-class Movers(Protocol):
+class ObjectMotion(Protocol):
     """What moves in the room."""
 
     def step(self, now_ns: int) -> list[SelectionEvent]:
@@ -74,7 +74,7 @@ USUAL = Rates()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Somebody:
+class TrialPerson:
     """A person of a trial."""
 
     name: str
@@ -88,8 +88,8 @@ class World:
     def __init__(
         self,
         environment: Environment,
-        movers: Movers,
-        people: Sequence[Somebody],
+        movers: ObjectMotion,
+        people: Sequence[TrialPerson],
         *,
         surfaces: Surfaces,
         selector: SelectorConfig,
@@ -113,8 +113,8 @@ class World:
         self.entered_ns: dict[str, int] = {}
         """When each object was first there."""
         self._movers = movers
-        self._selecting = Selecting(selector)
-        self._lights = Lights(LedDriverConfig())
+        self._selecting = SelectionEngine(selector)
+        self._lights = LightState(LedDriverConfig())
         self._selecting.on_map(environment)
         self._lights.on_map(environment)
         sequences = np.random.SeedSequence(list(seed)).spawn(len(people))
@@ -151,7 +151,7 @@ class World:
                 present.person.see(now_ns, objects, TRACKER)
         for present in self._people:
             self._point(present, events)
-        self._route(self._selecting.pass_time(now_ns), events)
+        self._route(self._selecting.tick(now_ns), events)
         if now_ns >= self._look_ns:
             self._look()
         return events
@@ -203,7 +203,7 @@ class World:
 class _Present:
     """A person with what is theirs alone: band, ray, cursor."""
 
-    def __init__(self, somebody: Somebody, surfaces: Surfaces, rng: np.random.Generator) -> None:
+    def __init__(self, somebody: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
         self.name = somebody.name
         self.profile = somebody.profile
         self.person = Person(somebody.config, somebody.name, rng)

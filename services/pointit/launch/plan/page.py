@@ -84,7 +84,7 @@ class Page:
         return NumberedLaunch(service=self.load(), config=self.config, number=number)
 
 
-def can_be() -> bool:
+def is_available() -> bool:
     """Return whether what a page needs is installed; none of it is loaded."""
     return has_extra(registry.process(PAGE).extra)
 
@@ -210,7 +210,7 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
     return without_token(url) + ("" if path is None else f" (its link is in {path})")
 
 
-def missing(why: str) -> ConfigError:
+def page_unavailable_error(why: str) -> ConfigError:
     """Return the error for who asks something of a page that cannot be."""
     return ConfigError(f"{why}: {REMEDY}")
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.launch.plan.launches import PAGE
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.state_file import site_folder
 
 TOKEN_BYTES = 18
@@ -71,7 +71,9 @@ def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str
             notes.append(f"the page has a new link, the one from before opens nothing: {path} {why}")
     tokens = Tokens()
     try:
-        put(path, (json.dumps({"operator": tokens.operator, "viewer": tokens.viewer}) + "\n").encode())
+        write_atomically(
+            path, (json.dumps({"operator": tokens.operator, "viewer": tokens.viewer}) + "\n").encode()
+        )
     except ConfigError as error:
         notes.append(f"the link of the page is for this time only: {error}")
     return tokens, notes

@@ -25,7 +25,7 @@ def name_of(index: int) -> str:
     return f"user{index + 1}"
 
 
-def staged(scenario: Scenario, choices: Choices, people: int) -> list[Launch]:
+def scenario_launches(scenario: Scenario, choices: Choices, people: int) -> list[Launch]:
     """Return the services of a scenario with so many people.
 
     Raises:
@@ -44,7 +44,7 @@ def places(scenario: Scenario, choices: Choices) -> dict[str, dict[str, Any]]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Program:
+class ScenarioCatalog:
     """Scenarios that a run may change to, each with the choices of the command line that fit it."""
 
     sources: Mapping[str, str]
@@ -54,7 +54,9 @@ class Program:
     """The map of the scenario that the choices were made for."""
 
     @classmethod
-    def beginning_with(cls, name: str, source: str, scenario: Scenario, choices: Choices) -> "Program":
+    def beginning_with(
+        cls, name: str, source: str, scenario: Scenario, choices: Choices
+    ) -> "ScenarioCatalog":
         """Return the shipped scenarios, and the one that is run first, if it is a file."""
         shipped = {shipped: shipped for shipped in scenario_names()}
         return cls(sources=shipped | {name: source}, choices=choices, room=_room(scenario))
@@ -79,7 +81,7 @@ class Program:
         localizes = now.localizes if query.localizes is None else query.localizes
         choices = self._fitting(scenario, localize=localizes)
         people = len(now.users) if query.users is None else query.users
-        launches = staged(scenario, choices, people)
+        launches = scenario_launches(scenario, choices, people)
         check_launches(launches, now.link.addresses)
         return dataclasses.replace(
             now,
@@ -96,7 +98,7 @@ class Program:
         try:
             scenario = read_scenario(source)
             choices = self._fitting(scenario, localize=self.choices.localize)
-            check_launches(staged(scenario, choices, 1))
+            check_launches(scenario_launches(scenario, choices, 1))
         except ConfigError:
             return False
         return True

@@ -8,7 +8,7 @@ from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Launch
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings, Wearing
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, minute, offset_in_use
 
@@ -44,10 +44,10 @@ def kept_mountings(launches: Sequence[Launch]) -> Iterator[str]:
         if not isinstance(launch.config, ImuBridgeConfig):
             continue
         try:
-            kept = StateFile(KeptMountings, launch.user, PURPOSE).read()
+            kept = StateFile(StoredMountings, launch.user, PURPOSE).read()
         except ConfigError:
             continue  # the service says so itself, and goes on without
-        if kept is not None and Wearing(launch.config, kept).is_measured:
+        if kept is not None and MountingSelection(launch.config, kept).is_measured:
             since = minute(kept.by_source[launch.config.source].set_ns)
             forget = f"`pointit calibrate mounting {launch.user} --erase` forgets it"
             yield f"{launch.user}: a mounting of {since} is in use; {forget}"

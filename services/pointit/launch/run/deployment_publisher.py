@@ -18,7 +18,7 @@ Line = tuple[Launch, tuple[str, ...]]
 """A service, and the command that starts it again."""
 
 
-class Notice:
+class DeploymentPublisher:
     """The deployment of what runs now; there is one at a time."""
 
     def __init__(self, bus: Bus) -> None:
@@ -35,7 +35,7 @@ class Notice:
         """Tell what `plan` runs, in place of what was told before."""
         name = plan.name if plan.person else f"{RUN}{plan.name}"
         if self._publisher is None or self._name != name:
-            self.take_down()
+            self.retract()
             self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
             self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
         self._stamp_ns, self._is_anothers = time.time_ns(), False
@@ -55,13 +55,13 @@ class Notice:
             )
         )
 
-    def take_down(self) -> None:
+    def retract(self) -> None:
         """Tell that nothing of it is to run any more, unless the name went over to another process."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
             if not self._is_anothers:
                 publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
-            publisher.retire()
+            publisher.close_nowait()
         if self._hearing is not None:
             self._hearing.close()
             self._hearing = None

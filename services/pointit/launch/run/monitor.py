@@ -136,7 +136,7 @@ class Monitor:
         """Return how many frames a second the link of each controller carries on average, by its port."""
         return {port: sum_hz / count for port, (sum_hz, count) in dict(self._light_hz).items()}
 
-    def complaints(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Return what the services last said is wrong, each with who says it."""
         return [f"{name}: {said}" for name, health in self.health.items() for said in health.warnings]
 

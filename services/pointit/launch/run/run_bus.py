@@ -6,7 +6,7 @@ import logging
 
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S, refuse_names_in_use
-from pointit.runtime.bus.contract import present
+from pointit.runtime.bus.contract import list_present
 from pointit.runtime.clock import Clock, SimulatedClock, SiteClock, WallClock
 from pointit.runtime.errors import ListenError
 from pointit.runtime.link.link import Link
@@ -51,12 +51,12 @@ async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:
         return SimulatedClock(plan.speed)
     if bus.link.connect:
         clock = SiteClock(bus)
-        await clock.found(CLOCK_PATIENCE_S)
+        await clock.wait_for_tick(CLOCK_PATIENCE_S)
         return clock
     return WallClock()
 
 
-async def beside_others(plan: Plan, bus: ZenohBus) -> Plan:
+async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
     """Return the plan as it is run beside who is on the site already: without a page where there is one.
 
     Raises:
@@ -65,7 +65,7 @@ async def beside_others(plan: Plan, bus: ZenohBus) -> Plan:
     if not bus.link.connect:
         return plan
     there, _ = await asyncio.gather(
-        present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S), refuse_names_in_use(bus, set(plan.users))
+        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S), refuse_names_in_use(bus, set(plan.users))
     )
     if plan.page is None or plan.page.instance not in there:
         return plan

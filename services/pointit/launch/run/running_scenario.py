@@ -8,14 +8,14 @@ from typing import cast
 
 from pointit.launch.plan.page import Page
 from pointit.launch.plan.plan import Plan
-from pointit.launch.run.deployment_publisher import Line, Notice
+from pointit.launch.run.deployment_publisher import DeploymentPublisher, Line
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
-from pointit.launch.run.service_group import Cast
+from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.instance_takeover import claim
+from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE
@@ -32,7 +32,7 @@ Tell = Callable[[str], object]
 """Says a sentence to the person: in the log, or above the view."""
 
 
-class Stage:
+class RunningScenario:
     """What runs, here or as processes; the page beside it stays whatever is run."""
 
     def __init__(
@@ -68,9 +68,9 @@ class Stage:
         self._news = news
         self._on_end = on_end
         self._on_page = on_page
-        self._notice = Notice(bus)
-        self._cast: Cast | None = None
-        self._page: Cast | None = None
+        self._notice = DeploymentPublisher(bus)
+        self._cast: ServiceGroup | None = None
+        self._page: ServiceGroup | None = None
         self._page_is_lost = False
         self._opening: asyncio.Task[None] | None = None
 
@@ -106,7 +106,7 @@ class Stage:
         if self.plan.page is not None:
             self._opening = asyncio.create_task(self._open(self.plan.page), name="opening the page")
 
-    async def change(self, plan: Plan) -> None:
+    async def switch_to(self, plan: Plan) -> None:
         """Run `plan` in place of what runs; if it cannot begin, what runs now begins again.
 
         Raises:
@@ -136,7 +136,7 @@ class Stage:
             self._opening.cancel()
             await asyncio.wait({self._opening})
         if not self.has_ended:  # else it failed, and is missed
-            self._notice.take_down()
+            self._notice.retract()
         casts = [cast for cast in (self._cast, self._page) if cast is not None]
         await asyncio.gather(*(cast.end() for cast in casts))
         if self._cast is not None:
@@ -147,7 +147,7 @@ class Stage:
         self.monitor = Monitor(Score(plan.target_kinds), self.clock, person=plan.person, tell=self._news)
         self.monitor.attach(self.bus)
         for launch in plan.launches:
-            launch.service.begin_anew(self.bus.link.site, self.clock.now_ns())
+            launch.service.discard_saved_state(self.bus.link.site, self.clock.now_ns())
         self._cast = self._cast_of(plan.launches, on_end=self._on_end)
         where = (self.bus.link.listen or self.bus.link.connect)[0]
         names = ", ".join(launch.instance for launch in plan.launches)
@@ -158,7 +158,7 @@ class Stage:
 
     async def _strike(self) -> None:
         """End the scenario; return when nothing of it is told any more."""
-        self._notice.take_down()
+        self._notice.retract()
         if self._cast is not None:
             await self._cast.end()
             self._cast = None
@@ -166,8 +166,8 @@ class Stage:
         self.monitor.detach()
         await asyncio.sleep(GONE_S)
 
-    def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> Cast:
-        return Cast(launches, self.bus, self.clock, processes=self.plan.processes, on_end=on_end)
+    def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> ServiceGroup:
+        return ServiceGroup(launches, self.bus, self.clock, processes=self.plan.processes, on_end=on_end)
 
     async def _open(self, page: Page) -> None:
         try:
@@ -204,10 +204,10 @@ async def refuse_names_in_use(bus: ZenohBus, users: set[str]) -> None:
     Raises:
         ConfigError: somebody does, and is well.
     """
-    await claim(bus, USER_ALIVE, users)
+    await claim_names(bus, USER_ALIVE, users)
 
 
-def _lines(cast: Cast | None) -> list[Line]:
+def _lines(cast: ServiceGroup | None) -> list[Line]:
     return [] if cast is None else list(zip(cast.launches, cast.commands(), strict=True))
 
 

@@ -5,12 +5,12 @@ from collections import deque
 from collections.abc import Callable
 
 from pointit.launch.plan.plan import Plan
-from pointit.launch.run.running_scenario import Stage
+from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.schemas import Done, RunScenario, SchemaError
 
 
-class Wishes:
+class ScenarioRequests:
     """What was asked for and is not answered yet; in the loop."""
 
     def __init__(self, on_wish: Callable[[], None]) -> None:
@@ -29,11 +29,11 @@ class Wishes:
         self._on_wish()
         return await answer
 
-    async def grant(self, stage: Stage) -> None:
+    async def apply_next(self, stage: RunningScenario) -> None:
         """Change what `stage` runs to what was asked for first."""
         query, answer = self._waiting.popleft()
         try:
-            await stage.change(await _plan(query, stage.plan))
+            await stage.switch_to(await _plan(query, stage.plan))
         except (PointItError, SchemaError) as error:
             if not answer.done():
                 answer.set_exception(RefusedError(str(error)))

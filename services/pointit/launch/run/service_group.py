@@ -15,7 +15,7 @@ SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
 """An assignment whose value is nobody else's business."""
 
 
-class Cast:
+class ServiceGroup:
     """Launches on a bus; `on_end` is called when they end before they are asked to."""
 
     def __init__(
@@ -43,7 +43,7 @@ class Cast:
     def commands(self) -> list[tuple[str, ...]]:
         """Return what starts each launch again, without secrets: it is told to everybody."""
         if self._children is None:
-            return [("pointit", *shown(sys.argv[1:]))] * len(self.launches)
+            return [("pointit", *redact_secrets(sys.argv[1:]))] * len(self.launches)
         return [self._children.command(launch) for launch in self.launches]
 
     async def begin(self) -> None:
@@ -98,6 +98,6 @@ class Cast:
             await asyncio.wait({self._work})
 
 
-def shown(arguments: Sequence[str]) -> list[str]:
+def redact_secrets(arguments: Sequence[str]) -> list[str]:
     """Return what was typed, with the values of secrets left out."""
     return [SECRET.sub(r"\1…", argument) for argument in arguments]

@@ -123,7 +123,7 @@ class Processes:
             how = f"was ended by {signal.Signals(-code).name}"
         else:
             how = f"ended with exit code {code}"
-            if why := last_words(path):
+            if why := last_log_error(path):
                 how += f": {why}"
         log.error(
             "%s %s; start it again with: %s (its log: %s)",
@@ -134,7 +134,7 @@ class Processes:
         )
 
 
-def last_words(path: Path) -> str:
+def last_log_error(path: Path) -> str:
     """Return the error with which a service ended, from its log, or else the log's last line."""
     try:
         with path.open("rb") as file:

@@ -11,7 +11,7 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.lanes import Lane, enters_at, leaves_at
 from pointit.maps.model import LinkEntry, MapFile
-from pointit.runtime.config.validation_message import listed
+from pointit.runtime.config.validation_message import join_names
 
 AT_END_M = 0.05
 """So near to a line's end is at its end."""
@@ -212,6 +212,6 @@ def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterat
         members = {int(index) for index in np.flatnonzero((circle == number) & ~saved)}
         if not any(first in members and then in members for first, then in pairs):
             continue
-        names = listed(dict.fromkeys(links[index].target for index in sorted(members)))
+        names = join_names(dict.fromkeys(links[index].target for index in sorted(members)))
         text = f"things on {names} go round for ever; link one of these to a belt that"
         yield error("links", f"{text} has a bay") if bays else warning("links", f"{text} ends")

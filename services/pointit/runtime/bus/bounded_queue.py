@@ -22,7 +22,7 @@ SHOWN_S = 5.0
 LOG_PERIOD_S = 1.0
 
 
-class TurnedAway:
+class OverflowCounter:
     """Who found a line full, of all lines of a process; counted on any thread."""
 
     def __init__(self) -> None:
@@ -40,9 +40,9 @@ class TurnedAway:
             if now_s - self._logged_s < LOG_PERIOD_S:
                 return
             self._logged_s = now_s
-        log.warning("%s", self.trouble(now_s))
+        log.warning("%s", self.problem(now_s))
 
-    def trouble(self, now_s: float) -> str:
+    def problem(self, now_s: float) -> str:
         """Return one sentence while this is so, or was a moment ago; empty otherwise."""
         with self._lock:
             if now_s - self._last_s > SHOWN_S:
@@ -54,10 +54,10 @@ class TurnedAway:
             )
 
 
-class WaitingLine(Generic[T]):
+class BoundedWorkQueue(Generic[T]):
     """Takes items on any thread and works on them in the loop that it was made in, one after another."""
 
-    def __init__(self, key: str, work: Callable[[T], Iterable[object]], turned_away: TurnedAway) -> None:
+    def __init__(self, key: str, work: Callable[[T], Iterable[object]], turned_away: OverflowCounter) -> None:
         """Begin empty.
 
         Args:

@@ -45,7 +45,7 @@ UNDECLARE_S = 0.25
 
 
 @dataclass(slots=True)
-class Traffic:
+class SubscriptionStats:
     """What a subscription has seen since it began."""
 
     received: int = 0
@@ -78,7 +78,7 @@ class Publisher(Closable, Protocol[M_contra]):
         """
         ...
 
-    def retire(self) -> None:
+    def close_nowait(self) -> None:
         """Close, where much else closes too: other processes may see the writer a moment longer."""
         ...
 
@@ -87,7 +87,7 @@ class Subscription(Closable, Protocol):
     """Reads one topic."""
 
     @property
-    def traffic(self) -> Traffic:
+    def traffic(self) -> SubscriptionStats:
         """Return the live counters."""
         ...
 
@@ -111,12 +111,12 @@ class Bus(Protocol):
 
         *latest* and *state* keep the newest a key until handled; *event* keeps `EVENT_CAPACITY` in order.
         A reader of *state* gets the last value at once, when a writer that has put one is there, or else
-        from who keeps it (see `keep`), unless `kept` is false; a reader of *event* gets what is put from
-        now on.
+        from who keeps it (see `serve_retained`), unless `kept` is false; a reader of *event* gets what is put
+        from now on.
         """
         ...
 
-    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+    def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics`, which are states, that are gone.
 
         Each reader gets what `recall` yields, once: those there are now, and those that come when they
@@ -151,7 +151,7 @@ class Bus(Protocol):
         ...
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return one sentence on what is wrong with the bus itself; empty when nothing is."""
         ...
 
@@ -160,7 +160,7 @@ class Bus(Protocol):
         ...
 
 
-async def present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
+async def list_present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
     """Return the names that are present now, as far as they are known after `wait_s` (ms on one machine).
 
     Whoever is about to announce a name asks first, and refuses one that is in use.

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from pointit.runtime.bus.contract import AnyTopic, Recall, Traffic
+from pointit.runtime.bus.contract import AnyTopic, Recall, SubscriptionStats
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.errors import BusClosedError
@@ -60,7 +60,7 @@ class MemoryPublisher(Generic[M]):
         """Undeclare; a state's last value goes with its writer."""
         self._declaration.close()
 
-    def retire(self) -> None:
+    def close_nowait(self) -> None:
         """Write no more."""
         self.close()
 
@@ -86,10 +86,10 @@ class MailboxSubscription:
                 if name in (ANY, key):
                     mailbox.offer(key, state)
             for keeping in bus.exchange.keepings:
-                keeping.hand_over(topic, name, mailbox)
+                keeping.deliver(topic, name, mailbox)
 
     @property
-    def traffic(self) -> Traffic:
+    def traffic(self) -> SubscriptionStats:
         """Return the live counters."""
         return self._mailbox.traffic
 
@@ -102,7 +102,7 @@ class MailboxSubscription:
         self._readers.remove(self._entry)
 
 
-class Keeping:
+class RetainedStateServer:
     """What somebody keeps of states: handed over to the readers there are, and to each that comes."""
 
     def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
@@ -113,14 +113,14 @@ class Keeping:
         self._declaration = Declaration(bus, self._undeclare)
         for topic in topics:
             for wanted, mailbox in bus.exchange.readers_of(topic):
-                self.hand_over(topic, wanted, mailbox)
+                self.deliver(topic, wanted, mailbox)
 
-    def hand_over(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
+    def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
         """Offer what is kept of `topic` under the name `wanted`, or under all."""
-        if topic.key in self._keys and mailbox.takes_kept:
+        if topic.key in self._keys and mailbox.accepts_retained:
             for name, message in self.recall(topic):
                 if wanted in (ANY, name):
-                    mailbox.offer_kept(name, message)
+                    mailbox.offer_retained(name, message)
 
     def close(self) -> None:
         """Answer no longer."""
@@ -130,7 +130,7 @@ class Keeping:
         self._keepings.remove(self)
 
 
-class Watcher:
+class PresenceWatcher:
     """Tells a handler who is present, each change once."""
 
     def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
@@ -142,7 +142,7 @@ class Watcher:
         self._watchers.append(self)
         self._declaration = Declaration(bus, self._undeclare)
 
-    def tell(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+    def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
         if not self._open or present == (name in self._known):
             return

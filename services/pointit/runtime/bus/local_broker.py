@@ -22,7 +22,7 @@ class RequestServer(Protocol[Q_contra, R_co]):
     wanted: str
     """The name it answers for, `*` for all."""
 
-    def start(self, query: Q_contra, name: str) -> asyncio.Task[R_co]:
+    def handle(self, query: Q_contra, name: str) -> asyncio.Task[R_co]:
         """Begin to answer `query`; the task raises nothing but `RefusedError`."""
         ...
 
@@ -30,7 +30,7 @@ class RequestServer(Protocol[Q_contra, R_co]):
 class KeptStates(Protocol):
     """Has the last states of writers that are gone."""
 
-    def hand_over(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
+    def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
         """Offer what is kept of `topic` under the name `wanted`, or under all."""
         ...
 
@@ -38,12 +38,12 @@ class KeptStates(Protocol):
 class PresenceWatcher(Protocol):
     """Learns who is present."""
 
-    def tell(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+    def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         """Say that `name` is there or gone."""
         ...
 
 
-class Exchange:
+class LocalBroker:
     """What participants of one process share: readers, last values, servers, presence."""
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class Exchange:
         """Return the live list of readers, for writers to keep."""
         return self.readers.setdefault(topic.key, [])
 
-    def desk_of(self, request: Request[Q, R], name: str) -> RequestServer[Q, R] | None:
+    def handler_for(self, request: Request[Q, R], name: str) -> RequestServer[Q, R] | None:
         """Return who answers `request` for `name` in this process."""
         for desk in self.desks.get(request.key, ()):
             if desk.wanted in (ANY, name):
@@ -74,9 +74,9 @@ class Exchange:
 class Participant:
     """What the ends of a bus need of it: the exchange, its declarations, tasks that end with it."""
 
-    def __init__(self, exchange: Exchange | None = None) -> None:
+    def __init__(self, exchange: LocalBroker | None = None) -> None:
         """Join `exchange`, or a new one; must be called in the event loop that will run the tasks."""
-        self.exchange = exchange if exchange is not None else Exchange()
+        self.exchange = exchange if exchange is not None else LocalBroker()
         self.declarations: set[Closable] = set()
         self._loop = asyncio.get_running_loop()
         self._closed = self._loop.create_future()

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, Traffic
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
 
@@ -26,7 +26,7 @@ LOG_PERIOD_S = 1.0
 """At most one log line per topic and kind of trouble in this time; one per handler that fails."""
 
 
-class Drained(Protocol):
+class Drainable(Protocol):
     """What fills on any thread and is emptied in the loop; `Mailbox` is one."""
 
     def drain(self) -> None:
@@ -40,13 +40,13 @@ class Dispatcher:
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
-        self._ready: collections.deque[Drained] = collections.deque()
+        self._ready: collections.deque[Drainable] = collections.deque()
         self._awake = False
         self._closed = False
         self._log_lock = threading.Lock()
         self._logged_s: dict[tuple[str, str], float] = {}
 
-    def may_log(self, key: str, what: str) -> bool:
+    def should_log(self, key: str, what: str) -> bool:
         """Return whether it is time for a line on `what` about the topic `key`; from any thread."""
         now_s = time.monotonic()
         with self._log_lock:
@@ -55,7 +55,7 @@ class Dispatcher:
             self._logged_s[key, what] = now_s
             return True
 
-    def mark(self, mailbox: Drained) -> None:
+    def schedule(self, mailbox: Drainable) -> None:
         """Have `mailbox` drained soon; from any thread."""
         self._ready.append(mailbox)
         if not self._awake:
@@ -115,7 +115,7 @@ class Mailbox:
             kept: take what was kept of a state whose writer may be gone.
         """
         self.topic = topic
-        self.traffic = Traffic()
+        self.traffic = SubscriptionStats()
         self._handler = handler
         self._dispatcher = dispatcher
         self._unpack = unpack
@@ -136,8 +136,8 @@ class Mailbox:
         """By name: what was kept and is not handled yet."""
 
     @property
-    def takes_kept(self) -> bool:
-        """Return whether `offer_kept` has a meaning now."""
+    def accepts_retained(self) -> bool:
+        """Return whether `offer_retained` has a meaning now."""
         return self._takes_kept and not self._closed
 
     def offer(self, name: str, item: Any) -> None:
@@ -157,15 +157,15 @@ class Mailbox:
             if self._marked:
                 return
             self._marked = True
-        self._dispatcher.mark(self)
+        self._dispatcher.schedule(self)
 
-    def offer_kept(self, name: str, message: Message) -> None:
+    def offer_retained(self, name: str, message: Message) -> None:
         """Take what somebody has kept of a state; in the loop.
 
         What a living writer puts wins, whether it comes before or after; of what is kept, the newer by
         stamp and number.
         """
-        if not self.takes_kept or name in self._live:
+        if not self.accepts_retained or name in self._live:
             return
         known = self._kept.get(name) or self._recalled.get(name)
         if known is not None and (message.stamp_ns, message.seq) <= (known.stamp_ns, known.seq):
@@ -176,7 +176,7 @@ class Mailbox:
             if self._marked:
                 return
             self._marked = True
-        self._dispatcher.mark(self)
+        self._dispatcher.schedule(self)
 
     def drain(self) -> None:
         """Handle everything that is there; in the loop."""
@@ -224,14 +224,14 @@ class Mailbox:
             if self._may_log(f"error {id(self)}"):
                 log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
 
-    def reject(self, reason: object) -> None:
+    def count_invalid(self, reason: object) -> None:
         """Count what came and cannot be taken, and say why; from any thread."""
         with self._lock:
             self.traffic.invalid += 1
         if self._may_log("invalid"):
             log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
 
-    def lose(self, count: int) -> None:
+    def count_lost(self, count: int) -> None:
         """Count events that were sent and never came; from any thread."""
         with self._lock:
             self.traffic.lost += count
@@ -251,10 +251,10 @@ class Mailbox:
         try:
             return self._unpack(item) if self._unpack else None
         except DecodeError as error:
-            self.reject(error)
+            self.count_invalid(error)
         except Exception as error:  # noqa: BLE001 - whatever foreign bytes provoke, they stop nobody
-            self.reject(f"{type(error).__name__}: {error}")
+            self.count_invalid(f"{type(error).__name__}: {error}")
         return None
 
     def _may_log(self, what: str) -> bool:
-        return self._dispatcher.may_log(self.topic.key, what)
+        return self._dispatcher.should_log(self.topic.key, what)

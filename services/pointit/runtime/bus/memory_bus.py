@@ -1,6 +1,6 @@
 """The bus within one process: for tests, for `sim`, and as the inner half of the Zenoh bus.
 
-Several buses may share one `Exchange`; each stands for one participant.
+Several buses may share one `LocalBroker`; each stands for one participant.
 """
 
 import asyncio
@@ -17,10 +17,16 @@ from pointit.runtime.bus.contract import (
     Server,
     Subscription,
 )
-from pointit.runtime.bus.endpoints import Declaration, Keeping, MailboxSubscription, MemoryPublisher, Watcher
-from pointit.runtime.bus.local_broker import Exchange, Participant
+from pointit.runtime.bus.endpoints import (
+    Declaration,
+    MailboxSubscription,
+    MemoryPublisher,
+    PresenceWatcher,
+    RetainedStateServer,
+)
+from pointit.runtime.bus.local_broker import LocalBroker, Participant
 from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
-from pointit.runtime.bus.request_handler import Desk, no_answer, shutting_down
+from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Presence, Request, Topic
@@ -38,7 +44,7 @@ log = logging.getLogger(__name__)
 class MemoryBus(Participant):
     """A participant of an exchange; see `pointit.runtime.bus.contract.Bus` for the contract."""
 
-    def __init__(self, exchange: Exchange | None = None) -> None:
+    def __init__(self, exchange: LocalBroker | None = None) -> None:
         """Join `exchange`, or a new one; must be called in the event loop that will run the handlers."""
         super().__init__(exchange)
         self.dispatcher = Dispatcher()
@@ -49,7 +55,7 @@ class MemoryBus(Participant):
         return "memory"
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return nothing: this bus works or is closed."""
         return ""
 
@@ -65,16 +71,16 @@ class MemoryBus(Participant):
         self._check_open()
         return MailboxSubscription(self, topic, Mailbox(topic, handler, self.dispatcher, kept=kept), name)
 
-    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+    def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics` that are gone."""
         self._check_open()
-        return Keeping(self, topics, recall)
+        return RetainedStateServer(self, topics, recall)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
         self._check_open()
         request.at(name)
-        return Desk(self, request, server, name)
+        return RequestHandler(self, request, server, name)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -82,10 +88,10 @@ class MemoryBus(Participant):
         """Return the reply of whoever serves `request` in this process."""
         self._check_open()
         key = request.at(name)
-        desk = self.exchange.desk_of(request, name)
+        desk = self.exchange.handler_for(request, name)
         if desk is None:
             raise no_answer(request, key)
-        return await self._wait_for(desk.start(query, name), request, key, timeout_s)
+        return await self._wait_for(desk.handle(query, name), request, key, timeout_s)
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed."""
@@ -107,9 +113,9 @@ class MemoryBus(Participant):
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
-        watcher = Watcher(self, presence, handler)
+        watcher = PresenceWatcher(self, presence, handler)
         for name in self.exchange.present.get(presence.key, {}):
-            self._loop.call_soon(watcher.tell, name, True)
+            self._loop.call_soon(watcher.notify, name, True)
         return watcher
 
     async def close(self) -> None:
@@ -143,7 +149,7 @@ class MemoryBus(Participant):
 
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
         for watcher in self.exchange.watchers.get(presence.key, ()):
-            self._loop.call_soon(watcher.tell, name, present)
+            self._loop.call_soon(watcher.notify, name, present)
 
     def _check_open(self) -> None:
         if self._closed.done():

@@ -29,12 +29,12 @@ class Places:
         return name in self._kept.get(placeholder, ())
 
 
-def limit_of(placeholder: str) -> int:
+def max_names_for(placeholder: str) -> int:
     """Return how many names a reader takes for `{placeholder}` of a key."""
     return MAX_USERS if placeholder == "user" else MAX_NAMES
 
 
-class Names:
+class NameLimiter:
     """The names one reader hears; from any thread.
 
     Readers keep something for each name (a publisher, a tracker), so a flood of new ones would take the
@@ -51,7 +51,7 @@ class Names:
         """
         self._places = places
         self._what = placeholder or "name"
-        self._limit = limit_of(placeholder)
+        self._limit = max_names_for(placeholder)
         self._name_in = name_in
         self._lock = threading.Lock()
         self._heard: collections.OrderedDict[str, tuple[str, float]] = collections.OrderedDict()

@@ -17,7 +17,7 @@ R = TypeVar("R", bound=Reply)
 log = logging.getLogger(__name__)
 
 
-class Desk(Generic[Q, R]):
+class RequestHandler(Generic[Q, R]):
     """Where one request is answered: each answer is a task that ends with the desk, not with its caller."""
 
     def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
@@ -30,7 +30,7 @@ class Desk(Generic[Q, R]):
         self._desks.append(self)
         self._declaration = Declaration(bus, self._undeclare)
 
-    def start(self, query: Q, name: str) -> asyncio.Task[R]:
+    def handle(self, query: Q, name: str) -> asyncio.Task[R]:
         """Begin to answer `query`; the task raises nothing but `RefusedError`."""
         is_busy = len(self._answers) >= MAX_IN_FLIGHT
         task = self._bus.spawn(self._answer(query, name, is_busy=is_busy), f"serve {self.request.key}")

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from pointit.runtime.config.validation_message import complaint
+from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
 
 C = TypeVar("C", bound="Config")
@@ -76,7 +76,7 @@ class Layers:
             return kind.model_validate(self.values)
         except ValidationError as error:
             loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
-            raise ConfigError(f"{self._source_of(loc)}: {complaint(error, kind)}") from error
+            raise ConfigError(f"{self._source_of(loc)}: {describe_validation_error(error, kind)}") from error
 
     def _lay(self, values: Mapping[str, Any], source: str) -> None:
         self._sources.setdefault((), source)  # of a value that is missing

@@ -12,7 +12,7 @@ from pydantic_core import PydanticUndefined
 
 
 @dataclass(frozen=True)
-class Leaf:
+class ParameterInfo:
     """One parameter of a configuration tree."""
 
     path: tuple[str, ...]
@@ -41,14 +41,14 @@ class Leaf:
         return _type_name(self.field.annotation)
 
 
-def leaves(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[Leaf]:
+def iter_parameters(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[ParameterInfo]:
     """Yield the parameters of `kind`, nested trees flattened."""
     for name, field in kind.model_fields.items():
         annotation = field.annotation
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            yield from leaves(annotation, (*prefix, name))
+            yield from iter_parameters(annotation, (*prefix, name))
         else:
-            yield Leaf((*prefix, name), field)
+            yield ParameterInfo((*prefix, name), field)
 
 
 def _type_name(annotation: Any) -> str:

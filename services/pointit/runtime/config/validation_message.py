@@ -31,7 +31,7 @@ _WANTED = {
 """By what pydantic calls a mistake, or by the first word of it (`int_parsing`, `int_type`)."""
 
 
-def complaint(error: ValidationError, kind: type[BaseModel]) -> str:
+def describe_validation_error(error: ValidationError, kind: type[BaseModel]) -> str:
     """Return the first mistake that `error` finds in a `kind`: field, what to do, value, how many more."""
     details = error.errors(include_url=False)
     first = details[0]
@@ -39,20 +39,23 @@ def complaint(error: ValidationError, kind: type[BaseModel]) -> str:
     if first["type"] == "extra_forbidden":
         *parents, name = (str(part) for part in first["loc"])
         model = _model_at(kind, first["loc"][:-1])
-        where, text = ".".join(parents), unknown(name, () if model is None else field_names(model))
+        where, text = (
+            ".".join(parents),
+            unknown_parameter_message(name, () if model is None else field_names(model)),
+        )
     elif first["type"] == "missing":
         text = _missing(first)
     else:
-        text = f"{_wanted(first, kind)} (got {shown(first['input'])})"
-    return f"{where}: {text}{more_mistakes(len(details) - 1)}" if where else text
+        text = f"{_wanted(first, kind)} (got {format_value(first['input'])})"
+    return f"{where}: {text}{more_errors_suffix(len(details) - 1)}" if where else text
 
 
-def unknown(name: str, known: Sequence[str]) -> str:
+def unknown_parameter_message(name: str, known: Sequence[str]) -> str:
     """Return that there is no parameter `name`, and which of those that are `known` may be meant."""
     near = difflib.get_close_matches(name, known, n=1)
     if near:
         return f"no parameter {name}; did you mean {near[0]}?"
-    return f"no parameter {name}; there are {listed(known)}" if known else f"no parameter {name}"
+    return f"no parameter {name}; there are {join_names(known)}" if known else f"no parameter {name}"
 
 
 def field_names(model: type[BaseModel]) -> list[str]:
@@ -60,17 +63,17 @@ def field_names(model: type[BaseModel]) -> list[str]:
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
-def more_mistakes(count: int) -> str:
+def more_errors_suffix(count: int) -> str:
     """Return the end of a sentence that told one mistake of `count` more."""
     return "" if count < 1 else f" (and {count} more mistake{'s' if count > 1 else ''})"
 
 
-def listed(names: Iterable[object]) -> str:
+def join_names(names: Iterable[object]) -> str:
     """Return `names` as a sentence lists them."""
     return ", ".join(str(name) for name in names)
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Return `value` as a sentence can show it."""
     text = repr(value)
     return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
@@ -78,7 +81,7 @@ def shown(value: object) -> str:
 
 def _missing(detail: ErrorDetails) -> str:
     if isinstance(detail["loc"][-1], int):
-        return f"is missing in {shown(detail['input'])}; write as many values as are wanted"
+        return f"is missing in {format_value(detail['input'])}; write as many values as are wanted"
     return "is missing; give it a value"
 
 
@@ -86,7 +89,7 @@ def _wanted(detail: ErrorDetails, kind: type[BaseModel]) -> str:
     what = detail["type"]
     if what in ("model_type", "model_attributes_type", "dataclass_type"):
         model = _model_at(kind, detail["loc"])
-        return f"write a mapping with {listed(field_names(model))}" if model else "write a mapping"
+        return f"write a mapping with {join_names(field_names(model))}" if model else "write a mapping"
     wanted = _WANTED.get(what) or (
         _WANTED.get(what.partition("_")[0]) if what.endswith(("_type", "_parsing", "_from_float")) else None
     )

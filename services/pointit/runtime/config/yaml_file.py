@@ -25,7 +25,7 @@ MAX_YAML_BYTES = 4 * 1024 * 1024
 """Of a file that is read; the C loader takes some seconds for it."""
 
 
-def refuse_depth(text: str) -> None:
+def check_nesting_depth(text: str) -> None:
     """Refuse what is nested so deeply that the loader in C would run out of stack, and end the process.
 
     Raises:
@@ -93,7 +93,7 @@ def parse_yaml(content: bytes, path: Path | str) -> dict[str, Any]:
 
 
 def _load_yaml(text: str) -> Any:
-    refuse_depth(text)
+    check_nesting_depth(text)
     loader = Loader(text)
     try:
         root = loader.get_single_node()

@@ -24,14 +24,14 @@ MAX_TOKEN_CHARACTERS = 5000
 """What is longer is cut: nobody can read it, but it is there."""
 
 
-class TokenReader:
+class LivelinessSubscriber:
     """Reads who is present: the last word on each token waits for the loop."""
 
     def __init__(
         self,
         dispatcher: Dispatcher,
         handler: Callable[[Mapping[str, bool]], None],
-        on_close: Callable[["TokenReader"], None],
+        on_close: Callable[["LivelinessSubscriber"], None],
     ) -> None:
         self.dropped = 0
         """Changes that were too many."""
@@ -95,7 +95,7 @@ class TokenReader:
             if self._marked:
                 return
             self._marked = True
-        self._dispatcher.mark(self)
+        self._dispatcher.schedule(self)
 
     def drain(self) -> None:
         """Tell what has changed; in the loop."""

@@ -27,7 +27,7 @@ MAX_ATTACHMENT_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Packet:
+class RawSample:
     """What somebody has put."""
 
     key: str
@@ -48,7 +48,7 @@ class PlainTraffic:
     """Handlers that failed."""
 
 
-class PlainWriter:
+class RawPublisher:
     """Writes one key."""
 
     def __init__(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
@@ -102,18 +102,18 @@ class PlainWriter:
             self._writer.undeclare()
 
 
-class PlainReader:
+class RawSubscriber:
     """Reads one key: a queue between Zenoh's threads and the loop."""
 
     def __init__(
         self,
         dispatcher: Dispatcher,
-        handler: Callable[[Packet], None],
+        handler: Callable[[RawSample], None],
         *,
         on_loss: Callable[[PlainTraffic], None] | None,
         capacity: int,
         max_bytes: int,
-        on_close: Callable[["PlainReader"], None],
+        on_close: Callable[["RawSubscriber"], None],
     ) -> None:
         self.traffic = PlainTraffic()
         self._dispatcher = dispatcher
@@ -180,7 +180,7 @@ class PlainReader:
             if self._marked:
                 return
             self._marked = True
-        self._dispatcher.mark(self)
+        self._dispatcher.schedule(self)
 
     def drain(self) -> None:
         """Handle what waits; in the loop."""
@@ -196,7 +196,7 @@ class PlainReader:
             if self._closed:
                 return
             attachment = sample.attachment
-            packet = Packet(
+            packet = RawSample(
                 str(sample.key_expr),
                 sample.payload.to_bytes(),
                 None if attachment is None else attachment.to_bytes(),

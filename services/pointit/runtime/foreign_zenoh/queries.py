@@ -24,7 +24,7 @@ MAX_ANSWERS = 16
 """To one question that wait for the loop; more are not looked at."""
 
 
-class Ask:
+class IncomingQuery:
     """A question that must be answered, once: otherwise who asks waits for a time-out."""
 
     def __init__(self, query: zenoh.Query, done: Callable[[], None]) -> None:
@@ -69,11 +69,14 @@ def _refuse(query: zenoh.Query, reason: str) -> None:
         query.reply_err(reason.encode()[:MAX_REASON_BYTES])
 
 
-class PlainDesk:
+class RawQueryable:
     """Where questions come in."""
 
     def __init__(
-        self, handler: Callable[[Ask], None], max_bytes: int, on_close: Callable[["PlainDesk"], None]
+        self,
+        handler: Callable[[IncomingQuery], None],
+        max_bytes: int,
+        on_close: Callable[["RawQueryable"], None],
     ) -> None:
         self._handler = handler
         self._max_bytes = max_bytes
@@ -107,7 +110,7 @@ class PlainDesk:
         if reason:
             _refuse(query, reason)
             return
-        ask = Ask(query, self._release)
+        ask = IncomingQuery(query, self._release)
         try:
             self._loop.call_soon_threadsafe(self._receive, ask)
         except RuntimeError:  # the loop is gone
@@ -129,7 +132,7 @@ class PlainDesk:
         with self._lock:
             self._open -= 1
 
-    def _receive(self, ask: Ask) -> None:
+    def _receive(self, ask: IncomingQuery) -> None:
         if self._closed:
             ask.drop()
         else:
@@ -137,7 +140,7 @@ class PlainDesk:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class QueryReply:
     """One answer, or why there is none."""
 
     payload: bytes
@@ -145,7 +148,7 @@ class Answer:
     refusal: str = ""
 
 
-class PlainAsker:
+class RawQuerier:
     """Asks at one key."""
 
     def __init__(
@@ -153,7 +156,7 @@ class PlainAsker:
         session: zenoh.Session,
         key: str,
         max_bytes: int,
-        on_close: Callable[["PlainAsker"], None],
+        on_close: Callable[["RawQuerier"], None],
     ) -> None:
         self._max_bytes = max_bytes
         self._on_close = on_close
@@ -188,16 +191,16 @@ class PlainAsker:
             if not self._closed:
                 listener.undeclare()
 
-    async def ask(self, payload: bytes, attachment: bytes | None) -> AsyncGenerator[Answer]:
+    async def ask(self, payload: bytes, attachment: bytes | None) -> AsyncGenerator[QueryReply]:
         """Yield the answers as they come, until everybody has answered; closing takes the question back."""
-        waiting: asyncio.Queue[Answer | None] = asyncio.Queue()
+        waiting: asyncio.Queue[QueryReply | None] = asyncio.Queue()
         token = zenoh.CancellationToken()
 
         def take(reply: zenoh.Reply) -> None:  # on Zenoh's threads
             if waiting.qsize() < MAX_ANSWERS:
                 tell(self._read(reply))
 
-        def tell(answer: Answer | None) -> None:
+        def tell(answer: QueryReply | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop is gone
                 self._loop.call_soon_threadsafe(waiting.put_nowait, answer)
 
@@ -231,14 +234,14 @@ class PlainAsker:
         status: Any = self._querier.matching_status  # no bool, whatever the stubs say: always true
         return bool(status.matching)
 
-    def _read(self, reply: zenoh.Reply) -> Answer:
+    def _read(self, reply: zenoh.Reply) -> QueryReply:
         if reply.ok is None:
             reason = b"" if reply.err is None else reply.err.payload.to_bytes()[:MAX_REASON_BYTES]
-            return Answer(b"", None, reason.decode(errors="replace") or "refused")
+            return QueryReply(b"", None, reason.decode(errors="replace") or "refused")
         sample = reply.ok
         attachment = sample.attachment
         if len(sample.payload) > self._max_bytes or (
             attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
         ):
-            return Answer(b"", None, f"its answer is longer than {self._max_bytes} bytes")
-        return Answer(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+            return QueryReply(b"", None, f"its answer is longer than {self._max_bytes} bytes")
+        return QueryReply(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())

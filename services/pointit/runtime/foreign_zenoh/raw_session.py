@@ -17,25 +17,25 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError, ConnectError, ListenError
-from pointit.runtime.foreign_zenoh.liveliness import TokenReader, declared_token
+from pointit.runtime.foreign_zenoh.liveliness import LivelinessSubscriber, declared_token
 from pointit.runtime.foreign_zenoh.pubsub import (
-    Packet,
-    PlainReader,
     PlainTraffic,
-    PlainWriter,
+    RawPublisher,
+    RawSample,
+    RawSubscriber,
 )
-from pointit.runtime.foreign_zenoh.queries import Ask, PlainAsker, PlainDesk
-from pointit.runtime.foreign_zenoh.session_config import PlainLink, plain_configuration
-from pointit.runtime.host.tcp_timeouts import end_silence
+from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
+from pointit.runtime.foreign_zenoh.session_config import RawLink, plain_configuration
+from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.link.link import LEASE_MS, ports_of
-from pointit.runtime.zenoh.session import IN_USE, OPEN_RETRY_S, close_session, opened
+from pointit.runtime.zenoh.session import IN_USE, OPEN_RETRY_S, close_session, open_cancellable
 
 log = logging.getLogger(__name__)
 
 
-async def open_plain(
-    link: PlainLink, *, patience_s: float | None = None, on_wait: Callable[[str], None] = log.warning
-) -> "PlainSession":
+async def open_raw_session(
+    link: RawLink, *, patience_s: float | None = None, on_wait: Callable[[str], None] = log.warning
+) -> "RawSession":
     """Return an open session; may be cancelled at any time.
 
     A peer opens within a second whether anybody answers or not. A client is tried again for `patience_s`,
@@ -52,7 +52,7 @@ async def open_plain(
     config = plain_configuration(link)
     while True:
         try:
-            session = await opened(config)
+            session = await open_cancellable(config)
         except zenoh.ZError as error:
             if link.mode != "client":
                 is_taken = IN_USE.search(str(error)) is not None
@@ -68,28 +68,28 @@ async def open_plain(
                 on_wait(f"{sentence}; trying again until somebody does")
             await asyncio.sleep(OPEN_RETRY_S)
         else:
-            return PlainSession(session, link)
+            return RawSession(session, link)
 
 
-class PlainSession:
+class RawSession:
     """What we have declared on that network; closing it takes everything away."""
 
-    def __init__(self, session: zenoh.Session, link: PlainLink) -> None:
-        """Use `session`, which is closed with this; `open_plain` is the usual way in."""
+    def __init__(self, session: zenoh.Session, link: RawLink) -> None:
+        """Use `session`, which is closed with this; `open_raw_session` is the usual way in."""
         self.zid = str(session.info.zid())
         self.is_closed = False
         self.on_change: Callable[[], None] | None = None
-        """Called when `trouble` has changed."""
+        """Called when `problem` has changed."""
         self._session = session
         self._link = link
         self._loop = asyncio.get_running_loop()
         self._dispatcher = Dispatcher()
-        self._ends: set[PlainReader | TokenReader | PlainDesk | PlainAsker] = set()
+        self._ends: set[RawSubscriber | LivelinessSubscriber | RawQueryable | RawQuerier] = set()
         """Whose handlers must not run when this is closed."""
         self._others: dict[str, bool] = {}
         """Who is connected, by their id: whether it is a router."""
         self._ports = ports_of((link.endpoint,))
-        end_silence(self._ports, LEASE_MS)  # of a router: all that it will accept
+        set_user_timeout(self._ports, LEASE_MS)  # of a router: all that it will accept
         self._had_router = False
         self._was_left = False
         self._listener = session.info.declare_transport_events_listener(
@@ -97,7 +97,7 @@ class PlainSession:
         )
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return one sentence when nobody is connected who should be; empty otherwise."""
         link = self._link
         if link.mode == "router" or any(self._others.values()):
@@ -112,22 +112,22 @@ class PlainSession:
             )
         return f"no router answers at {link.endpoint}, trying again until one does{remedy}"
 
-    def writer(self, key: str, *, kept: int = 0, reliable: bool = True) -> PlainWriter:
+    def publisher(self, key: str, *, kept: int = 0, reliable: bool = True) -> RawPublisher:
         """Declare a writer of `key`, which keeps its last `kept` messages for readers that come late."""
         self._check_open()
-        return PlainWriter(self._session, key, kept, reliable)
+        return RawPublisher(self._session, key, kept, reliable)
 
-    def reader(
+    def subscriber(
         self,
         key: str,
-        handler: Callable[[Packet], None],
+        handler: Callable[[RawSample], None],
         *,
         capacity: int,
         max_bytes: int,
         on_loss: Callable[[PlainTraffic], None] | None = None,
         kept: int = 0,
         reliable: bool = True,
-    ) -> PlainReader:
+    ) -> RawSubscriber:
         """Call `handler` for what others put to `key`.
 
         Args:
@@ -140,7 +140,7 @@ class PlainSession:
             reliable: fetch again what was lost on the way, from those that keep it.
         """
         self._check_open()
-        reader = PlainReader(
+        reader = RawSubscriber(
             self._dispatcher,
             handler,
             on_loss=on_loss,
@@ -157,26 +157,26 @@ class PlainSession:
         self._check_open()
         return declared_token(self._session, key)
 
-    def tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
+    def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
         """Call `handler` with who has come (true) or gone under `pattern`, now and on every change."""
         self._check_open()
-        reader = TokenReader(self._dispatcher, handler, self._ends.discard)
+        reader = LivelinessSubscriber(self._dispatcher, handler, self._ends.discard)
         reader.declare(self._session, pattern)
         self._ends.add(reader)
         return reader
 
-    def desk(self, key: str, handler: Callable[[Ask], None], *, max_bytes: int) -> Closable:
+    def queryable(self, key: str, handler: Callable[[IncomingQuery], None], *, max_bytes: int) -> Closable:
         """Call `handler` in the loop for every question to `key`; it must answer each, once."""
         self._check_open()
-        desk = PlainDesk(handler, max_bytes, self._ends.discard)
+        desk = RawQueryable(handler, max_bytes, self._ends.discard)
         desk.declare(self._session, key)
         self._ends.add(desk)
         return desk
 
-    def asker(self, key: str, *, max_bytes: int) -> PlainAsker:
+    def querier(self, key: str, *, max_bytes: int) -> RawQuerier:
         """Declare who asks at `key`; answers longer than `max_bytes` are dropped unread."""
         self._check_open()
-        asker = PlainAsker(self._session, key, max_bytes, self._ends.discard)
+        asker = RawQuerier(self._session, key, max_bytes, self._ends.discard)
         self._ends.add(asker)
         return asker
 
@@ -207,12 +207,12 @@ class PlainSession:
     def _count(self, zid: str, is_router: bool, up: bool) -> None:  # noqa: FBT001
         if self.is_closed:
             return
-        before = self.trouble
+        before = self.problem
         if up:
-            end_silence(self._ports, LEASE_MS)
+            set_user_timeout(self._ports, LEASE_MS)
             self._others[zid] = is_router
             self._had_router |= is_router
         else:
             self._others.pop(zid, None)
-        if self.trouble != before and self.on_change is not None:
+        if self.problem != before and self.on_change is not None:
             self.on_change()

@@ -26,7 +26,7 @@ MAX_MESSAGE_BYTES = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlainLink:
+class RawLink:
     """How to join: connect as a peer or a client, or be the router that others connect to."""
 
     endpoint: str
@@ -36,7 +36,7 @@ class PlainLink:
     """What to do when nobody answers there, for people."""
 
 
-def plain_configuration(link: PlainLink) -> zenoh.Config:
+def plain_configuration(link: RawLink) -> zenoh.Config:
     """Return Zenoh's configuration for `link`.
 
     Raises:

@@ -39,7 +39,7 @@ LONGEST_HOST = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class Skew:
+class ClockSkew:
     """How far a machine's clock is ahead of this one's."""
 
     host: str
@@ -47,7 +47,7 @@ class Skew:
     """At least so much when positive; behind, by at most so much, when negative."""
 
     @property
-    def refuses(self) -> bool:
+    def exceeds_limit(self) -> bool:
         """Return whether samples are refused for it."""
         return abs(self.ahead_s) >= REFUSED_S
 
@@ -58,7 +58,7 @@ class Skew:
         unless = "" if self.ahead_s > 0 else ", unless its link alone takes so long"
         what = (
             "samples that cross the two are refused as too old or of the future"
-            if self.refuses
+            if self.exceeds_limit
             else "latency figures of what crosses the two are wrong by as much"
         )
         return f"the clock of machine {self.host} is {by} {way} the clock of {here}{unless}: {what}"
@@ -67,7 +67,7 @@ class Skew:
 REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a site without internet"
 
 
-class SkewWatch:
+class ClockSkewMonitor:
     """Compares stamps with the times of arrival, by the writer's host."""
 
     def __init__(self, here: str, window_s: float = WINDOW_S) -> None:
@@ -77,7 +77,7 @@ class SkewWatch:
         self._late: dict[str, collections.deque[tuple[float, float]]] = {}
         """By host: when a report came, and how much later than its stamp, s."""
 
-    def hear(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float) -> None:
+    def on_report(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float) -> None:
         """Take a report: stamped and arrived at these times of the wall, Unix ns; `now_s` is monotonic."""
         host = one_line(host, LONGEST_HOST)
         late = self._late.get(host)
@@ -87,7 +87,7 @@ class SkewWatch:
             late = self._late[host] = collections.deque(maxlen=4096)
         late.append((now_s, (arrived_ns - stamp_ns) / 1e9))
 
-    def skews(self, now_s: float) -> Iterator[Skew]:
+    def skews(self, now_s: float) -> Iterator[ClockSkew]:
         """Yield the machines whose clocks are apart from this one's by `APART_S` and more."""
         for host, late in list(self._late.items()):
             while late and now_s - late[0][0] > self._window_s:
@@ -101,9 +101,9 @@ class SkewWatch:
             values = sorted(value for _, value in late)
             behind_s = values[0] - max(0.0, own)
             if values[0] <= -APART_S and len(values) >= LEAST_AHEAD:
-                yield Skew(host=host, ahead_s=-values[0])
+                yield ClockSkew(host=host, ahead_s=-values[0])
             elif behind_s >= APART_S and _is_sure(values):
-                yield Skew(host=host, ahead_s=-behind_s)
+                yield ClockSkew(host=host, ahead_s=-behind_s)
 
 
 def _is_sure(values: list[float]) -> bool:

@@ -6,18 +6,20 @@ from typing import Generic, TypeVar
 
 from pointit.runtime.bus.contract import Handler, Publisher
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.metrics import Meter, Times
-from pointit.runtime.health.timeliness import STREAMS, Lateness, Order
+from pointit.runtime.health.metrics import DurationWindow, TopicMeter
+from pointit.runtime.health.timeliness import STREAMS, LateMessageFilter, OutOfOrderFilter
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import Delivery
 
 M = TypeVar("M", bound=Message)
 
 
-class MeteredPublisher(Generic[M]):
+class InstrumentedPublisher(Generic[M]):
     """Counts what goes out, and for *latest* how old the captured data are by then."""
 
-    def __init__(self, inner: Publisher[M], meter: Meter, latency: Times | None, clock: Clock) -> None:
+    def __init__(
+        self, inner: Publisher[M], meter: TopicMeter, latency: DurationWindow | None, clock: Clock
+    ) -> None:
         self._inner = inner
         self._meter = meter
         self._latency = latency if meter.topic.delivery is Delivery.LATEST else None
@@ -35,13 +37,17 @@ class MeteredPublisher(Generic[M]):
         """Undeclare."""
         self._inner.close()
 
-    def retire(self) -> None:
+    def close_nowait(self) -> None:
         """Close, where much else closes too."""
-        self._inner.retire()
+        self._inner.close_nowait()
 
 
-def metered(
-    handler: Handler[M], meter: Meter, steps: Times, clock: Clock, in_time: Callable[[M], bool] | None
+def instrument_handler(
+    handler: Handler[M],
+    meter: TopicMeter,
+    steps: DurationWindow,
+    clock: Clock,
+    in_time: Callable[[M], bool] | None,
 ) -> Handler[M]:
     """Return `handler` for one reader: what comes is counted, and what it takes of it is timed.
 
@@ -53,21 +59,21 @@ def metered(
         in_time: which messages are left out when they come much later than others before them; none: all
             are taken.
     """
-    order = Order() if meter.topic in STREAMS else None
+    order = OutOfOrderFilter() if meter.topic in STREAMS else None
     if order is not None:
         meter.orders.append(order)
-    lateness = None if in_time is None else Lateness()
+    lateness = None if in_time is None else LateMessageFilter()
     if lateness is not None:
         meter.latenesses.append(lateness)
 
     def timed(message: M, key_name: str) -> None:
         began_s = time.monotonic()
-        if order is not None and not order.admits(key_name, message.stamp_ns, began_s):
+        if order is not None and not order.accepts(key_name, message.stamp_ns, began_s):
             return
         if lateness is not None and in_time is not None and in_time(message):
             # seconds of the wall; but where time is slow its own, as such a clock is coarse
             age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S / max(1.0, clock.speed)
-            if not lateness.admits(key_name, age_s, began_s):
+            if not lateness.accepts(key_name, age_s, began_s):
                 return
         meter.mark(began_s)
         handler(message, key_name)

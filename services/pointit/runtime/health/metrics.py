@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterator
 
-from pointit.runtime.bus.contract import AnyTopic, Traffic
-from pointit.runtime.health.timeliness import Lateness, Order
+from pointit.runtime.bus.contract import AnyTopic, SubscriptionStats
+from pointit.runtime.health.timeliness import LateMessageFilter, OutOfOrderFilter
 from pointit.schemas import Quantiles
 
 REFUSED_SHOWN_S = 5.0
@@ -14,7 +14,7 @@ SAMPLES = 4096
 """Times kept between two reports; the oldest give way."""
 
 
-class Times:
+class DurationWindow:
     """Durations between two reports, a ring of fixed size."""
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class _Complaint:
         return now_s - self._grown_s <= REFUSED_SHOWN_S
 
 
-class Meter:
+class TopicMeter:
     """One topic in one direction."""
 
     def __init__(self, topic: AnyTopic) -> None:
@@ -62,9 +62,9 @@ class Meter:
         self.topic = topic
         self.count = 0
         self.newest_s: float | None = None
-        self.traffics: list[Traffic] = []
-        self.orders: list[Order] = []
-        self.latenesses: list[Lateness] = []
+        self.traffics: list[SubscriptionStats] = []
+        self.orders: list[OutOfOrderFilter] = []
+        self.latenesses: list[LateMessageFilter] = []
         self._old = _Complaint()
         self._late = _Complaint()
 
@@ -74,10 +74,10 @@ class Meter:
         self.newest_s = now_s
 
     def total(self, counter: str) -> int:
-        """Return the sum of one of the counters of `Traffic` over all readers."""
+        """Return the sum of one of the counters of `SubscriptionStats` over all readers."""
         return sum(getattr(traffic, counter) for traffic in self.traffics)
 
-    def complaints(self, now_s: float) -> Iterator[str]:
+    def warnings(self, now_s: float) -> Iterator[str]:
         """Yield sentences that say that old messages come, or late ones; none when they have not for long."""
         old = sum(order.refused for order in self.orders)
         if self._old.holds(old, now_s):

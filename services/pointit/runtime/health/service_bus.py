@@ -23,8 +23,8 @@ from pointit.runtime.bus.contract import (
     Subscription,
 )
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.instrumented import MeteredPublisher, metered
-from pointit.runtime.health.metrics import Meter, Times
+from pointit.runtime.health.instrumented import InstrumentedPublisher, instrument_handler
+from pointit.runtime.health.metrics import DurationWindow, TopicMeter
 from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, Presence, Request, Topic
 
@@ -38,7 +38,7 @@ LOG_PERIOD_S = 1.0
 """At most one log line about timers that fail in this time."""
 
 
-class Warnings(Protocol):
+class WarningSink(Protocol):
     """Where a part of a service says what is wrong; `ServiceBus` is one."""
 
     def warn(self, topic: str, sentence: str) -> None:
@@ -60,9 +60,9 @@ class ServiceBus:
         self._instance = instance
         self._user = user
         self._began_s = self._reported_s = time.monotonic()
-        self._meters: dict[tuple[str, str], Meter] = {}
-        self._steps = Times()
-        self._latency = Times()
+        self._meters: dict[tuple[str, str], TopicMeter] = {}
+        self._steps = DurationWindow()
+        self._latency = DurationWindow()
         self._declared: list[Closable] = []
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[Closable] = []
@@ -91,7 +91,7 @@ class ServiceBus:
         inner = self._bus.publisher(topic, name)
         self._publishers.append(inner)
         latency = self._latency if timed else None
-        return MeteredPublisher(inner, self._meter(topic, "out"), latency, self._clock)
+        return InstrumentedPublisher(inner, self._meter(topic, "out"), latency, self._clock)
 
     def reached(self, latency_s: float) -> None:
         """Count how old what was captured is when it leaves the service other than by the bus."""
@@ -117,15 +117,15 @@ class ServiceBus:
                 them: who acts on a stream must not act on what a bad link has held up; none: all are taken.
         """
         meter = self._meter(topic, "in")
-        counted = metered(handler, meter, self._steps, self._clock, in_time)
+        counted = instrument_handler(handler, meter, self._steps, self._clock, in_time)
         subscription = self._bus.subscribe(topic, counted, name, kept=kept)
         meter.traffics.append(subscription.traffic)
         self._declared.append(subscription)
         return subscription
 
-    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+    def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics`, which are states, that are gone."""
-        kept = self._bus.keep(topics, recall)
+        kept = self._bus.serve_retained(topics, recall)
         self._declared.append(kept)
         return kept
 
@@ -188,9 +188,9 @@ class ServiceBus:
         return self._bus.site
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return what is wrong with the bus itself."""
-        return self._bus.trouble
+        return self._bus.problem
 
     async def close(self) -> None:
         """Undeclare everything of this service, its presence last; the bus itself goes on."""
@@ -200,7 +200,7 @@ class ServiceBus:
             for token in self._tokens:
                 stack.callback(token.close)
             for publisher in self._publishers:
-                stack.callback(publisher.retire)
+                stack.callback(publisher.close_nowait)
             for declared in self._declared:
                 stack.callback(declared.close)
             self._tokens.clear()
@@ -215,7 +215,7 @@ class ServiceBus:
         """Take the warning about `topic` back."""
         self._warnings.pop(topic, None)
 
-    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         """Show a number of the service's own, as in `("drift", 0.4, "°/min")`; none takes it away."""
         if value is None or not math.isfinite(value):
             self._figures.pop(name, None)
@@ -244,8 +244,8 @@ class ServiceBus:
             )
             meter.count = 0
         self._seq += 1
-        trouble = (self.trouble,) if self.trouble else ()
-        complaints = (each for meter in self._meters.values() for each in meter.complaints(now_s))
+        trouble = (self.problem,) if self.problem else ()
+        complaints = (each for meter in self._meters.values() for each in meter.warnings(now_s))
         warnings = (*trouble, *complaints, *self._warnings.values())
         return Health(
             stamp_ns=time.time_ns(),
@@ -271,5 +271,5 @@ class ServiceBus:
         self._publishers.append(publisher)
         return publisher
 
-    def _meter(self, topic: Topic[Any], direction: str) -> Meter:
-        return self._meters.setdefault((topic.key, direction), Meter(topic))
+    def _meter(self, topic: Topic[Any], direction: str) -> TopicMeter:
+        return self._meters.setdefault((topic.key, direction), TopicMeter(topic))

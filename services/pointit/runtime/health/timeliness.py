@@ -63,7 +63,7 @@ class _Pace:
     """How late since then."""
 
 
-class Lateness:
+class LateMessageFilter:
     """Follows the streams of one topic, by name."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class Lateness:
         """By how much the last of them came later than the quickest."""
         self._paces: dict[str, _Pace] = {}
 
-    def admits(self, name: str, age_s: float, now_s: float) -> bool:
+    def accepts(self, name: str, age_s: float, now_s: float) -> bool:
         """Return whether a message of `name` comes in time.
 
         Args:
@@ -108,7 +108,7 @@ class Lateness:
         return now_s - pace.late_since_s >= STEADY_S
 
 
-class Order:
+class OutOfOrderFilter:
     """Follows the streams of one topic, by name."""
 
     def __init__(self) -> None:
@@ -117,7 +117,7 @@ class Order:
         self._newest: dict[str, tuple[int, float]] = {}
         """By name: the newest stamp, and when it came."""
 
-    def admits(self, name: str, stamp_ns: int, now_s: float) -> bool:
+    def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
         """Return whether a message of `name` is news; `now_s` is monotonic."""
         newest = self._newest.get(name)
         if newest is not None and now_s - newest[1] <= SILENT_S:

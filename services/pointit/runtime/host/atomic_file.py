@@ -8,7 +8,7 @@ from pathlib import Path
 from pointit.runtime.errors import ConfigError
 
 
-def put(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:
+def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:
     """Put `content` in the place of `path`, all of it or nothing; new folders are the owner's alone.
 
     Args:

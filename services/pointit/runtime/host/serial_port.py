@@ -42,7 +42,7 @@ def open_port(settings: PortSettings) -> serial.Serial:
     """Return the open port, locked so that no other program steals its bytes.
 
     Raises:
-        OSError: it cannot be opened; `sentence` says why and what to do.
+        OSError: it cannot be opened; `describe_error` says why and what to do.
     """
     try:
         return serial.Serial(
@@ -58,11 +58,11 @@ def open_port(settings: PortSettings) -> serial.Serial:
         raise OSError(_errno_of(error) or errno.EINVAL, str(error)) from error
 
 
-def sentence(error: BaseException, port: str) -> str:
+def describe_error(error: BaseException, port: str) -> str:
     """Return what `error` on `port` means and what to do, for a person."""
     number = _errno_of(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return f"{port} is not there: plug the device in; ports found: {found_ports()}"
+        return f"{port} is not there: plug the device in; ports found: {describe_ports()}"
     if number in (errno.EACCES, errno.EPERM):
         return (
             f"{port} may not be opened: join the group `dialout` (Debian, Ubuntu) or `uucp` (Arch), "
@@ -71,7 +71,7 @@ def sentence(error: BaseException, port: str) -> str:
     if number in (errno.EBUSY, errno.EAGAIN):
         return f"{port} is held by another program (serial monitor, ModemManager, a second PointIt): end it"
     if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR):
-        return f"{port} is not a serial port, or does not do this baud rate; ports found: {found_ports()}"
+        return f"{port} is not a serial port, or does not do this baud rate; ports found: {describe_ports()}"
     if isinstance(error, serial.SerialTimeoutException):
         return f"{port} takes no more data: check cable, baud rate and flow control"
     if number == errno.EIO or "returned no data" in str(error):
@@ -79,7 +79,7 @@ def sentence(error: BaseException, port: str) -> str:
     return f"{port} failed ({error}): check the device and its cable"
 
 
-def found_ports() -> str:
+def describe_ports() -> str:
     """Return the serial ports of this machine with what is plugged in, for a sentence; `none` if none."""
     lasting = {os.path.realpath(link): str(link) for link in Path("/dev/serial/by-id").glob("*")}
     found = [
@@ -149,7 +149,7 @@ class SerialThread:
                     self._work(port, self._stopping)
             except OSError as error:  # SerialException is one
                 if not self._stopping.is_set():
-                    self._tell(sentence(error, self._settings.port))
+                    self._tell(describe_error(error, self._settings.port))
             except Exception as error:  # noqa: BLE001 - a fault of ours: raised by `run`
                 self.post(self._fail, error)
                 return

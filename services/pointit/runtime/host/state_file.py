@@ -8,8 +8,8 @@ import platformdirs
 from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
-from pointit.schemas import explain
+from pointit.runtime.host.atomic_file import write_atomically
+from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
 T = TypeVar("T", bound=BaseModel)
@@ -68,7 +68,8 @@ class StateFile(Generic[T]):
             return self._model.model_validate_json(data)
         except ValidationError as error:
             raise ConfigError(
-                f"{self.path}: cannot be used; move it away and calibrate again; {explain(error)}"
+                f"{self.path}: cannot be used; move it away and calibrate again; "
+                f"{summarize_validation_error(error)}"
             ) from error
 
     def write(self, value: T) -> None:
@@ -77,7 +78,7 @@ class StateFile(Generic[T]):
         Raises:
             ConfigError: it cannot be written; names the file.
         """
-        put(self.path, (value.model_dump_json(indent=2) + "\n").encode())
+        write_atomically(self.path, (value.model_dump_json(indent=2) + "\n").encode())
 
     def erase(self) -> bool:
         """Forget what is kept; return whether something was.

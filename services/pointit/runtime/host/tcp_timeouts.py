@@ -24,7 +24,7 @@ LINGER = struct.Struct("ii")
 """Whether, and for how long, s."""
 
 
-def end_silence(ports: Collection[int], after_ms: int) -> int:
+def set_user_timeout(ports: Collection[int], after_ms: int) -> int:
     """Have TCP end connections from or to `ports` of which nothing is acknowledged for `after_ms`.
 
     It concerns the sockets that this process has now, and those that will be accepted by them; may be called
@@ -44,7 +44,7 @@ def end_silence(ports: Collection[int], after_ms: int) -> int:
     return count
 
 
-def end_lingering(ports: Collection[int]) -> int:
+def disable_linger(ports: Collection[int]) -> int:
     """Have connections from or to `ports` close at once; what was written is sent all the same.
 
     Zenoh sets each connection to linger when it is accepted: call it again and again.

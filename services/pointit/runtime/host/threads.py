@@ -2,7 +2,7 @@
 
 Threads of asyncio's own (`asyncio.to_thread`) are waited for when the loop ends, whether their work is still
 wanted or not. What runs here is left behind instead; but Zenoh must not return to a Python that is about to
-end, which would abort the process. So a program ends by `leave`, and any other process waits at its exit.
+end, which would abort the process. So a program ends by `exit_now`, and any other process waits at its exit.
 """
 
 import asyncio
@@ -68,12 +68,12 @@ def _start(run: Callable[[], None], name: str) -> None:
     thread.start()
 
 
-def is_left() -> bool:
+def has_running_threads() -> bool:
     """Return whether a thread is left behind."""
     return any(thread.is_alive() for thread in _threads)
 
 
-def leave(code: int) -> NoReturn:
+def exit_now(code: int) -> NoReturn:
     """End the process with `code`, at once: what it has to close is closed by now."""
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.validation_message import complaint
+from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
 
 VARIABLE = "POINTIT_CREDENTIALS"
@@ -75,12 +75,12 @@ class Credentials:
     link: LinkFile
 
     @property
-    def who(self) -> str:
+    def description(self) -> str:
         """Return the identity for people."""
         return f"this identity ({self.link.name})"
 
     @property
-    def is_onlooker(self) -> bool:
+    def is_observer(self) -> bool:
         """Return whether nobody is told of what runs by this identity."""
         return self.link.role in ONLOOKERS
 
@@ -96,7 +96,7 @@ class Credentials:
                 f"{' or '.join(self.link.endpoints)}; leave --connect out, or do without --credentials"
             )
 
-    def ending(self, now: dt.datetime) -> str:
+    def expiry_warning(self, now: dt.datetime) -> str:
         """Return the sentence that says that they end within 30 days; empty when they do not."""
         if self.link.password or self.link.valid_until - now >= SOON:
             return ""
@@ -141,7 +141,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
     try:
         link = LinkFile.model_validate_json(_read(file))
     except ValidationError as error:
-        raise ConfigError(f"{file}: {complaint(error, LinkFile)}") from error
+        raise ConfigError(f"{file}: {describe_validation_error(error, LinkFile)}") from error
     public, secret = ([CA], PASSWORD) if link.password else ([CA, CERTIFICATE], KEY)
     for name in public:
         _read(folder / name)
@@ -164,7 +164,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
     return Credentials(folder=folder, link=link)
 
 
-def refusal(credentials: Credentials, endpoint: str) -> str:
+def connection_refusal(credentials: Credentials, endpoint: str) -> str:
     """Return why the router at `endpoint` cannot be joined: one sentence; empty when nobody answers there.
 
     Zenoh reports every refusal as a time-out, so the handshake is tried again without it. Blocks for up to

@@ -52,7 +52,7 @@ def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: P
         return
     now = dt.datetime.now(dt.UTC)
     credentials = read_credentials(folder, now)
-    if ending := credentials.ending(now):
+    if ending := credentials.expiry_warning(now):
         click.echo(f"Warning: {ending}", err=True)
     ctx.meta[VARIABLE] = credentials
     os.environ[VARIABLE] = str(credentials.folder)  # for the processes that this one starts

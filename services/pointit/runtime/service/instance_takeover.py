@@ -14,7 +14,7 @@ import socket
 import time
 from collections.abc import Callable, Collection
 
-from pointit.runtime.bus.contract import Bus, present
+from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS
 from pointit.schemas import NS_PER_S, Health
@@ -34,7 +34,7 @@ TELL_AFTER_S = 1.0
 ADVICE = "choose another name, or end the other one first"
 
 
-async def claim(bus: Bus, presence: Presence, names: Collection[str], advice: str = ADVICE) -> None:
+async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advice: str = ADVICE) -> None:
     """Make sure that nobody who reports is present under one of `names`; wait for those who are silent.
 
     It takes `LISTEN_S` when nobody is, and at most `SILENT_S` more.
@@ -43,7 +43,7 @@ async def claim(bus: Bus, presence: Presence, names: Collection[str], advice: st
         ConfigError: somebody is; names them and their process.
     """
     wanted = set(names)
-    if not wanted or not wanted & await present(bus, presence, LISTEN_S):
+    if not wanted or not wanted & await list_present(bus, presence, LISTEN_S):
         return
     looking = _Looking(wanted)
     watching = bus.watch(presence, looking.on_presence)
@@ -103,16 +103,16 @@ class _Looking:
             self.done.set()
 
 
-class Succession:
+class TakeoverMonitor:
     """Tells a running service when another process has come to its name after it."""
 
     def __init__(self, bus: Bus, instance: str, now_ns: Callable[[], int] = time.time_ns) -> None:
         """Listen to the reports under `instance`; must be called in the loop."""
-        self.lost = asyncio.Event()
+        self.superseded = asyncio.Event()
         """Somebody else has the name now."""
         self.successor = ""
         """Who, in words."""
-        self.rival = ""
+        self.duplicate = ""
         """Who else runs under the name, in words, while it is heard."""
         self._rival_s = 0.0
         self._instance = instance
@@ -125,22 +125,22 @@ class Succession:
         """Listen no longer."""
         self._hearing.close()
 
-    def mind(self) -> str:
+    def duplicate_instance_warning(self) -> str:
         """Return in a sentence that another one runs under the name, as long as it is heard; else nothing."""
-        if not self.rival or time.monotonic() - self._rival_s > SILENT_S:
-            self.rival = ""
+        if not self.duplicate or time.monotonic() - self._rival_s > SILENT_S:
+            self.duplicate = ""
             return ""
-        return f"{self._instance} runs twice: here and as {self.rival}; end one of the two"
+        return f"{self._instance} runs twice: here and as {self.duplicate}; end one of the two"
 
     def _on_health(self, health: Health, _instance: str) -> None:
         other = (health.host, health.pid)
         if other == self._me:
             return
-        self.rival = f"process {health.pid} on {health.host or '?'}"
+        self.duplicate = f"process {health.pid} on {health.host or '?'}"
         self._rival_s = time.monotonic()
         uptime_ns = int((time.monotonic() - self._began_s) * NS_PER_S)
         mine = (self._now_ns() - uptime_ns, *self._me)
         theirs = (health.stamp_ns - int(health.uptime_s * NS_PER_S), *other)
-        if theirs > mine and not self.lost.is_set():
-            self.successor = self.rival
-            self.lost.set()
+        if theirs > mine and not self.superseded.is_set():
+            self.successor = self.duplicate
+            self.superseded.set()

@@ -13,16 +13,16 @@ import click
 from pointit.runtime.clock import Clock, SiteClock, WallClock
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.environment import check_spelling, environment_prefix
-from pointit.runtime.config.parameters import leaves
+from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.runtime.host.threads import is_left, leave
+from pointit.runtime.host.threads import exit_now, has_running_threads
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of, link_options
-from pointit.runtime.service.instance_takeover import claim
+from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.service import AnyService, Launch, Scope, check_launches, run_services
-from pointit.runtime.service.shutdown import EXIT_FAILED, end_with_parent, run_async
+from pointit.runtime.service.shutdown import EXIT_FAILED, exit_with_parent, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import SchemaError
 from pointit.schemas.system import check_user
@@ -54,8 +54,8 @@ def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
     try:
         run_command(command)
     except SystemExit as end:
-        if at_once or is_left():
-            leave(end.code if isinstance(end.code, int) else EXIT_FAULT)
+        if at_once or has_running_threads():
+            exit_now(end.code if isinstance(end.code, int) else EXIT_FAULT)
         raise
 
 
@@ -97,24 +97,24 @@ def service_command(service: type[AnyService]) -> click.Command:
         config = load_config(
             service,
             [options["config"]] if options["config"] else [],
-            {leaf.path: options[_parameter(leaf.path)] for leaf in leaves(service.CONFIG)},
+            {leaf.path: options[_parameter(leaf.path)] for leaf in iter_parameters(service.CONFIG)},
         )
         link = link_of(options["site"], options["connect"], options["listen"])
         launch = Launch(service=service, config=config, user=user)
         check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
-            end_with_parent()
+            exit_with_parent()
         patience_s: float | None = None
         if options["clock"] == "site":
             source = click.get_current_context().get_parameter_source("clock")
             is_default = source is click.core.ParameterSource.DEFAULT
             patience_s = CLOCK_PATIENCE_S if is_default else ASKED_CLOCK_PATIENCE_S
-        return run_async(_serve(launch, link, patience_s))
+        return run_until_shutdown(_serve(launch, link, patience_s))
 
     return _command(service.NAME, service.SCOPE, (service.__doc__ or "").strip(), service.CONFIG, callback)
 
 
-def absent_command(
+def unavailable_command(
     name: str, scope: Scope, about: str, config: type[Config], error: ConfigError
 ) -> click.Command:
     """Return the command of a service that is not installed: its help, and `error` when it is run."""
@@ -148,7 +148,7 @@ def _command(
         parameters.insert(
             0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
         )
-    for leaf in leaves(config):
+    for leaf in iter_parameters(config):
         description = leaf.field.description or ""
         parameters.append(
             click.Option(
@@ -209,7 +209,7 @@ async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> 
 async def _claim(bus: ZenohBus, launch: Launch) -> None:
     if launch.user and bus.link.connect:
         advice = f"give this one another --user than {launch.user}, or end the other one first"
-        await claim(bus, SERVICE_ALIVE, {launch.instance}, advice)
+        await claim_names(bus, SERVICE_ALIVE, {launch.instance}, advice)
 
 
 async def _clock(bus: ZenohBus, patience_s: float | None) -> Clock:
@@ -218,7 +218,7 @@ async def _clock(bus: ZenohBus, patience_s: float | None) -> Clock:
 
 async def _site_clock(bus: ZenohBus, patience_s: float) -> Clock:
     clock = SiteClock(bus)
-    if not await clock.found(patience_s) and patience_s > CLOCK_PATIENCE_S:
+    if not await clock.wait_for_tick(patience_s) and patience_s > CLOCK_PATIENCE_S:
         log.warning("this site publishes no simulated time; it is wall time until it does")
     return clock
 

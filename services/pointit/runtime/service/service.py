@@ -13,7 +13,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.service.instance_takeover import Succession
+from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.schemas import Health
 from pointit.schemas.system import check_user
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
@@ -57,7 +57,7 @@ class Service(ABC, Generic[C]):
         self.user = context.user
 
     @classmethod
-    def check(cls, config: C) -> None:
+    def validate_config(cls, config: C) -> None:
         """Refuse what cannot work however the site looks; called before a bus is opened, and may read files.
 
         Raises:
@@ -65,7 +65,7 @@ class Service(ABC, Generic[C]):
         """
 
     @classmethod
-    def check_link(cls, config: C, addresses: Sequence[str]) -> None:
+    def validate_link(cls, config: C, addresses: Sequence[str]) -> None:
         """Refuse what cannot work beside the connection of its process; called before a bus is opened.
 
         Args:
@@ -77,7 +77,7 @@ class Service(ABC, Generic[C]):
         """
 
     @classmethod
-    def begin_anew(cls, site: str, now_ns: int) -> None:
+    def discard_saved_state(cls, site: str, now_ns: int) -> None:
         """Let go of what an earlier run of `site` has left to be taken up; called before a new run begins.
 
         What a service that runs right now has in its hands stays.
@@ -117,8 +117,8 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
     """
     for launch in launches:
         try:
-            launch.service.check(launch.config)
-            launch.service.check_link(launch.config, addresses)
+            launch.service.validate_config(launch.config)
+            launch.service.validate_link(launch.config, addresses)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
 
@@ -133,7 +133,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     if launch.user:
         check_user(launch.user)
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
-    succession = Succession(bus, launch.instance)
+    succession = TakeoverMonitor(bus, launch.instance)
     try:
         service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user))
         health = view.health_publisher()
@@ -156,8 +156,8 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         log.debug("%s ended", launch.instance)
 
 
-async def _until_lost(succession: Succession, launch: Launch) -> None:
-    await succession.lost.wait()
+async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
+    await succession.superseded.wait()
     log.error(
         "%s ends: %s has taken over the name, having begun later",
         launch.instance,
@@ -165,10 +165,10 @@ async def _until_lost(succession: Succession, launch: Launch) -> None:
     )
 
 
-async def _report(view: ServiceBus, health: Publisher[Health], succession: Succession) -> None:
+async def _report(view: ServiceBus, health: Publisher[Health], succession: TakeoverMonitor) -> None:
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
         while True:
-            if sentence := succession.mind():
+            if sentence := succession.duplicate_instance_warning():
                 view.warn("twice", sentence)
             else:
                 view.clear("twice")

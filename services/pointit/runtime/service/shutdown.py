@@ -20,7 +20,7 @@ SWITCH_INTERVAL_S = 0.0005
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
 
-def end_with_parent() -> None:
+def exit_with_parent() -> None:
     """End this process when its standard input closes: no child survives a killed parent."""
 
     def wait() -> None:
@@ -31,7 +31,7 @@ def end_with_parent() -> None:
     threading.Thread(target=wait, name="parent watch", daemon=True).start()
 
 
-def run_async(work: Coroutine[Any, Any, int]) -> int:
+def run_until_shutdown(work: Coroutine[Any, Any, int]) -> int:
     """Run `work` until it ends or Ctrl-C or SIGTERM ask for it; return its exit code.
 
     A signal cancels the work; having been asked to end is not a failure: 0.

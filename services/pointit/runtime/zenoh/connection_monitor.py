@@ -10,7 +10,7 @@ from collections.abc import Callable
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.host.tcp_timeouts import end_silence
+from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.session import refusals
@@ -46,7 +46,7 @@ class LinkWatch:
         return self._lost_s is None
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return one sentence while the router is lost."""
         if self._lost_s is None:
             return ""
@@ -70,7 +70,7 @@ class LinkWatch:
             return
         (self._zids.add if up else self._zids.discard)(zid)
         if up:
-            end_silence(self._ports, LEASE_MS)
+            set_user_timeout(self._ports, LEASE_MS)
         if bool(self._zids) == self.up:
             return
         if self._zids:

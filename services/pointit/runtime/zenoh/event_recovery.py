@@ -17,7 +17,7 @@ import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import Participant
-from pointit.runtime.zenoh.queries import kept_samples
+from pointit.runtime.zenoh.queries import query_samples
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Before each question; what has not come after the last one counts as lost."""
@@ -41,7 +41,7 @@ class _Gap:
     """More than any writer keeps are not even asked for."""
 
 
-class Arrears:
+class EventRecovery:
     """Hands on what one reader hears, in the order of each writer, without gaps where that is possible."""
 
     def __init__(
@@ -73,7 +73,7 @@ class Arrears:
         with self._lock:
             self._gaps.clear()
 
-    def take(self, sample: zenoh.Sample) -> None:
+    def on_sample(self, sample: zenoh.Sample) -> None:
         """Take what came, of each writer in order; from any thread."""
         source = sample.source_info
         if source is None:
@@ -119,7 +119,7 @@ class Arrears:
             # One more than what is missing: its own answer, the last one, tells that the writer has said all.
             first, beyond = min(missing), max(missing) + 1
             selector = f"{gap.about}?_sn={first}..{beyond}"
-            samples = await kept_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
+            samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
             found = {each.source_info.source_sn: each for each in samples if each.source_info is not None}
             with self._lock:
                 gap.held |= {number: each for number, each in found.items() if number in missing}

@@ -9,14 +9,14 @@ from collections.abc import Callable
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.endpoints import Watcher
+from pointit.runtime.bus.endpoints import PresenceWatcher
 from pointit.runtime.bus.local_broker import Participant
-from pointit.runtime.zenoh.wire_format import name_in
+from pointit.runtime.zenoh.wire_format import name_from_key
 from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence
 
 
-class ZenohWatcher(Watcher):
+class ZenohWatcher(PresenceWatcher):
     """Tells who is present here or elsewhere."""
 
     def __init__(
@@ -35,7 +35,7 @@ class ZenohWatcher(Watcher):
             presence.at(ANY), Callback(self._on_change, indirect=False), history=True
         )
 
-    def tell_withheld(self, name: str) -> None:
+    def notify_departure(self, name: str) -> None:
         """Say that `name` is gone if only this process still announced it."""
         if name in self._withheld:
             self._change(name, False)
@@ -46,7 +46,7 @@ class ZenohWatcher(Watcher):
 
     def _on_change(self, sample: zenoh.Sample) -> None:  # on Zenoh's thread
         with contextlib.suppress(SchemaError, RuntimeError):  # not a name of ours; the loop is gone
-            name = name_in(self.presence, str(sample.key_expr))
+            name = name_from_key(self.presence, str(sample.key_expr))
             self._loop.call_soon_threadsafe(self._change, name, sample.kind == zenoh.SampleKind.PUT)
 
     def _change(self, name: str, present: bool) -> None:  # noqa: FBT001
@@ -54,4 +54,4 @@ class ZenohWatcher(Watcher):
             self._withheld.add(name)
             return
         self._withheld.discard(name)
-        self.tell(name, present)
+        self.notify(name, present)

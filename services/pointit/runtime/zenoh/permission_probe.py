@@ -41,7 +41,7 @@ Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
 """Opens a session of the same identity, and closes it."""
 
 
-class SelfTest:
+class PermissionProbe:
     """Tests rights when they are first wanted, and all of them when the router is back."""
 
     def __init__(
@@ -76,11 +76,11 @@ class SelfTest:
         self._closed = False
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return what is denied, in one sentence for each kind; empty when nothing is known to be."""
         return "; ".join(self._sentences())
 
-    def want(self, verb: str, key: str) -> None:
+    def add(self, verb: str, key: str) -> None:
         """Have a right tested soon, unless it was."""
         right = (verb, key)
         if right not in self._wanted and not self._closed:
@@ -88,13 +88,13 @@ class SelfTest:
             self._untested.add(right)
             self._soon()
 
-    def again(self) -> None:
+    def retest(self) -> None:
         """Have all tested anew: the router is back, perhaps with other rules."""
         self._denials = 0
         self._untested |= self._wanted
         self._soon()
 
-    async def denies(self, verb: str, key: str) -> str:
+    async def denial_reason(self, verb: str, key: str) -> str:
         """Return the sentence that says that this right is denied; empty when it is not, or nobody knows."""
         arrived = await self._arrived({(verb, key)})
         if arrived is None or (verb, key) in arrived:
@@ -134,18 +134,18 @@ class SelfTest:
         try:
             rights, self._untested = self._untested, set[Right]()
             arrived = await self._arrived(rights)
-            if arrived is None:  # the router is lost; `again` follows when it is back
+            if arrived is None:  # the router is lost; `retest` follows when it is back
                 self._untested |= rights
                 return
-            before = self.trouble
+            before = self.problem
             self._is_nobody = not arrived
             self._denied = (self._denied - rights) | (rights - arrived)
             self._denials = self._denials + 1 if self._denied else 0
             for sentence in self._sentences():
                 if sentence not in before:
                     log.warning("%s", sentence)
-            if before and not self.trouble:
-                log.info("%s may do now what it needs", self._credentials.who)
+            if before and not self.problem:
+                log.info("%s may do now what it needs", self._credentials.description)
         finally:
             self._task = None
             if self._untested and self._is_up():
@@ -199,8 +199,8 @@ class SelfTest:
 def _nobody(credentials: Credentials) -> str:
     name = credentials.link.name
     return (
-        f"{credentials.who} may do nothing here: it was revoked or its certificate replaced; carry the "
-        f"folder here anew, or make one with `pointit site renew {name}`"
+        f"{credentials.description} may do nothing here: it was revoked or its certificate replaced; carry "
+        f"the folder here anew, or make one with `pointit site renew {name}`"
     )
 
 
@@ -213,7 +213,7 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
         remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"
     else:
         remedy = "use credentials of who does that, or those of the site's supervisor"
-    return f"{credentials.who} may not {WORDS[verb]} {named}: {remedy}"
+    return f"{credentials.description} may not {WORDS[verb]} {named}: {remedy}"
 
 
 def _person(key: str) -> str:

@@ -97,7 +97,7 @@ class ZenohPublisher(MemoryPublisher[M]):
         super().put(message)
         self._writer.put(message)
 
-    def retire(self) -> None:
+    def close_nowait(self) -> None:
         """Write no more; elsewhere the writer is gone with the bus, or a moment later."""
         self._retires = True
         self.close()

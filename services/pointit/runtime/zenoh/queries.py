@@ -10,7 +10,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 
-async def replies_to(session: zenoh.Session, selector: str, **asked: Any) -> list[zenoh.Reply]:
+async def query_replies(session: zenoh.Session, selector: str, **asked: Any) -> list[zenoh.Reply]:
     """Return all that others answer, as it comes; a task that is cancelled waits for nothing more.
 
     Args:
@@ -36,7 +36,7 @@ async def replies_to(session: zenoh.Session, selector: str, **asked: Any) -> lis
     return replies
 
 
-async def kept_samples(
+async def query_samples(
     session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
 ) -> list[zenoh.Sample]:
     """Return all samples with which others answer, as they come; none when nobody does.
@@ -47,7 +47,7 @@ async def kept_samples(
         timeout_s: who answers later is not waited for.
         under_any_key: answers may be about other keys than the one that is asked for.
     """
-    replies = await replies_to(
+    replies = await query_replies(
         session,
         selector,
         target=zenoh.QueryTarget.ALL,

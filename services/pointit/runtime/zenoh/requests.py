@@ -10,13 +10,13 @@ from typing import TypeVar
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.bounded_queue import MAX_WAITING, TurnedAway, WaitingLine
+from pointit.runtime.bus.bounded_queue import MAX_WAITING, BoundedWorkQueue, OverflowCounter
 from pointit.runtime.bus.contract import Server
 from pointit.runtime.bus.local_broker import Participant
-from pointit.runtime.bus.request_handler import Desk, no_answer, shutting_down
+from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import RefusedError, RequestError
-from pointit.runtime.zenoh.queries import replies_to
-from pointit.runtime.zenoh.wire_format import check_size, decoded, encoding_of, name_in
+from pointit.runtime.zenoh.queries import query_replies
+from pointit.runtime.zenoh.wire_format import check_size, decoded, encoding_of, name_from_key
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import Request
@@ -28,7 +28,7 @@ EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
 """Waits between tries when nobody answered: a server that was just declared may not be known yet."""
 
 
-class ZenohDesk(Desk[Q, R]):
+class ZenohQueryable(RequestHandler[Q, R]):
     """Answers this process's callers, and those of others."""
 
     def __init__(
@@ -39,10 +39,10 @@ class ZenohDesk(Desk[Q, R]):
         server: Server[Q, R],
         name: str,
         *,
-        turned_away: TurnedAway,
+        turned_away: OverflowCounter,
     ) -> None:
         super().__init__(bus, request, server, name)
-        self._line = WaitingLine(request.key, self._receive, turned_away)
+        self._line = BoundedWorkQueue(request.key, self._receive, turned_away)
         self._busy = (
             f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later"
         )
@@ -76,13 +76,13 @@ class ZenohDesk(Desk[Q, R]):
             query.drop()
             return ()
         try:
-            name = name_in(self.request, str(query.key_expr))
+            name = name_from_key(self.request, str(query.key_expr))
             asked = decoded(self.request.query, query.payload, query.encoding)
         except SchemaError as error:
             with query:
                 query.reply_err(str(error).encode())
         else:
-            self.start(asked, name).add_done_callback(functools.partial(self._reply, query))
+            self.handle(asked, name).add_done_callback(functools.partial(self._reply, query))
         return ()
 
     def _reply(self, query: zenoh.Query, answer: asyncio.Task[R]) -> None:
@@ -98,7 +98,9 @@ class ZenohDesk(Desk[Q, R]):
                 query.reply_err(str(error).encode())
 
 
-async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float) -> R:
+async def send_query(
+    session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float
+) -> R:
     """Return the reply; an empty answer is tried again: the server may just be arriving.
 
     Raises:
@@ -106,7 +108,7 @@ async def ask(session: zenoh.Session, request: Request[Q, R], key: str, query: Q
     """
     for wait_s in (*EMPTY_RETRY_S, None):
         asked = {"payload": encode(query), "encoding": encoding_of(type(query)), "timeout": timeout_s}
-        for reply in await replies_to(session, key, **asked):
+        for reply in await query_replies(session, key, **asked):
             if reply.ok is not None:
                 try:
                     result: R = decoded(request.reply, reply.ok.payload, reply.ok.encoding)

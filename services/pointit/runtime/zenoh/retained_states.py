@@ -14,14 +14,14 @@ from collections.abc import Callable, Iterator, Sequence
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.bounded_queue import TurnedAway, WaitingLine
+from pointit.runtime.bus.bounded_queue import BoundedWorkQueue, OverflowCounter
 from pointit.runtime.bus.contract import AnyTopic, Recall
-from pointit.runtime.bus.endpoints import Keeping
+from pointit.runtime.bus.endpoints import RetainedStateServer
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
-from pointit.runtime.bus.name_limiter import limit_of
-from pointit.runtime.zenoh.queries import kept_samples
-from pointit.runtime.zenoh.wire_format import decoded, encoding_of, name_in
+from pointit.runtime.bus.name_limiter import max_names_for
+from pointit.runtime.zenoh.queries import query_samples
+from pointit.runtime.zenoh.wire_format import decoded, encoding_of, name_from_key
 from pointit.schemas import SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE
 
@@ -35,7 +35,7 @@ EMPTY_RETRY_S = (0.05, 0.2, 0.7)
 BUSY = "the keeper is busy with too many other questions; ask later"
 
 
-class ZenohKeeping(Keeping):
+class ZenohRetainedStateServer(RetainedStateServer):
     """Answers the readers of this process, and those of others."""
 
     def __init__(
@@ -45,7 +45,7 @@ class ZenohKeeping(Keeping):
         topics: Sequence[AnyTopic],
         recall: Recall,
         *,
-        turned_away: TurnedAway,
+        turned_away: OverflowCounter,
     ) -> None:
         super().__init__(bus, topics, recall)
         self._turned_away = turned_away
@@ -71,7 +71,7 @@ class ZenohKeeping(Keeping):
 
     def _asked_for(self, topic: AnyTopic) -> Callable[[zenoh.Query], None]:
         """Return what takes questions for `topic`: many for one keep nobody from another."""
-        line = WaitingLine(topic.key, functools.partial(self._answer, topic), self._turned_away)
+        line = BoundedWorkQueue(topic.key, functools.partial(self._answer, topic), self._turned_away)
 
         def on_query(query: zenoh.Query) -> None:  # on Zenoh's thread
             try:
@@ -95,7 +95,7 @@ class ZenohKeeping(Keeping):
                 yield
 
 
-class Recollection:
+class RetainedStateFetcher:
     """Asks who keeps states elsewhere, for the readers of this process, once for each reader and keeper."""
 
     def __init__(self, bus: Participant, session: zenoh.Session) -> None:
@@ -113,9 +113,9 @@ class Recollection:
             KEEPER_ALIVE.at(ANY), Callback(self._on_change, indirect=False), history=True
         )
 
-    def want(self, topic: AnyTopic, name: str, mailbox: Mailbox) -> None:
+    def fetch(self, topic: AnyTopic, name: str, mailbox: Mailbox) -> None:
         """Fill `mailbox` with what is kept of `topic` under `name`."""
-        self._readers = [reader for reader in self._readers if reader[2].takes_kept]
+        self._readers = [reader for reader in self._readers if reader[2].accepts_retained]
         self._readers.append((topic, name, mailbox))
         if self._keepers:
             self._ask_for([(topic, name, mailbox)])
@@ -137,7 +137,7 @@ class Recollection:
             self._ask_for(self._readers)
 
     def _ask_for(self, readers: Sequence[tuple[AnyTopic, str, Mailbox]]) -> None:
-        self._due |= {topic.at(name): topic for topic, name, mailbox in readers if mailbox.takes_kept}
+        self._due |= {topic.at(name): topic for topic, name, mailbox in readers if mailbox.accepts_retained}
         if self._due and self._asking is None and not self._bus.is_closed:
             self._asking = self._bus.spawn(self._ask(), "asking for kept states")
 
@@ -160,7 +160,7 @@ class Recollection:
         for first in range(0, len(items), AT_ONCE):
             batch = items[first : first + AT_ONCE]
             answers = await asyncio.gather(
-                *(kept_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
+                *(query_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
             )
             for (key, topic), replies in zip(batch, answers, strict=True):
                 if replies:
@@ -170,15 +170,15 @@ class Recollection:
         return left
 
     def _hand_over(self, topic: AnyTopic, replies: Sequence[zenoh.Sample]) -> None:
-        mailboxes = [(name, box) for row, name, box in self._readers if row is topic and box.takes_kept]
-        for sample in replies[: limit_of(topic.placeholder)]:
+        mailboxes = [(name, box) for row, name, box in self._readers if row is topic and box.accepts_retained]
+        for sample in replies[: max_names_for(topic.placeholder)]:
             try:
-                name = name_in(topic, str(sample.key_expr))
+                name = name_from_key(topic, str(sample.key_expr))
                 message = decoded(topic.message, sample.payload, sample.encoding)
             except SchemaError as error:
                 for _, mailbox in mailboxes:
-                    mailbox.reject(error)
+                    mailbox.count_invalid(error)
                 continue
             for wanted, mailbox in mailboxes:
                 if wanted in (ANY, name) or not topic.placeholder:
-                    mailbox.offer_kept(name, message)
+                    mailbox.offer_retained(name, message)

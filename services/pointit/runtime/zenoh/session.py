@@ -15,9 +15,9 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
-from pointit.runtime.host.tcp_timeouts import end_silence
+from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.link.credentials import refusal
+from pointit.runtime.link.credentials import connection_refusal
 from pointit.runtime.link.link import LEASE_MS, Link, check_addresses, ports_of
 from pointit.schemas.topics import check_name
 
@@ -129,7 +129,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         else:
             if told:
                 log.info("connected to %s", ", ".join(link.connect))
-            end_silence(ports_of((*link.listen, *link.connect)), LEASE_MS)
+            set_user_timeout(ports_of((*link.listen, *link.connect)), LEASE_MS)
             return session
 
 
@@ -150,8 +150,8 @@ async def _open_by_turns(turns: Sequence[zenoh.Config]) -> zenoh.Session:
     *others, last = turns
     for turn in others:
         with contextlib.suppress(zenoh.ZError):
-            return await opened(turn)
-    return await opened(last)
+            return await open_cancellable(turn)
+    return await open_cancellable(last)
 
 
 def refusals(link: Link) -> str:
@@ -161,7 +161,7 @@ def refusals(link: Link) -> str:
     """
     if link.credentials is None:
         return ""
-    reasons = [refusal(link.credentials, endpoint) for endpoint in link.connect]
+    reasons = [connection_refusal(link.credentials, endpoint) for endpoint in link.connect]
     return reasons[0] if reasons and all(reasons) else ""
 
 
@@ -177,7 +177,7 @@ def _short(error: Exception) -> str:
     return system[1] if system else str(error).split(" at ")[0].rstrip(".")
 
 
-async def opened(config: zenoh.Config) -> zenoh.Session:
+async def open_cancellable(config: zenoh.Config) -> zenoh.Session:
     """Return an open session; may be cancelled at any time: one that opens all the same is closed again.
 
     `ZENOH_RUNTIME` in the environment goes before our choice of threads; Zenoh reads it when it first opens

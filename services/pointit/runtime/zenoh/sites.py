@@ -9,7 +9,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.session import close_session, configuration, opened
+from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
 
@@ -26,7 +26,7 @@ async def sites_at(link: Link) -> tuple[str, ...]:
     config = configuration(link)
     config.insert_json5("namespace", "null")
     try:
-        session = await opened(config)
+        session = await open_cancellable(config)
     except zenoh.ZError:
         return ()
     loop, done = asyncio.get_running_loop(), asyncio.Event()

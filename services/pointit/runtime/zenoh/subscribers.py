@@ -15,9 +15,9 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.endpoints import MailboxSubscription
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
-from pointit.runtime.bus.name_limiter import Names, Places
-from pointit.runtime.zenoh.event_recovery import Arrears
-from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, name_in
+from pointit.runtime.bus.name_limiter import NameLimiter, Places
+from pointit.runtime.zenoh.event_recovery import EventRecovery
+from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, name_from_key
 from pointit.schemas import DecodeError, Message, SchemaError
 from pointit.schemas.topics import Delivery
 
@@ -26,7 +26,7 @@ class _Undeclarable(Protocol):
     def undeclare(self) -> None: ...
 
 
-class Parcel:
+class EncodedMessage:
     """Bytes from another process, for all readers of them in this one; in the loop."""
 
     __slots__ = ("_failure", "_message", "_sample")
@@ -36,7 +36,7 @@ class Parcel:
         self._message: Message | None = None
         self._failure = ""
 
-    def open(self, kind: type[Message]) -> Message:
+    def decode(self, kind: type[Message]) -> Message:
         """Return the message; decoded for the first who asks, the same object for all others.
 
         Raises:
@@ -62,7 +62,7 @@ class _Inlet(ABC):
         self.mailboxes: tuple[Mailbox, ...] = ()
         """Replaced, never changed: other threads read it."""
         self._kind = topic.message
-        self._names = Names(topic.placeholder, functools.partial(name_in, topic), places)
+        self._names = NameLimiter(topic.placeholder, functools.partial(name_from_key, topic), places)
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
@@ -73,9 +73,9 @@ class _Inlet(ABC):
             name = self._names.admit(str(sample.key_expr), time.monotonic())
         except SchemaError as error:
             for mailbox in mailboxes:
-                mailbox.reject(error)
+                mailbox.count_invalid(error)
             return
-        parcel = Parcel(sample)
+        parcel = EncodedMessage(sample)
         for mailbox in mailboxes:
             mailbox.offer(name, parcel)
 
@@ -83,7 +83,7 @@ class _Inlet(ABC):
     def undeclare(self) -> None: ...
 
 
-class LatestInlet(_Inlet):
+class SharedSubscriber(_Inlet):
     """What all readers of a key share: a sample comes in once and is decoded once, however many they are."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: Places) -> None:
@@ -115,11 +115,11 @@ class _KeptInlet(_Inlet):
         self._zid = session.info.zid()
         self._began = session.new_timestamp()
         is_event = topic.delivery is Delivery.EVENT
-        self._arrears = Arrears(bus, session, self._on_event, mailbox.lose) if is_event else None
+        self._arrears = EventRecovery(bus, session, self._on_event, mailbox.count_lost) if is_event else None
         self._subscriber: _Undeclarable = ext.declare_advanced_subscriber(
             session,
             key,
-            Callback(self._on_state if self._arrears is None else self._arrears.take, indirect=False),
+            Callback(self._on_state if self._arrears is None else self._arrears.on_sample, indirect=False),
             history=None if is_event else ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             allowed_origin=zenoh.Locality.REMOTE,
@@ -156,20 +156,20 @@ class ZenohSubscription(MailboxSubscription):
         mailbox: Mailbox,
         name: str,
         *,
-        inlets: dict[str, LatestInlet],
+        inlets: dict[str, SharedSubscriber],
         places: Places,
     ) -> None:
         """Fill `mailbox`; `inlets` are those of the bus, by key, `places` the names it takes in any case."""
         super().__init__(bus, topic, mailbox, name)
         self._key = topic.at(name)
         self._inlets = inlets
-        self._inlet: LatestInlet | _KeptInlet
+        self._inlet: SharedSubscriber | _KeptInlet
         if topic.delivery is not Delivery.LATEST:
             self._inlet = _KeptInlet(bus, session, topic, self._key, mailbox, places=places)
             return
         shared = inlets.get(self._key)
         if shared is None:
-            shared = inlets[self._key] = LatestInlet(session, topic, self._key, places)
+            shared = inlets[self._key] = SharedSubscriber(session, topic, self._key, places)
         shared.mailboxes = (*shared.mailboxes, mailbox)
         self._inlet = shared
 

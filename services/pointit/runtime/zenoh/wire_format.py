@@ -31,7 +31,7 @@ def check_size(kind: type[Any], payload: zenoh.ZBytes | None) -> None:
         raise DecodeError(f"{kind.__name__}: has {len(payload)} bytes, at most {kind.max_bytes} are taken")
 
 
-def name_in(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
+def name_from_key(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
     """Return the name in a key that somebody else wrote; raises `SchemaError` if it cannot be one."""
     name = row.name_in(key)
     if row.placeholder:

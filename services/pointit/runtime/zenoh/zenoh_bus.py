@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import zenoh
 
-from pointit.runtime.bus.bounded_queue import TurnedAway
+from pointit.runtime.bus.bounded_queue import OverflowCounter
 from pointit.runtime.bus.contract import (
     REQUEST_TIMEOUT_S,
     AnyTopic,
@@ -32,12 +32,12 @@ from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.connection_monitor import LinkWatch
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
-from pointit.runtime.zenoh.permission_probe import SelfTest
+from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from pointit.runtime.zenoh.publishers import ZenohPublisher
-from pointit.runtime.zenoh.requests import ZenohDesk, ask
-from pointit.runtime.zenoh.retained_states import Recollection, ZenohKeeping
+from pointit.runtime.zenoh.requests import ZenohQueryable, send_query
+from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, ZenohRetainedStateServer
 from pointit.runtime.zenoh.session import close_session, open_session
-from pointit.runtime.zenoh.subscribers import LatestInlet, Parcel, ZenohSubscription
+from pointit.runtime.zenoh.subscribers import EncodedMessage, SharedSubscriber, ZenohSubscription
 from pointit.schemas import Environment, Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
 
@@ -54,16 +54,16 @@ class ZenohBus(MemoryBus):
         super().__init__()
         self.session = session
         self.link = link
-        self._inlets: dict[str, LatestInlet] = {}
+        self._inlets: dict[str, SharedSubscriber] = {}
         self._places = Places()
-        self._recollection: Recollection | None = None
-        self._turned_away = TurnedAway()
+        self._recollection: RetainedStateFetcher | None = None
+        self._turned_away = OverflowCounter()
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
-        self._self_test: SelfTest | None = None
-        self._is_onlooker = link.credentials is not None and link.credentials.is_onlooker
+        self._self_test: PermissionProbe | None = None
+        self._is_onlooker = link.credentials is not None and link.credentials.is_observer
         """What it tells of itself stays in this process: its router would refuse it, and complain."""
         if link.credentials is not None and self._watch is not None:
-            self._self_test = SelfTest(session, link.credentials, self._second, lambda: self.connected)
+            self._self_test = PermissionProbe(session, link.credentials, self._second, lambda: self.connected)
 
     @classmethod
     async def open(cls, link: Link, *, patience_s: float | None = None) -> "ZenohBus":
@@ -81,13 +81,13 @@ class ZenohBus(MemoryBus):
         return self.link.site
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return that the router is lost, what this identity may not do, or that too much is asked here."""
-        lost = "" if self._watch is None else self._watch.trouble
-        denied = "" if self._self_test is None else self._self_test.trouble
-        return lost or denied or self._turned_away.trouble(time.monotonic())
+        lost = "" if self._watch is None else self._watch.problem
+        denied = "" if self._self_test is None else self._self_test.problem
+        return lost or denied or self._turned_away.problem(time.monotonic())
 
-    async def denies(self, verb: str, topic: AnyTopic, name: str) -> str:
+    async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
         """Return the sentence that says that this identity may not do something; it takes two seconds then.
 
         Args:
@@ -98,7 +98,7 @@ class ZenohBus(MemoryBus):
         Returns:
             Nothing when it may, or when there are neither credentials nor a router.
         """
-        return "" if self._self_test is None else await self._self_test.denies(verb, topic.at(name))
+        return "" if self._self_test is None else await self._self_test.denial_reason(verb, topic.at(name))
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
@@ -115,8 +115,8 @@ class ZenohBus(MemoryBus):
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
 
-        def unpack(parcel: Parcel) -> Message:
-            return parcel.open(topic.message)
+        def unpack(parcel: EncodedMessage) -> Message:
+            return parcel.decode(topic.message)
 
         def on_map(message: M, map_name: str) -> None:
             if isinstance(message, Environment):
@@ -131,36 +131,36 @@ class ZenohBus(MemoryBus):
         )
         if topic.delivery is Delivery.STATE and kept:
             if self._recollection is None:
-                self._recollection = Recollection(self, self.session)
-            self._recollection.want(topic, name, mailbox)
+                self._recollection = RetainedStateFetcher(self, self.session)
+            self._recollection.fetch(topic, name, mailbox)
         return subscription
 
-    def keep(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
+    def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics` that are gone, here and to other processes."""
         self._check_open()
-        return ZenohKeeping(self, self.session, topics, recall, turned_away=self._turned_away)
+        return ZenohRetainedStateServer(self, self.session, topics, recall, turned_away=self._turned_away)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
         self._check_open()
         self._want("serves", request.at(name))
-        return ZenohDesk(self, self.session, request, server, name, turned_away=self._turned_away)
+        return ZenohQueryable(self, self.session, request, server, name, turned_away=self._turned_away)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
         """Return the reply of whoever serves `request`, in this process or another."""
         self._check_open()
-        if self.exchange.desk_of(request, name) is not None:
+        if self.exchange.handler_for(request, name) is not None:
             return await super().call(request, query, name, timeout_s=timeout_s)
         key = request.at(name)
         if not self.connected:
-            raise NoAnswerError(f"{request.server} cannot be asked for {key}: {self.trouble}")
-        reply = self.spawn(ask(self.session, request, key, query, timeout_s), f"call {key}")
+            raise NoAnswerError(f"{request.server} cannot be asked for {key}: {self.problem}")
+        reply = self.spawn(send_query(self.session, request, key, query, timeout_s), f"call {key}")
         try:
             return await self._wait_for(reply, request, key, timeout_s)
         except NoAnswerError as error:
-            denied = "" if self._self_test is None else await self._self_test.denies("asks", key)
+            denied = "" if self._self_test is None else await self._self_test.denial_reason("asks", key)
             if denied:
                 raise NoAnswerError(denied) from error
             raise
@@ -186,7 +186,7 @@ class ZenohBus(MemoryBus):
         watcher = ZenohWatcher(self, self.session, presence, handler)
         if self._is_onlooker:
             for name in self.exchange.present.get(presence.key, {}):
-                self._loop.call_soon(watcher.tell, name, True)
+                self._loop.call_soon(watcher.notify, name, True)
         return watcher
 
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
@@ -195,7 +195,7 @@ class ZenohBus(MemoryBus):
         elif not present:  # all else is told by Zenoh
             for watcher in self.exchange.watchers.get(presence.key, ()):
                 if isinstance(watcher, ZenohWatcher):
-                    self._loop.call_soon(watcher.tell_withheld, name)
+                    self._loop.call_soon(watcher.notify_departure, name)
 
     async def close(self) -> None:
         """Close everything that was declared here, and the session."""
@@ -212,11 +212,11 @@ class ZenohBus(MemoryBus):
 
     def _want(self, verb: str, key: str) -> None:
         if self._self_test is not None:
-            self._self_test.want(verb, key)
+            self._self_test.add(verb, key)
 
     def _on_back(self) -> None:
         if self._self_test is not None:
-            self._self_test.again()
+            self._self_test.retest()
 
     @contextlib.asynccontextmanager
     async def _second(self) -> AsyncGenerator[zenoh.Session]:

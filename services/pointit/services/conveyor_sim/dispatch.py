@@ -36,7 +36,7 @@ class Dispatch:
         self.departures: deque[Departure] = deque(maxlen=DEPARTURES)
         """The latest packages that left and were selected, or came too late for it."""
 
-    def send(self, package: Package) -> None:
+    def assign_bay(self, package: Package) -> None:
         """Give a package that has just come its bay."""
         package.user = self.selected.get(package.id, "")
         wanted = self._bay_selected if package.user else self._bay_rest

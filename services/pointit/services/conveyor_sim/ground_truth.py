@@ -9,7 +9,7 @@ from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import Traffic
 
 
-def tracked_objects(traffic: Traffic, until_ns: Callable[[Package], int | None]) -> list[TrackedObject]:
+def ground_truth_objects(traffic: Traffic, until_ns: Callable[[Package], int | None]) -> list[TrackedObject]:
     """Return every package of `traffic`, belt by belt, with exact places and speeds.
 
     `until_ns`: the time until which the bay of a package can be changed, None without limit.

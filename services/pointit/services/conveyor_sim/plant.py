@@ -8,9 +8,9 @@ from pointit.schemas.environment import BeltSpeed
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.dispatch import Dispatch
 from pointit.services.conveyor_sim.feeding.feeders import Feeders
-from pointit.services.conveyor_sim.feeding.infeed import Intake
+from pointit.services.conveyor_sim.feeding.infeed import Infeed
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
-from pointit.services.conveyor_sim.ground_truth import tracked_objects
+from pointit.services.conveyor_sim.ground_truth import ground_truth_objects
 from pointit.services.conveyor_sim.network.routes import Routes
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import Traffic
@@ -63,7 +63,7 @@ class Plant:
                         f"set conveyor-sim.feeders.{feeder.name}.belt"
                     )
         prefix = f"{start_ns // 1_000_000:x}"  # unique across restarts and maps
-        self._intake = Intake(self._traffic, self._dispatch.send, prefix=prefix)
+        self._intake = Infeed(self._traffic, self._dispatch.assign_bay, prefix=prefix)
         self.changes = 0
         """Goes up with everything that must not be forgotten: feeds, departures, speeds, bays."""
         self._speed_mps = config.speed_mps
@@ -106,12 +106,12 @@ class Plant:
         events, self._pending = self._pending, []
         was_foreseen = False
         while True:
-            is_fed = self._intake.feed(self._feeders.at_work)
+            is_fed = self._intake.feed(self._feeders.active)
             self.changes += is_fed
             if rest_s <= 0.0:
                 break
             most_s = min(rest_s, self._traffic.step_s)
-            next_s = self._intake.next_s(self._feeders.at_work)
+            next_s = self._intake.next_s(self._feeders.active)
             if self._feeders.schedule is not None:
                 next_s = min(next_s, self._feeders.schedule.left_s)
             if next_s <= 0.0 or (was_foreseen and not is_fed):  # somebody is held who was not foreseen to be
@@ -123,13 +123,15 @@ class Plant:
         self.changes += len(events)
         return events
 
-    def stand_still(self, now_ns: int) -> None:
+    def skip_time(self, now_ns: int) -> None:
         """Let the time until `now_ns` go by without moving."""
         self._now_ns = now_ns
 
     def tracked(self, now_ns: int) -> TrackedObjects:
         """Return every package where it exactly is, belt by belt, stamped `now_ns`."""
-        objects = tracked_objects(self._traffic, lambda package: self._dispatch.until_ns(package, now_ns))
+        objects = ground_truth_objects(
+            self._traffic, lambda package: self._dispatch.until_ns(package, now_ns)
+        )
         return TrackedObjects(stamp_ns=now_ns, objects=tuple(objects), latency_sigma_s=0.0)
 
     def state(self, now_ns: int) -> ConveyorState:
@@ -216,8 +218,8 @@ class Plant:
             "speed_mps": self._speed_mps,
             "own_speeds": dict(self._own_speeds),
             "is_reverse": dict(intake.is_reverse),
-            **self._feeders.kept(),
-            "packages": [package.kept() for held in traffic.held for package in held],
+            **self._feeders.to_state(),
+            "packages": [package.to_state() for held in traffic.held for package in held],
         }
 
     def restore(self, kept: Mapping[str, Any]) -> None:
@@ -233,7 +235,7 @@ class Plant:
             self.set_speed(speed_mps, (belt,))
         intake.is_reverse = dict(kept["is_reverse"])
         self._feeders.resume(kept)
-        traffic.restore([Package.again(values) for values in kept["packages"]])
+        traffic.restore([Package.from_state(values) for values in kept["packages"]])
         dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
 
     def _run_at(self, speed_mps: float) -> None:
@@ -250,7 +252,7 @@ class Plant:
     def _fill(self) -> None:
         initial = self.config.feeder.initial
         if initial and self._feeders.schedule is None and not self.config.feeders:
-            for feeder in self._feeders.at_work:  # there is one, if it does not rest
+            for feeder in self._feeders.active:  # there is one, if it does not rest
                 self._intake.fill(feeder, initial)
 
     def _pass(self, elapsed_s: float) -> list[SelectionEvent]:
@@ -258,12 +260,12 @@ class Plant:
             self._dispatch.leave(package, self._bay_at(package), self._now_ns)
             for package in self._traffic.move(elapsed_s)
         ]
-        for feeder in self._feeders.at_work:
-            feeder.pass_time(elapsed_s)
+        for feeder in self._feeders.active:
+            feeder.tick(elapsed_s)
         schedule = self._feeders.schedule
         if schedule is not None:
             was = schedule.name
-            if schedule.pass_time(elapsed_s):
+            if schedule.tick(elapsed_s):
                 self._run_at(schedule.step.speed_mps)
             self.changes += schedule.name != was
         return events

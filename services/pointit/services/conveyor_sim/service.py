@@ -35,7 +35,7 @@ from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLan
 from pointit.services.conveyor_sim.feeding.schedule import check_schedule
 from pointit.services.conveyor_sim.from_map import UnusableMapError
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.store.persistence import Memory
+from pointit.services.conveyor_sim.store.persistence import PlantPersistence
 from pointit.services.conveyor_sim.store.snapshot_store import erase, fingerprint
 from pointit.services.conveyor_sim.tracking import Tracker
 
@@ -57,7 +57,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     CONFIG = ConveyorSimConfig
 
     @classmethod
-    def begin_anew(cls, site: str, now_ns: int) -> None:  # noqa: ARG003 - whenever it was
+    def discard_saved_state(cls, site: str, now_ns: int) -> None:  # noqa: ARG003 - whenever it was
         """Let the next conveyor of `site` begin empty."""
         erase(site_folder(site, cls.NAME))
 
@@ -66,7 +66,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._plant: Plant | None = None
         self._tracker: Tracker | None = None
         self._mark = ""
-        self._memory = Memory(config, site_folder(self.bus.site, self.NAME))
+        self._memory = PlantPersistence(config, site_folder(self.bus.site, self.NAME))
         self._is_resumed = False
         self._has_plant = asyncio.Event()
         self._owners: dict[str, str] | None = None
@@ -85,7 +85,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self.bus.subscribe(MAP, self._on_map)
 
     @classmethod
-    def check(cls, config: ConveyorSimConfig) -> None:
+    def validate_config(cls, config: ConveyorSimConfig) -> None:
         """Refuse a schedule that cannot be read.
 
         Raises:
@@ -102,7 +102,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
                 self._report(self._ready(), now_ns)
         finally:
             if self._plant is not None:
-                self._memory.keep(self._plant, self._mark, self.clock.now_ns())
+                self._memory.save(self._plant, self._mark, self.clock.now_ns())
             self._memory.close()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
@@ -206,13 +206,13 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     def _advance(self, plant: Plant, now_ns: int) -> None:
         stall_s = max(STALL_S * self.clock.speed, STALL_PERIODS / self.config.rate_hz)
         if now_ns - self._stepped_ns > stall_s * NS_PER_S:
-            plant.stand_still(now_ns)
+            plant.skip_time(now_ns)
         self._stepped_ns = now_ns
-        events = self._memory.keep(plant, self._mark, now_ns, plant.step(now_ns))
+        events = self._memory.save(plant, self._mark, now_ns, plant.step(now_ns))
         for event in events:
             self._events.put(event)
         if events:
-            self._memory.told()
+            self._memory.mark_published()
         if self._memory.problem:
             self.bus.warn("kept", self._memory.problem)
         else:

@@ -12,7 +12,7 @@ LEVEL = math.cos(math.radians(5.0))
 """What a plane's normal has of the vertical, at least, where a robot can stand on it."""
 
 
-class Judging:
+class GoalChecker:
     """Knows the level surfaces, where people stand, whether one of them points; says what speaks against."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
@@ -87,7 +87,7 @@ class Judging:
             spread += (aim_m / slope) ** 2 * np.outer(ahead, ahead) + aim_m**2 * np.outer(across, across)
         return math.sqrt(max(0.0, float(np.linalg.eigvalsh((spread + spread.T) / 2.0)[-1])))
 
-    def refusal(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> str:
+    def rejection_reason(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> str:
         """Return what speaks against sending a robot to a place, in one sentence; empty: nothing."""
         config = self._config
         if not self.is_pointing:

@@ -15,7 +15,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback, Goal, Interaction, UserPose
 from pointit.schemas.cues import SIGNS, Cue
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_checks import Judging
+from pointit.services.goal.goal_checks import GoalChecker
 
 Output = Goal | Feedback
 
@@ -52,13 +52,13 @@ class _Stay:
         return vector.scale(self.total_m, 1.0 / self.count)
 
 
-class TwoSteps:
+class GoalConfirmation:
     """Takes what one person does, with the time, and gives cues and goals."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
         """Begin with nothing known of the person `user`, and nothing proposed."""
         self._config = config
-        self._judging = Judging(config, user)
+        self._judging = GoalChecker(config, user)
         self._cursor: Cursor | None = None
         self._stay: _Stay | None = None
         self._over: tuple[str, Vec3] | None = None
@@ -68,7 +68,7 @@ class TwoSteps:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Return when `pass_time` must be called at the latest; none while nothing is proposed."""
+        """Return when `tick` must be called at the latest; none while nothing is proposed."""
         if self._proposal is None:
             return None
         return self._proposal.since_ns + round(self._config.confirm_s * NS_PER_S)
@@ -91,7 +91,7 @@ class TwoSteps:
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
         """Take where the person points; cursors that overtook each other are left out."""
-        outputs = self.pass_time(now_ns)
+        outputs = self.tick(now_ns)
         before = self._cursor
         if before is not None:
             step_ns = cursor.stamp_ns - before.stamp_ns
@@ -111,7 +111,7 @@ class TwoSteps:
 
     def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Take a gesture: a press confirms what is proposed, where presses are to."""
-        outputs = self.pass_time(now_ns)
+        outputs = self.tick(now_ns)
         proposal = self._proposal
         is_meant = self._config.confirm == "press" and event.gesture == "press"
         if proposal is None or self._cursor is None or not is_meant or event.stamp_ns < proposal.stamp_ns:
@@ -124,7 +124,7 @@ class TwoSteps:
             return [*outputs, *self._refuse("you pointed elsewhere: point at the place as you press", now_ns)]
         return [*outputs, *self._confirm(proposal, self._cursor, "press", now_ns)]
 
-    def pass_time(self, now_ns: int) -> list[Output]:
+    def tick(self, now_ns: int) -> list[Output]:
         """Go on to `now_ns`: what is not confirmed in time is taken back."""
         deadline_ns = self.deadline_ns
         if self._proposal is None or deadline_ns is None:
@@ -161,7 +161,7 @@ class TwoSteps:
         return self._propose(mean_m, cursor, now_ns)
 
     def _propose(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
-        why_not = self._judging.refusal(place_m, cursor, now_ns)
+        why_not = self._judging.rejection_reason(place_m, cursor, now_ns)
         if why_not:
             return self._refuse(why_not, now_ns, place_m)
         self._proposal = _Proposal(place_m, cursor.surface_id, cursor.stamp_ns, now_ns)
@@ -173,7 +173,7 @@ class TwoSteps:
         self, proposal: _Proposal, cursor: Cursor, by: Literal["again", "press"], now_ns: int
     ) -> list[Output]:
         place_m = proposal.place_m
-        why_not = self._judging.refusal(place_m, cursor, now_ns)
+        why_not = self._judging.rejection_reason(place_m, cursor, now_ns)
         if why_not:
             return self._refuse(why_not, now_ns, place_m)
         self._proposal = None

@@ -8,7 +8,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_confirmation import Output, TwoSteps
+from pointit.services.goal.goal_confirmation import GoalConfirmation, Output
 
 LONGEST_WAIT_S = 5.0
 """Then the clock is looked at again, which may have been set."""
@@ -23,7 +23,7 @@ class Goals(Service[GoalConfig]):
 
     def __init__(self, config: GoalConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._steps = TwoSteps(config, self.user)
+        self._steps = GoalConfirmation(config, self.user)
         self._moved = asyncio.Event()
         self._goals = self.bus.publisher(GOAL, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
@@ -36,7 +36,7 @@ class Goals(Service[GoalConfig]):
     async def run(self) -> None:
         """Take back what is not confirmed in time."""
         while True:
-            self._put(self._steps.pass_time(self.clock.now_ns()))
+            self._put(self._steps.tick(self.clock.now_ns()))
             self._moved.clear()
             deadline_ns = self._steps.deadline_ns
             if deadline_ns is None:
@@ -68,7 +68,7 @@ class Goals(Service[GoalConfig]):
         for output in outputs:
             if isinstance(output, Goal):
                 self._goals.put(output)
-                self.bus.figure("goals", output.seq)
+                self.bus.set_metric("goals", output.seq)
             else:
                 self._feedback.put(output)
         if outputs:

@@ -63,7 +63,7 @@ class ArmFrame:
         self.yaw_origin_rad = vector.wrap(yaw_origin_rad)
         self._turn = rotation.from_yaw(-self.yaw_origin_rad)
 
-    def turn_to(self, yaw_rad: float, world_from_sensor: Quaternion) -> None:
+    def set_azimuth(self, yaw_rad: float, world_from_sensor: Quaternion) -> None:
         """Set the yaw origin so that an arm with the sensor at `world_from_sensor` has azimuth `yaw_rad`.
 
         Raises:

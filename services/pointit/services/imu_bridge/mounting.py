@@ -61,7 +61,7 @@ class Mounting:
     """How far the azimuth of the arm, level ahead, turns when the mounting is used."""
 
 
-class Stillness:
+class RestPoseCollector:
     """Collects samples while the arm rests; a movement begins anew."""
 
     def __init__(self, duration_s: float) -> None:
@@ -83,7 +83,7 @@ class Stillness:
         self.rested_s = time_s - self._began_s
         if self.rested_s < self._duration_s:
             return None
-        return hold(np.array(self._samples))
+        return mean_pose(np.array(self._samples))
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
@@ -92,7 +92,7 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
 
-def hold(orientations: Orientations) -> Hold:
+def mean_pose(orientations: Orientations) -> Hold:
     """Return the mean orientation (Markley 2007, as SciPy has it) and the spread about it."""
     turns = Rotation.from_quat(orientations)
     mean = turns.mean()

@@ -18,7 +18,7 @@ AHEAD_NS = NS_PER_S
 Device = Literal["arm", "phone"]
 
 
-class Turned(NamedTuple):
+class PageOrientation(NamedTuple):
     """The arm as a page turned it; fields as those of an `ImuSample`."""
 
     orientation_xyzw: Quaternion
@@ -55,14 +55,14 @@ class PageWrist:
         """Return what moves the wrist, or did when it was moved last."""
         return "arm" if self._newest is None else self._newest.device
 
-    def has_wrist(self, now_ns: int, speed: float = 1.0) -> bool:
+    def is_active(self, now_ns: int, speed: float = 1.0) -> bool:
         """Return whether the page moves the wrist; the time runs `speed` times as fast as the wall's."""
         heard_ns = self._heard_ns
         return heard_ns is not None and abs(now_ns - heard_ns) <= WRIST_PATIENCE_S * NS_PER_S * speed
 
     def take(
         self, sample: WristSample, now_ns: int, *, home: int | None, speed: float = 1.0
-    ) -> Turned | None:
+    ) -> PageOrientation | None:
         """Take a sample; return the arm's orientation, or none where the sample is late or from the future.
 
         Args:
@@ -71,7 +71,7 @@ class PageWrist:
             home: number of the yaw's origin while no page has the wrist; none: it has nobody else.
             speed: of that time.
         """
-        goes_on = self.has_wrist(now_ns, speed)
+        goes_on = self.is_active(now_ns, speed)
         self._heard_ns = now_ns
         latest_ns = now_ns + round(AHEAD_NS * speed)
         if sample.stamp_ns > latest_ns:
@@ -100,7 +100,7 @@ class PageWrist:
         is_told = device == "phone" and sample.device_time_ns != before_ns
         device_time_ns = sample.device_time_ns if is_told else None
         orientation = self._frames[device].orientation(sample.orientation_xyzw)
-        return Turned(orientation, device_time_ns, self._epoch)
+        return PageOrientation(orientation, device_time_ns, self._epoch)
 
     def turn_to(self, yaw_rad: float) -> None:
         """Have the arm point to azimuth `yaw_rad` in {H} with the device as it is now.
@@ -110,10 +110,10 @@ class PageWrist:
         """
         if self._newest is None:
             raise ValueError("the page has sent nothing yet")
-        self._frames[self.device].turn_to(yaw_rad, self._newest.orientation_xyzw)
+        self._frames[self.device].set_azimuth(yaw_rad, self._newest.orientation_xyzw)
         self._set_anew(self.device)
 
-    def wear_phone(self, sensor_from_arm: Quaternion) -> None:
+    def set_phone_mounting(self, sensor_from_arm: Quaternion) -> None:
         """Take a phone to sit on the arm like this from now on."""
         self._frames["phone"].set_mounting(sensor_from_arm)
         if self._session is not None:

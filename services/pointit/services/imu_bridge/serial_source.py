@@ -7,7 +7,7 @@ import time
 import serial
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
 from pointit.services.imu_bridge.config import SerialConfig
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected
@@ -26,7 +26,7 @@ FORGET_BAD_AFTER_S = 10.0
 class SerialSource:
     """Lines of text from a port to readings stamped with their arrival."""
 
-    def __init__(self, config: SerialConfig, clock: Clock, warnings: Warnings) -> None:
+    def __init__(self, config: SerialConfig, clock: Clock, warnings: WarningSink) -> None:
         self._config = config
         self._clock = clock
         self._warnings = warnings

@@ -29,7 +29,7 @@ from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, R
 from pointit.services.imu_bridge.replay_source import ReplaySource
 from pointit.services.imu_bridge.serial_source import SerialSource
 from pointit.services.imu_bridge.simulated import SimulatedSource
-from pointit.services.imu_bridge.stored_mounting import PURPOSE, KeptMountings, Wearing
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 from pointit.sim.recordings import read_imu_csv
 
@@ -54,10 +54,10 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """
         super().__init__(config, context)
         _check_named(config)
-        self._state = StateFile(KeptMountings, self.user, PURPOSE)
+        self._state = StateFile(StoredMountings, self.user, PURPOSE)
         self._setting = asyncio.Lock()
         kept = self._read_state()
-        self._wearing, self._phone = Wearing(config, kept), Wearing.of_phone(kept)
+        self._wearing, self._phone = MountingSelection(config, kept), MountingSelection.of_phone(kept)
         self._tell("mounting", self._wearing.warning)
         self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
@@ -80,7 +80,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self.bus.subscribe(WRIST, self._on_wrist, self.user)
 
     @classmethod
-    def check(cls, config: ImuBridgeConfig) -> None:
+    def validate_config(cls, config: ImuBridgeConfig) -> None:
         """Refuse a source without its port, or without a recording that can be read."""
         _check_named(config)
         if config.source == "replay":
@@ -129,7 +129,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     @property
     def _has_page(self) -> bool:
-        return self._page.has_wrist(self.clock.now_ns(), self.clock.speed)
+        return self._page.is_active(self.clock.now_ns(), self.clock.speed)
 
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
         turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
@@ -175,7 +175,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             log.info("%s: a page's %s the wrist", self.user, what)
             self._moved_by = moved_by
         for name, value, unit in figures(self._page, sample):
-            self.bus.figure(name, value, unit)
+            self.bus.set_metric(name, value, unit)
         for topic, sentence in warnings(self.user, self._page, sample):
             self._tell(topic, sentence)
 
@@ -184,8 +184,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
             if self._has_page:
                 self._page.turn_to(query.yaw_rad)
             elif self._newest is not None:
-                self._frame.turn_to(query.yaw_rad, self._newest.world_from_sensor)
-                self._epoch.set_anew()
+                self._frame.set_azimuth(query.yaw_rad, self._newest.world_from_sensor)
+                self._epoch.start_new_epoch()
             elif self.config.source == "page":
                 raise RefusedError("nothing moves the wrist: take it with a page's phone and ask again")
             else:
@@ -202,11 +202,11 @@ class ImuBridge(Service[ImuBridgeConfig]):
             is_new = wearing.sensor_from_arm != before
             if wearing is self._phone:
                 if is_new:
-                    self._page.wear_phone(wearing.sensor_from_arm)
+                    self._page.set_phone_mounting(wearing.sensor_from_arm)
             else:
                 self._frame.set_mounting(wearing.sensor_from_arm)
                 if is_new:
-                    self._epoch.set_anew()
+                    self._epoch.start_new_epoch()
                 self._tell("mounting", wearing.warning)
             trouble = ""
             if kept is not None:
@@ -215,7 +215,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         message = wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")
         return SetMountingReply(message=message, sensor_from_arm_xyzw=wearing.sensor_from_arm)
 
-    def _worn(self) -> Wearing:
+    def _worn(self) -> MountingSelection:
         """Return how what moves the wrist is worn.
 
         Raises:
@@ -230,14 +230,14 @@ class ImuBridge(Service[ImuBridgeConfig]):
             )
         return self._phone
 
-    def _read_state(self) -> KeptMountings | None:
+    def _read_state(self) -> StoredMountings | None:
         try:
             return self._state.read()
         except ConfigError as error:
             self.bus.warn("state", f"the person's measured mounting is not used: {error}")
             return None
 
-    async def _keep(self, kept: KeptMountings) -> str:
+    async def _keep(self, kept: StoredMountings) -> str:
         """Write or erase what outlives this process; return what went wrong."""
         try:
             if kept.by_source:

@@ -4,7 +4,7 @@ from pydantic import Field
 
 from pointit.geometry import rotation
 from pointit.schemas import SetMounting
-from pointit.schemas.base import Ns, Part, QuaternionXyzw
+from pointit.schemas.base import Ns, QuaternionXyzw, SchemaModel
 from pointit.services.imu_bridge.config import ImuBridgeConfig, MountingName
 
 PURPOSE = "mounting"
@@ -14,7 +14,7 @@ PHONE = "phone"
 """Among the kinds of sources: a page's phone, whatever the source of imu-bridge itself is."""
 
 
-class KeptMounting(Part):
+class StoredMounting(SchemaModel):
     """A measured mounting, and what was configured then."""
 
     sensor_from_arm_xyzw: QuaternionXyzw
@@ -22,22 +22,22 @@ class KeptMounting(Part):
     set_ns: Ns
 
 
-class KeptMountings(Part):
+class StoredMountings(SchemaModel):
     """What is kept for a person: a mounting for each kind of source, as each is another device."""
 
-    by_source: dict[str, KeptMounting] = Field(default_factory=dict[str, KeptMounting])
+    by_source: dict[str, StoredMounting] = Field(default_factory=dict[str, StoredMounting])
 
 
-class Wearing:
+class MountingSelection:
     """How the person wears the sensor now; a rotation in the configuration wins over one that was kept."""
 
     def __init__(
-        self, config: ImuBridgeConfig, kept: KeptMountings | None = None, *, key: str | None = None
+        self, config: ImuBridgeConfig, kept: StoredMountings | None = None, *, key: str | None = None
     ) -> None:
         """Take what is configured and `kept`, there under `key`; none: under the source."""
         self._config = config
         self._key = key or config.source
-        self.kept = kept or KeptMountings()
+        self.kept = kept or StoredMountings()
         """Of all kinds of sources."""
         self.sensor_from_arm = config.configured_mounting
         self.is_measured = False
@@ -64,11 +64,11 @@ class Wearing:
             self.is_measured = True
 
     @classmethod
-    def of_phone(cls, kept: KeptMountings | None = None) -> "Wearing":
+    def of_phone(cls, kept: StoredMountings | None = None) -> "MountingSelection":
         """Return how a page's phone is worn."""
         return cls(ImuBridgeConfig(source="page", mounting="phone"), kept, key=PHONE)
 
-    def set(self, query: SetMounting, now_ns: int) -> KeptMountings | None:
+    def set(self, query: SetMounting, now_ns: int) -> StoredMountings | None:
         """Take what was asked for; return what is to be kept from now on, or none when that is as before.
 
         A relative rotation that turns nothing only asks: it changes nothing.
@@ -79,7 +79,7 @@ class Wearing:
             self.sensor_from_arm = self._config.configured_mounting
             self.is_measured = False
             self.warning = ""
-            self.kept = KeptMountings(by_source=others)
+            self.kept = StoredMountings(by_source=others)
             return self.kept
         if query.is_relative:
             if wanted[:3] == (0.0, 0.0, 0.0):
@@ -89,10 +89,10 @@ class Wearing:
             self.sensor_from_arm = rotation.normalized(wanted)
         self.is_measured = True
         self.warning = ""
-        own = KeptMounting(
+        own = StoredMounting(
             sensor_from_arm_xyzw=self.sensor_from_arm, configured=self._config.mounting, set_ns=now_ns
         )
-        self.kept = KeptMountings(by_source={**others, self._key: own})
+        self.kept = StoredMountings(by_source={**others, self._key: own})
         return self.kept
 
     def describe(self) -> str:

@@ -25,7 +25,7 @@ class YawEpoch:
         """Device time as it was sent."""
         self._wrapped_ns = 0
 
-    def set_anew(self) -> None:
+    def start_new_epoch(self) -> None:
         """Take that whoever sets origin or mounting has set it."""
         self.count = next(self._numbers)
 

@@ -26,7 +26,7 @@ KEPT: tuple[Topic[Any], ...] = tuple(
 """What is kept."""
 
 
-def misleads(message: Message) -> bool:
+def dies_with_writer(message: Message) -> bool:
     """Return whether `message` must not outlive its writer."""
     if isinstance(message, UserPose):
         return message.method == "external"
@@ -45,7 +45,7 @@ def is_shared(topic: Topic[Any]) -> bool:
     return not is_personal(topic) and topic is not DEPLOYMENT
 
 
-def is_replaced(earlier: Message, later: Message) -> bool:
+def is_superseded(earlier: Message, later: Message) -> bool:
     """Return whether `later`, under another name, tells that `earlier` runs no more.
 
     A site runs one scenario at a time; people come and go beside it.

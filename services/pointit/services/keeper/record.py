@@ -4,14 +4,14 @@ from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import put
-from pointit.schemas import DecodeError, Part, decode, encode
+from pointit.runtime.host.atomic_file import write_atomically
+from pointit.schemas import DecodeError, SchemaModel, decode, encode
 from pointit.schemas.base import Many, Ns
 
 FILE = "states.msgpack"
 
 
-class KeptState(Part):
+class KeptState(SchemaModel):
     """One state as it travels."""
 
     key: str
@@ -21,7 +21,7 @@ class KeptState(Part):
     payload: bytes
 
 
-class Record(Part):
+class Record(SchemaModel):
     """All that is kept."""
 
     max_bytes: ClassVar[int] = 80 * 1024 * 1024
@@ -54,4 +54,4 @@ def write(path: Path, record: Record) -> None:
     Raises:
         ConfigError: it cannot be written; names the file.
     """
-    put(path, encode(record))
+    write_atomically(path, encode(record))

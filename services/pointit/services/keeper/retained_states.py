@@ -11,7 +11,14 @@ from typing import Any
 from pointit.schemas import NS_PER_S, Deployment, Environment, Message, SchemaError, decode, encode
 from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, Topic
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import KEPT, has_owner, is_personal, is_replaced, is_shared, misleads
+from pointit.services.keeper.ownership import (
+    KEPT,
+    dies_with_writer,
+    has_owner,
+    is_personal,
+    is_shared,
+    is_superseded,
+)
 from pointit.services.keeper.record import KeptState, Record
 
 _ROWS = {topic.key: topic for topic in KEPT}
@@ -26,7 +33,7 @@ class _Value:
     """When its owner was last known to be present."""
 
 
-class Shelf:
+class RetainedStates:
     """Keeps states within bounds of number, size and time; the order is that of their arrival."""
 
     def __init__(self, config: KeeperConfig) -> None:
@@ -58,28 +65,28 @@ class Shelf:
         if isinstance(message, Deployment):
             message = message.believed(name)
             for where, value in list(self._values.items()):
-                if is_replaced(value.message, message):
+                if is_superseded(value.message, message):
                     self._drop(where)
-        if not misleads(message):
+        if not dies_with_writer(message):
             self._put(topic, name, message, encode(message), now_ns)
 
     def set_user(self, user: str, now_ns: int, *, present: bool) -> None:
         """Take note that a person is present, or no longer."""
-        self.pass_time(now_ns)  # whoever was present was so until now
+        self.expire(now_ns)  # whoever was present was so until now
         (self._users.add if present else self._users.discard)(user)
 
     def set_instance(self, instance: str, now_ns: int, *, present: bool) -> None:
         """Take note that a service is present, or no longer."""
-        self.pass_time(now_ns)
+        self.expire(now_ns)
         (self._instances.add if present else self._instances.discard)(instance)
 
-    def recall(self, topic: Topic[Any]) -> Iterator[tuple[str, Message]]:
+    def lookup(self, topic: Topic[Any]) -> Iterator[tuple[str, Message]]:
         """Yield name and value of what may be handed out of `topic`."""
         for (key, name), value in list(self._values.items()):
             if key == topic.key and (not is_personal(topic) or self._is_owned(name, value)):
                 yield name, value.message
 
-    def pass_time(self, now_ns: int) -> None:
+    def expire(self, now_ns: int) -> None:
         """Forget what was nobody's for too long."""
         for (key, name), value in list(self._values.items()):
             if self._is_owned(name, value) or value.owned_ns > now_ns:  # the clock was set back
@@ -113,7 +120,7 @@ class Shelf:
             except SchemaError:
                 broken += 1
                 continue
-            if (topic.key, state.name) not in self._values and not misleads(message):
+            if (topic.key, state.name) not in self._values and not dies_with_writer(message):
                 self._put(topic, state.name, message, state.payload, now_ns)
         return broken
 

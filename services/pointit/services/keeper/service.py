@@ -10,7 +10,7 @@ from typing import ClassVar
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.clock import WallClock, sleep
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.clock_skew import REMEDY, SkewWatch
+from pointit.runtime.health.clock_skew import REMEDY, ClockSkewMonitor
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
@@ -18,7 +18,7 @@ from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import KEPT
 from pointit.services.keeper.record import FILE, read, write
-from pointit.services.keeper.retained_states import Shelf
+from pointit.services.keeper.retained_states import RetainedStates
 
 SETTLE_S = 0.5
 """So long after it began it knows who is present and what living writers say, and answers; of the wall."""
@@ -35,20 +35,20 @@ class Keeper(Service[KeeperConfig]):
     CONFIG = KeeperConfig
 
     @classmethod
-    def begin_anew(cls, site: str, now_ns: int) -> None:
+    def discard_saved_state(cls, site: str, now_ns: int) -> None:
         """Forget what an earlier run of `site` has left."""
         del now_ns
         _path(site).unlink(missing_ok=True)
 
     def __init__(self, config: KeeperConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._shelf = Shelf(config)
+        self._shelf = RetainedStates(config)
         self._path = _path(self.bus.site)
         self._written = 0
         """`changes` of the shelf as they are on disk."""
         self._changed = asyncio.Event()
         self._wall = WallClock()
-        self._skews = SkewWatch(socket.gethostname())
+        self._skews = ClockSkewMonitor(socket.gethostname())
         self._apart: set[str] = set()
         """Machines whose clocks are said to be apart from ours."""
         if config.file.enabled:
@@ -63,7 +63,7 @@ class Keeper(Service[KeeperConfig]):
         """Answer, once it is known who is present; forget what is nobody's; write what has changed."""
         try:
             await asyncio.sleep(SETTLE_S)
-            self.bus.keep(KEPT, self._shelf.recall)
+            self.bus.serve_retained(KEPT, self._shelf.lookup)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._mind(), name="keeper forgets")
                 if self.config.file.enabled:
@@ -84,7 +84,7 @@ class Keeper(Service[KeeperConfig]):
 
     def _on_health(self, health: Health, _instance: str) -> None:
         if health.host:
-            self._skews.hear(health.host, health.stamp_ns, self._wall.now_ns(), time.monotonic())
+            self._skews.on_report(health.host, health.stamp_ns, self._wall.now_ns(), time.monotonic())
 
     def _compare_clocks(self) -> None:
         apart = {skew.host: skew for skew in self._skews.skews(time.monotonic())}
@@ -97,9 +97,9 @@ class Keeper(Service[KeeperConfig]):
     async def _mind(self) -> None:
         while True:
             self._compare_clocks()
-            self._shelf.pass_time(self.clock.now_ns())
-            self.bus.figure("kept", float(len(self._shelf)), "states")
-            self.bus.figure("size", self._shelf.size / 1e6, "MB")
+            self._shelf.expire(self.clock.now_ns())
+            self.bus.set_metric("kept", float(len(self._shelf)), "states")
+            self.bus.set_metric("size", self._shelf.size / 1e6, "MB")
             if self._shelf.refused:
                 self.bus.warn(
                     "room",

@@ -24,7 +24,7 @@ from pointit.services.led_driver.picture.render import Bytes, Renderer
 from pointit.services.led_driver.picture.scene import Scene
 
 
-class Lights:
+class LightState:
     """Strips and lamps of one map; pure: the time comes with every call, nothing is drawn unasked."""
 
     def __init__(self, config: LedDriverConfig) -> None:
@@ -113,7 +113,7 @@ class Lights:
         self._scene.forget(now_ns)
         pixels = self._renderer.render(self._scene.segments(now_ns), self._scene.cursors(now_ns))
         data = self._dimmed(pixels.ravel(), self._layout).tobytes()
-        new_ns = self._scene.take_new_ns()
+        new_ns = self._scene.pop_newest_capture_ns()
         self._seq += 1
         return StripsFrame(
             stamp_ns=now_ns if new_ns is None else new_ns,

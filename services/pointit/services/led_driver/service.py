@@ -38,9 +38,9 @@ from pointit.schemas.topics import (
     STRIPS_FRAME,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.light_state import Lights
+from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.output.expander import ExpanderOutput
-from pointit.services.led_driver.output.pacing import Pacer
+from pointit.services.led_driver.output.pacing import FrameLimiter
 from pointit.services.led_driver.picture.lamps import DARK
 
 LAMP_PERIOD_S = 1 / 20
@@ -61,8 +61,8 @@ class LedDriver(Service[LedDriverConfig]):
             ConfigError: an output lacks its port, or two share one.
         """
         super().__init__(config, context)
-        self._lights = Lights(config)
-        self._pacer = Pacer(config.max_rate_hz, config.patience_s)
+        self._lights = LightState(config)
+        self._pacer = FrameLimiter(config.max_rate_hz, config.patience_s)
         self._frame_timer: asyncio.TimerHandle | None = None
         self._expiry_timer: asyncio.TimerHandle | None = None
         self._lamp_timer: asyncio.TimerHandle | None = None
@@ -74,7 +74,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._ended = False
         self._outputs = self._make_outputs()
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
-        self.bus.figure("brightness", self._lights.brightness)
+        self.bus.set_metric("brightness", self._lights.brightness)
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(PROFILE, self._on_profile)
@@ -166,7 +166,7 @@ class LedDriver(Service[LedDriverConfig]):
             self._lights.set_brightness(query.brightness, query.strips)
         except ValueError as error:
             raise RefusedError(str(error)) from error
-        self.bus.figure("brightness", self._lights.brightness)
+        self.bus.set_metric("brightness", self._lights.brightness)
         self._wish()
         whose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
         return Done(message=f"the {whose} is {query.brightness:.0%} now")
@@ -175,7 +175,7 @@ class LedDriver(Service[LedDriverConfig]):
         """Have a frame drawn, at once if a `fresh` cursor came and the rate allows."""
         if self._ended:  # what arrives while everything is taken down
             return
-        wait_s = self._pacer.wish(asyncio.get_running_loop().time(), fresh=fresh)
+        wait_s = self._pacer.request_frame(asyncio.get_running_loop().time(), fresh=fresh)
         if wait_s == 0.0:
             self._draw()
         elif wait_s is not None:

@@ -8,13 +8,13 @@ from pydantic import AfterValidator, Field, model_validator
 from pointit.runtime.config.config import Config
 from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
-from pointit.services.localizer.estimation.estimator import Trust
-from pointit.services.localizer.estimation_config import DriftConfig, EnoughConfig, TrustConfig
+from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.estimation_config import DriftConfig, StopCriterionConfig, TrustConfig
 from pointit.services.localizer.outputs import Floor
-from pointit.services.localizer.procedures.anchoring import Steadiness
+from pointit.services.localizer.procedures.anchoring import SteadinessLimits
 from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.moving_target import Following
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 
 def _enough_lamps(count: int) -> int:
@@ -51,7 +51,7 @@ class LocalizerConfig(Config):
         description="static_targets: how many lamps, 2 or more, no fewer and no more (in the given order "
         "at most all); 0: all given, or as many as are needed",
     )
-    enough: EnoughConfig = EnoughConfig()
+    enough: StopCriterionConfig = StopCriterionConfig()
     reaction_s: float = Field(
         default=1.5,
         ge=0,
@@ -120,7 +120,7 @@ class LocalizerConfig(Config):
         """Return the pose that is given here."""
         return UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=math.radians(self.yaw_deg))
 
-    def believed(self) -> Trust:
+    def believed(self) -> SolverSettings:
         """Return how far rays are believed, and which poses are accepted."""
         return self.trust.trust(free_height=self.free_height)
 
@@ -137,18 +137,18 @@ class LocalizerConfig(Config):
             steady_radps=math.radians(self.steady_degps) if self.steady_degps else math.inf,
         )
 
-    def choice(self) -> Choice:
+    def choice(self) -> TargetPlan:
         """Return which lamps are lit, and when it is enough."""
-        return Choice(
+        return TargetPlan(
             order=self.order,
             targets=self.targets,
             position_sigma_m=self.enough.position_m,
             yaw_sigma_rad=math.radians(self.enough.yaw_deg),
         )
 
-    def steadiness(self) -> Steadiness:
+    def steadiness(self) -> SteadinessLimits:
         """Return what makes a hold an anchor."""
-        return Steadiness(max_spread_rad=math.radians(self.max_spread_deg))
+        return SteadinessLimits(max_spread_rad=math.radians(self.max_spread_deg))
 
     def following(self) -> Following:
         """Return what is followed, and for how long."""

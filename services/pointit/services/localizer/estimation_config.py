@@ -6,14 +6,14 @@ from pydantic import Field
 
 from pointit.runtime.config.config import Config
 from pointit.services.localizer.drift.filter import DriftSettings
-from pointit.services.localizer.estimation.estimator import Trust
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 FREE_HEIGHT_M = 10.0
 """One sigma of a height that is not known."""
 
-_TRUST = Trust()
-_CHOICE = Choice()
+_TRUST = SolverSettings()
+_CHOICE = TargetPlan()
 _DRIFT = DriftSettings()
 
 
@@ -103,9 +103,9 @@ class TrustConfig(Config):
         description="poses less certain than this are refused, degrees",
     )
 
-    def trust(self, *, free_height: bool = False) -> Trust:
+    def trust(self, *, free_height: bool = False) -> SolverSettings:
         """Return it in radians, for the solver."""
-        return Trust(
+        return SolverSettings(
             ray_sigma_rad=math.radians(self.ray_sigma_deg),
             elevation_sigma_rad=math.radians(self.elevation_sigma_deg),
             act_sigma_rad=math.radians(self.act_sigma_deg),
@@ -124,7 +124,7 @@ class TrustConfig(Config):
         )
 
 
-class EnoughConfig(Config):
+class StopCriterionConfig(Config):
     """When an informative choice of lamps may end: both must be reached, or all lamps were used."""
 
     position_m: float = Field(

@@ -30,7 +30,7 @@ class Floor:
 
 
 @dataclass(frozen=True)
-class StandBack:
+class WithdrawPose:
     """Somebody else gives the pose now: ours is to be taken back."""
 
 
@@ -39,7 +39,7 @@ Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 
 
 @dataclass(frozen=True)
-class Judged:
+class AnchorOutcome:
     """What became of a pointing at one lamp."""
 
     anchor: Anchor
@@ -47,7 +47,7 @@ class Judged:
     """Whether nothing is left to do: it was taken, or only to be measured and could be."""
 
 
-Output = LampSwitch | Localization | UserPose | Anchor | StandBack
+Output = LampSwitch | Localization | UserPose | Anchor | WithdrawPose
 
 
 def pose_message(
@@ -77,7 +77,7 @@ def bounded(value: float) -> float:
     return max(-FARTHEST, min(FARTHEST, value))
 
 
-def extent(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return `value` as it may travel; none when it is beyond everything."""
     return value if value <= FARTHEST else None
 

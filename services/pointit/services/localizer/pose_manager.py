@@ -21,12 +21,12 @@ from pointit.schemas import (
 from pointit.schemas.topics import SET_POSE, START_LOCALIZATION
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.outputs import Output, StandBack
-from pointit.services.localizer.procedure_runner import Procedures
-from pointit.services.localizer.procedures.external_pose import OutsidePose, stands_back
-from pointit.services.localizer.procedures.facing import Facing
+from pointit.services.localizer.outputs import Output, WithdrawPose
+from pointit.services.localizer.procedure_runner import ProcedureRunner
+from pointit.services.localizer.procedures.external_pose import ExternalPose, external_pose_message
+from pointit.services.localizer.procedures.facing import HeadingWindow
 from pointit.services.localizer.procedures.lamp_queue import in_turn
-from pointit.services.localizer.tracking.pose_tracking import Tracking
+from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 
 IDLE_S = 2.0
@@ -38,24 +38,24 @@ Method = Literal["fixed", "static_targets", "moving_target"]
 
 
 @dataclass(frozen=True)
-class Answer:
+class Response:
     """What a request comes to."""
 
     message: str
     outputs: Sequence[Output] = ()
 
 
-class Locating:
+class PoseManager:
     """Knows the pose that pointing found or somebody gave, and has a procedure run when one is asked for."""
 
     def __init__(self, user: str, config: LocalizerConfig) -> None:
         self._user = user
         self._config = config
-        self._tracking = Tracking(config.drift.settings(), follow=config.track_drift)
-        self._outside = OutsidePose()
-        self._facing = Facing()
+        self._tracking = PoseTracker(config.drift.settings(), follow=config.track_drift)
+        self._outside = ExternalPose()
+        self._facing = HeadingWindow()
         self._origin = YawOrigin()
-        self._procedures = Procedures(user, config, self._tracking)
+        self._procedures = ProcedureRunner(user, config, self._tracking)
         self._is_cursor_shown = False
 
     @property
@@ -73,9 +73,9 @@ class Locating:
         out: list[Output] = [Localization(stamp_ns=now_ns, phase="idle")]
         config = self._config
         if config.method == "fixed":
-            out.append(self._tracking.given(config.fixed(now_ns), now_ns))
+            out.append(self._tracking.set_exact(config.fixed(now_ns), now_ns))
         elif config.method == "moving_target" and config.autostart:
-            out += self._procedures.follow(now_ns)
+            out += self._procedures.start_moving_target(now_ns)
         return out
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
@@ -110,9 +110,9 @@ class Locating:
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:
-            self._facing = Facing()
-            pose = self._tracking.lose_yaw(now_ns, is_restarted=change == "restarted")
-            out = [*self._procedures.lose_yaw(now_ns), *([] if pose is None else [pose])]
+            self._facing = HeadingWindow()
+            pose = self._tracking.on_yaw_origin_changed(now_ns, is_restarted=change == "restarted")
+            out = [*self._procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
         if not self._is_cursor_shown and not self._procedures.is_following:
             self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns, now_ns)
         return out
@@ -121,19 +121,19 @@ class Locating:
         """Take what the person is about."""
         self._is_cursor_shown = news.state == "pointing"
         if self._is_cursor_shown:
-            self._tracking.disturb()
+            self._tracking.end_rest()
 
     def on_pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Stand back when a tracker gives the pose."""
         if pose.method != "external":
             return []
         is_first = self._outside.hear(pose, now_ns)
-        self._tracking.outside(pose)
+        self._tracking.set_external(pose)
         if not is_first:
             return []
-        reason = stands_back(self._user)
+        reason = external_pose_message(self._user)
         stopped = self._procedures.stop(now_ns, reason)
-        return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), StandBack()]
+        return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), WithdrawPose()]
 
     def step(self, now_ns: int) -> list[Output]:
         """Go on with the procedure, if there is one."""
@@ -153,7 +153,7 @@ class Locating:
         yield "external pose", 1.0 if self._outside.pose is not None else None, ""
         yield from self._tracking.figures(now_ns)
 
-    def worry(self, now_ns: int) -> str:
+    def problem(self, now_ns: int) -> str:
         """Return what is wrong with the pose and what to do; empty when nothing is."""
         if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
             return self._silent(now_ns)
@@ -172,32 +172,36 @@ class Locating:
             f"point at a lamp once: `pointit anchor {self._user}`, or a double press of the button"
         )
 
-    def start(self, method: Method | None, now_ns: int) -> Answer | Refusal:
+    def start(self, method: Method | None, now_ns: int) -> Response | Refusal:
         """Begin to localize, by `method` or as configured; what cannot begin stops nothing."""
         method = method or self._config.method
-        if taken := self._outside.busy(self._user, now_ns):
+        if taken := self._outside.busy_reason(self._user, now_ns):
             return Refusal(taken)
         if method == "fixed":
             out = self._procedures.stop(now_ns)
             self._outside.take_over()
-            out.append(self._tracking.given(self._config.fixed(now_ns), now_ns))
+            out.append(self._tracking.set_exact(self._config.fixed(now_ns), now_ns))
             out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
-            return Answer("the pose is fixed by the configuration", out)
+            return Response("the pose is fixed by the configuration", out)
         procedures = self._procedures
-        begun = procedures.follow(now_ns) if method == "moving_target" else procedures.at_lamps(now_ns)
+        begun = (
+            procedures.start_moving_target(now_ns)
+            if method == "moving_target"
+            else procedures.start_static_targets(now_ns)
+        )
         if isinstance(begun, Refusal):
             return begun
         self._outside.take_over()
-        return Answer(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
+        return Response(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
 
-    def cancel(self, now_ns: int) -> Answer:
+    def cancel(self, now_ns: int) -> Response:
         """Stop what goes on."""
         out = self._procedures.stop(now_ns)
-        return Answer("cancelled; the last pose stays" if out else "nothing was going on", out)
+        return Response("cancelled; the last pose stays" if out else "nothing was going on", out)
 
-    def set_pose(self, query: SetPose, now_ns: int) -> Answer | Refusal:
+    def set_pose(self, query: SetPose, now_ns: int) -> Response | Refusal:
         """Take the pose from a person."""
-        if taken := self._outside.busy(self._user, now_ns):
+        if taken := self._outside.busy_reason(self._user, now_ns):
             return Refusal(taken)
         out = self._procedures.stop(now_ns)
         self._outside.take_over()
@@ -210,14 +214,14 @@ class Locating:
             elevation_bias_rad=query.elevation_bias_rad,
         )
         if query.covariance is None:
-            out.append(self._tracking.given(pose, now_ns))
+            out.append(self._tracking.set_exact(pose, now_ns))
         else:  # pointing told it once, whatever it was before, and its localizer died
-            out.append(self._tracking.given_back(pose, now_ns))
-        return Answer(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
+            out.append(self._tracking.restore(pose, now_ns))
+        return Response(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
 
-    def set_heading(self, azimuth_rad: float, now_ns: int) -> Answer | Refusal:
+    def set_heading(self, azimuth_rad: float, now_ns: int) -> Response | Refusal:
         """Take that the person points towards `azimuth_rad` right now."""
-        if taken := self._outside.busy(self._user, now_ns):
+        if taken := self._outside.busy_reason(self._user, now_ns):
             return Refusal(taken)
         if self._procedures.is_busy:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
@@ -228,15 +232,15 @@ class Locating:
             if self._config.method != "fixed":
                 return Refusal(self._nowhere())
             self._outside.take_over()
-            self._tracking.given(self._config.fixed(now_ns), now_ns)
+            self._tracking.set_exact(self._config.fixed(now_ns), now_ns)
         result = self._tracking.heading(mean, azimuth_rad, now_ns)
         pose = self._tracking.pose(now_ns)
         if not result.accepted or pose is None:
             return Refusal(result.reason)
         note = f"; {result.note}" if result.note else ""
-        return Answer(f"the yaw is set; {math.degrees(pose.yaw_rad):.1f}°{note}", [pose])
+        return Response(f"the yaw is set; {math.degrees(pose.yaw_rad):.1f}°{note}", [pose])
 
-    def point_anchor(self, asked: str, now_ns: int) -> Answer | Refusal:
+    def point_anchor(self, asked: str, now_ns: int) -> Response | Refusal:
         """Have the person point at the lamp that is `asked` for, or at the one that tells most."""
         if self._procedures.is_localizing:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
@@ -247,7 +251,7 @@ class Locating:
         out = self._procedures.anchor(asked, self._facing.eyes_m, now_ns)
         if isinstance(out, Refusal):
             return out
-        return Answer(self._queued() or f"point at {self._procedures.lit}", out)
+        return Response(self._queued() or f"point at {self._procedures.lit}", out)
 
     def stop(self, now_ns: int) -> list[Output]:
         """End what goes on, lamps off."""

@@ -22,29 +22,29 @@ from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.procedures import lamps as lamp_choice
 from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
-from pointit.services.localizer.procedures.lamp_queue import Turns, too_long
+from pointit.services.localizer.procedures.lamp_queue import LampQueue, queue_timeout_message
 from pointit.services.localizer.procedures.moving_target import MovingTarget
-from pointit.services.localizer.procedures.next_target import Acuity, best_for_yaw
-from pointit.services.localizer.procedures.queued_pointing import Make, Waiting, Wish
+from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
+from pointit.services.localizer.procedures.queued_pointing import Make, PointingRequest, QueuedPointing
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.tracking.pose_tracking import Tracking
+from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 
 SAY_NS = NS_PER_S
 """How often who is localized, or waits, says so at least, and lights their lamp again."""
 
 
-class Procedures:
+class ProcedureRunner:
     """Makes procedures, runs one of them in turn, and gives what it finds to who keeps the pose."""
 
-    def __init__(self, user: str, config: LocalizerConfig, tracking: Tracking) -> None:
+    def __init__(self, user: str, config: LocalizerConfig, tracking: PoseTracker) -> None:
         self._user = user
         self._config = config
         self._tracking = tracking
         self._room: Environment | None = None
-        self._turns = Turns(user)
-        self._wish: Wish | None = None
+        self._turns = LampQueue(user)
+        self._wish: PointingRequest | None = None
         """What the lamps are for that are pointed at, or waited for."""
-        self._running: LampProcedure | MovingTarget | Waiting | None = None
+        self._running: LampProcedure | MovingTarget | QueuedPointing | None = None
         self._said_ns = 0
 
     @property
@@ -56,7 +56,7 @@ class Procedures:
     def is_localizing(self) -> bool:
         """Return whether one runs, or waits, that finds the pose, rather than an anchor."""
         running = self._running
-        if isinstance(running, Waiting):
+        if isinstance(running, QueuedPointing):
             return running.purpose == "pose"
         return running is not None and not isinstance(running, Anchoring)
 
@@ -68,7 +68,7 @@ class Procedures:
     @property
     def ahead(self) -> tuple[str, ...]:
         """Return for whom is waited; empty when nothing is waited for."""
-        return self._running.ahead if isinstance(self._running, Waiting) else ()
+        return self._running.ahead if isinstance(self._running, QueuedPointing) else ()
 
     @property
     def lit(self) -> str:
@@ -82,14 +82,14 @@ class Procedures:
         """
         is_first, self._room = self._room is None, room
         running = self._running
-        if isinstance(running, Waiting):
+        if isinstance(running, QueuedPointing):
             made = running.wish.make(now_ns)
             if isinstance(made, Refusal):
                 return self._leave_queue(running, now_ns, made.reason)
             running.lamp_ids = made.lamp_ids
             return self._wait_on(running, now_ns)
         if isinstance(running, LampProcedure):
-            change = lamp_choice.change(running.targets, room)
+            change = lamp_choice.map_change_reason(running.targets, room)
             reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
             return self.stop(now_ns, reason) if change else []
         if not is_first or self._config.method != "static_targets" or running is not None:
@@ -102,7 +102,7 @@ class Procedures:
         """Mind the others who are localized: the lamps are theirs who asked first."""
         if user == self._user:
             return []
-        return self._mind(now_ns, has_ended=self._turns.hear(user, news, now_ns))
+        return self._mind(now_ns, has_ended=self._turns.on_localization(user, news, now_ns))
 
     def on_absence(self, user: str, now_ns: int) -> list[Output]:
         """Take note that `user`, or their localizer, is gone: their place in the queue is free."""
@@ -112,7 +112,7 @@ class Procedures:
 
     def on_ray(self, ray: PointingRay) -> None:
         """Take a ray of the person."""
-        if self._running is not None and not isinstance(self._running, Waiting):
+        if self._running is not None and not isinstance(self._running, QueuedPointing):
             self._running.on_ray(ray)
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
@@ -120,10 +120,10 @@ class Procedures:
         if isinstance(self._running, MovingTarget):
             self._running.on_objects(tracker, objects)
 
-    def lose_yaw(self, now_ns: int) -> list[Output]:
+    def on_yaw_origin_changed(self, now_ns: int) -> list[Output]:
         """Begin anew, or refuse: rays of two yaw origins do not belong together."""
         running = self._running
-        if running is None or isinstance(running, Waiting):
+        if running is None or isinstance(running, QueuedPointing):
             return []
         if isinstance(running, MovingTarget):
             return running.start(now_ns)
@@ -135,22 +135,22 @@ class Procedures:
         running = self._running
         if running is None:
             return []
-        if isinstance(running, Waiting):
+        if isinstance(running, QueuedPointing):
             return self._wait_on(running, now_ns)
         out = self._passed(running.step(now_ns), now_ns)
         if isinstance(self._running, LampProcedure) and abs(now_ns - self._said_ns) >= SAY_NS:
             out += self._say_again(self._running, now_ns)
         return out
 
-    def follow(self, now_ns: int) -> list[Output]:
+    def start_moving_target(self, now_ns: int) -> list[Output]:
         """Have a robot followed, instead of what goes on."""
         config = self._config
         out = self.stop(now_ns)
         self._running = MovingTarget(config.following(), config.believed(), floor=config.floor())
-        self._tracking.disturb()
+        self._tracking.end_rest()
         return [*out, *self._running.start(now_ns)]
 
-    def at_lamps(self, now_ns: int) -> list[Output] | Refusal:
+    def start_static_targets(self, now_ns: int) -> list[Output] | Refusal:
         """Have the person point at lamps, in turn, instead of what goes on; or return why they cannot."""
         return self._ask(self._static, now_ns)
 
@@ -164,7 +164,7 @@ class Procedures:
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
         """End what goes on, lamps off."""
         running = self._running
-        if isinstance(running, Waiting):
+        if isinstance(running, QueuedPointing):
             self._running = None
             return [running.end("cancelled", now_ns, reason)]
         return [] if running is None else self._passed(running.cancel(now_ns, reason), now_ns)
@@ -174,25 +174,25 @@ class Procedures:
         if isinstance(procedure, Refusal):
             return procedure
         out = self.stop(now_ns)
-        wish = Wish(make, now_ns)
+        wish = PointingRequest(make, now_ns)
         ahead = self._turns.ahead(procedure.lamp_ids, wish.since_ns, now_ns)
         return [*out, *(self._queue(wish, procedure, ahead, now_ns) or self._begin(wish, procedure, now_ns))]
 
     def _queue(
-        self, wish: Wish, procedure: LampProcedure, ahead: tuple[str, ...], now_ns: int
+        self, wish: PointingRequest, procedure: LampProcedure, ahead: tuple[str, ...], now_ns: int
     ) -> list[Output]:
         """Wait for those `ahead`; for nobody, do nothing."""
         if not ahead:
             return []
-        waiting = Waiting(wish, procedure, now_ns, self._config.queue_timeout_s)
+        waiting = QueuedPointing(wish, procedure, now_ns, self._config.queue_timeout_s)
         self._running, self._said_ns = waiting, now_ns
         return [waiting.say(ahead, now_ns)]
 
-    def _begin(self, wish: Wish, procedure: LampProcedure, now_ns: int) -> list[Output]:
+    def _begin(self, wish: PointingRequest, procedure: LampProcedure, now_ns: int) -> list[Output]:
         self._wish, self._running, self._said_ns = wish, procedure, now_ns
         return procedure.start(now_ns, wish.since_ns)
 
-    def _wait_on(self, waiting: Waiting, now_ns: int) -> list[Output]:
+    def _wait_on(self, waiting: QueuedPointing, now_ns: int) -> list[Output]:
         """Begin when it is their turn; say how long the queue is when that is news, and from time to time."""
         is_too_long = waiting.is_too_long(now_ns)
         wish = waiting.wish
@@ -203,40 +203,40 @@ class Procedures:
                 return self._leave_queue(waiting, now_ns, procedure.reason)
             return self._begin(wish, procedure, now_ns)
         if is_too_long:
-            reason = too_long(self._user, ahead, self._config.queue_timeout_s)
+            reason = queue_timeout_message(self._user, ahead, self._config.queue_timeout_s)
             return self._leave_queue(waiting, now_ns, reason)
         if ahead == waiting.ahead and abs(now_ns - self._said_ns) < SAY_NS:
             return []
         self._said_ns = now_ns
         return [waiting.say(ahead, now_ns)]
 
-    def _leave_queue(self, waiting: Waiting, now_ns: int, reason: str) -> list[Output]:
+    def _leave_queue(self, waiting: QueuedPointing, now_ns: int, reason: str) -> list[Output]:
         self._running = None
         return [waiting.end("refused", now_ns, reason)]
 
     def _mind(self, now_ns: int, *, has_ended: bool) -> list[Output]:
         """Begin, or let others go first, as what was heard just now demands."""
         running, wish = self._running, self._wish
-        if isinstance(running, Waiting):
+        if isinstance(running, QueuedPointing):
             return self._wait_on(running, now_ns)
         if not isinstance(running, LampProcedure) or wish is None:
             return []
-        first = self._turns.first(running.lamp_ids, running.since_ns, running.begun_ns, now_ns)
+        first = self._turns.must_yield_to(running.lamp_ids, running.since_ns, running.begun_ns, now_ns)
         if first:
             again = replace(wish, since_ns=running.since_ns)
-            return [*running.withdraw(), *self._queue(again, running, first, now_ns)]
+            return [*running.stop_silently(), *self._queue(again, running, first, now_ns)]
         return self._say_again(running, now_ns) if has_ended else []  # they may have switched our lamp off
 
     def _static(self, _now_ns: int) -> StaticTargets | Refusal:
         config = self._config
-        lamps = lamp_choice.for_a_pose(self._room, config.lamps, config.choice())
+        lamps = lamp_choice.lamps_for_pose(self._room, config.lamps, config.choice())
         if isinstance(lamps, Refusal):
             return lamps
         return StaticTargets(lamps, config.timing(), config.believed(), config.choice(), floor=config.floor())
 
     def _anchoring(self, asked: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config
-        lamps = lamp_choice.for_an_anchor(self._room, config.lamps, asked)
+        lamps = lamp_choice.lamp_for_anchor(self._room, config.lamps, asked)
         if isinstance(lamps, Refusal):
             return lamps
         occupied = set(config.lamps)
@@ -249,7 +249,7 @@ class Procedures:
         """Return the lamp that tells most about the yaw."""
         place, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
-        acuity = Acuity(
+        acuity = ObservationModel(
             ray_sigma_rad=drift.anchor_sigma_rad,
             elevation_sigma_rad=drift.elevation_sigma_rad,
             eyes_m=eyes_m,
@@ -259,14 +259,14 @@ class Procedures:
 
     def _say_again(self, procedure: LampProcedure, now_ns: int) -> list[Output]:
         self._said_ns = now_ns
-        return procedure.again(now_ns)
+        return procedure.republish(now_ns)
 
     def _passed(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
         """Return what a procedure gave, its pose as it is followed from now on; forget one that has ended."""
         running, out = self._running, list[Output]()
         for output in outputs:
             if isinstance(output, UserPose) and isinstance(running, StaticTargets | MovingTarget):
-                out.append(self._tracking.found(output, *running.times_ns, now_ns))
+                out.append(self._tracking.set_localized(output, *running.times_ns, now_ns))
                 continue
             out.append(output)
             if isinstance(output, Anchor) and output.accepted:

@@ -47,8 +47,8 @@ from pointit.schemas.topics import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.outputs import LampSwitch, Output, StandBack
-from pointit.services.localizer.pose_manager import Answer, Locating
+from pointit.services.localizer.outputs import LampSwitch, Output, WithdrawPose
+from pointit.services.localizer.pose_manager import PoseManager, Response
 
 STEP_HZ = 20.0
 """How often a procedure is stepped while it runs."""
@@ -69,7 +69,7 @@ class Localizer(Service[LocalizerConfig]):
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._locating = Locating(self.user, config)
+        self._locating = PoseManager(self.user, config)
         self._busy = asyncio.Event()
         self._followed = asyncio.Event()
         self._lamps: dict[str, Publisher[LampColor]] = {}
@@ -120,8 +120,8 @@ class Localizer(Service[LocalizerConfig]):
     def _show(self, now_ns: int) -> None:
         """Show in health how the pose does."""
         for name, value, unit in self._locating.figures(now_ns):
-            self.bus.figure(name, value, unit)
-        worry = self._locating.worry(now_ns)
+            self.bus.set_metric(name, value, unit)
+        worry = self._locating.problem(now_ns)
         if worry:
             self.bus.warn("pose", worry)
         else:
@@ -188,7 +188,7 @@ class Localizer(Service[LocalizerConfig]):
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
         return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
 
-    def _done(self, answer: Answer | Refusal) -> Done:
+    def _done(self, answer: Response | Refusal) -> Done:
         """Publish what an answer brings along, and give it.
 
         Raises:
@@ -210,7 +210,7 @@ class Localizer(Service[LocalizerConfig]):
                     self._tell(output)
                 case Anchor():
                     self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
-                case StandBack():
+                case WithdrawPose():
                     self._take_back()
         self._set(self._busy, is_on=self._locating.is_busy)
         self._set(self._followed, is_on=self._locating.is_followed)

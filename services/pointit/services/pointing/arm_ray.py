@@ -55,7 +55,7 @@ class ArmRay:
         """Height of the ray's origin over the feet, m."""
 
     @classmethod
-    def of(cls, profile: UserProfile) -> "ArmRay":
+    def from_profile(cls, profile: UserProfile) -> "ArmRay":
         """Return the ray of the person whose profile this is."""
         return cls(profile.body, hand=profile.hand, model=profile.ray_model)
 

@@ -29,7 +29,7 @@ class Freshness:
         self.restarts = 0
         """How often the device's clock went back: it was restarted, or two devices send."""
 
-    def judge(self, sample: ImuSample, now_ns: int) -> Verdict:
+    def classify(self, sample: ImuSample, now_ns: int) -> Verdict:
         """Return what `sample` is, and remember it if it is fresh.
 
         When the host's clock is set back, or the device's, it begins anew with that clock. Device times

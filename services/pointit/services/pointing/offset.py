@@ -80,9 +80,9 @@ def sighting(anchor: Anchor) -> Sighting | None:
     """Return what an anchor's message tells, or none where it names no place."""
     if anchor.target_m is None:
         return None
-    eye = vector.add(anchor.position_m, vector.turn(anchor.origin_m, anchor.yaw_rad))
+    eye = vector.add(anchor.position_m, vector.rotate_z(anchor.origin_m, anchor.yaw_rad))
     way = vector.subtract(anchor.target_m, eye)
-    ray = vector.turn(anchor.raw_direction, anchor.yaw_rad)
+    ray = vector.rotate_z(anchor.raw_direction, anchor.yaw_rad)
     return Sighting(vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way))
 
 

@@ -31,7 +31,7 @@ class Pointer:
 
     def set_profile(self, profile: UserProfile) -> None:
         """Take the person's measures and offset; the filter begins anew."""
-        self._arm = ArmRay.of(profile)
+        self._arm = ArmRay.from_profile(profile)
         self._offset = profile.offset
         if self._smoothing is not None:
             self._smoothing.reset()
@@ -42,7 +42,7 @@ class Pointer:
 
     def ray(self, sample: ImuSample, now_ns: int) -> PointingRay | None:
         """Return the ray of `sample`, or none where `verdict` says why not."""
-        self.verdict = self.freshness.judge(sample, now_ns)
+        self.verdict = self.freshness.classify(sample, now_ns)
         if self.verdict != "fresh":
             return None
         found = self._arm.ray(sample.orientation_xyzw)

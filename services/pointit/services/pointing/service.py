@@ -80,11 +80,11 @@ class Pointing(Service[PointingConfig]):
                     self.user,
                 )
             self._restarts = freshness.restarts
-            self.bus.figure("restarts of the wrist", self._restarts)
+            self.bus.set_metric("restarts of the wrist", self._restarts)
         if not 0 <= now_ns - self._figures_ns < FIGURES_NS:
             judged, repeated = freshness.judged - self._judged, freshness.repeated - self._repeated
             share = 100.0 * repeated / judged if freshness.repeated else None  # most devices never do
-            self.bus.figure("repeated samples", share, "%")
+            self.bus.set_metric("repeated samples", share, "%")
             self._figures_ns = now_ns
             self._judged, self._repeated = freshness.judged, freshness.repeated
 

@@ -9,7 +9,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Feedback, Interaction, PointingRay, SetWorkspace, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.pointing import Solid, SurfaceKind
-from pointit.services.pui.nearby_lamps import LampFan
+from pointit.services.pui.nearby_lamps import NearbyLamps
 from pointit.services.pui.passing import Passing
 from pointit.services.pui.shapes import PLACES
 from pointit.services.pui.surfaces import Surfaces
@@ -48,7 +48,7 @@ class PersonCursor:
     """
 
     def __init__(
-        self, surfaces: Surfaces, *, lamps: LampFan | None = None, start: WorkspaceStart = NO_WORKSPACE
+        self, surfaces: Surfaces, *, lamps: NearbyLamps | None = None, start: WorkspaceStart = NO_WORKSPACE
     ) -> None:
         """Begin without a pose.
 
@@ -103,7 +103,7 @@ class PersonCursor:
     def set_interaction(self, interaction: Interaction) -> Cursor | None:
         """Take what the person is about; return the cursor that ends the pointing, once, if this ends it."""
         self._interaction = interaction
-        return None if self._pointing else self.end(interaction.stamp_ns)
+        return None if self._pointing else self.clear(interaction.stamp_ns)
 
     def set_workspace(self, query: SetWorkspace, tracked: Tracked) -> None:
         """Lay the workspace that is asked for, in place of the map or of another, or go back to the map.
@@ -152,7 +152,7 @@ class PersonCursor:
             raise WorkspaceError("the anchor is a point, but none is given: give point_m")
         return query.point_m
 
-    def end(self, stamp_ns: int) -> Cursor | None:
+    def clear(self, stamp_ns: int) -> Cursor | None:
         """Return the empty cursor that takes back the one shown, or none if there is none to take back."""
         self._point = None
         self._passing.end()
@@ -169,16 +169,16 @@ class PersonCursor:
         pose = self._pose
         if pose is None:
             return None
-        eyes = vector.add(pose.position_m, vector.turn(ray.origin_m, pose.yaw_rad))
+        eyes = vector.add(pose.position_m, vector.rotate_z(ray.origin_m, pose.yaw_rad))
         lowered = _lowered(ray.direction, pose.elevation_bias_rad)
-        direction = vector.normalized(vector.turn(lowered, pose.yaw_rad))
+        direction = vector.normalized(vector.rotate_z(lowered, pose.yaw_rad))
         self._cast = _Cast(eyes, direction, pose.position_m, ray.stamp_ns)
         if not self._pointing:
             return None
         self._newest_ns = ray.stamp_ns
         self._shown = True
         if self._workspace is None and not self._is_chosen:
-            self._workspace = self._start.laid(eyes, direction, pose.position_m)
+            self._workspace = self._start.create(eyes, direction, pose.position_m)
         return self._cursor(self._cast)
 
     def cue(self) -> Feedback | None:
@@ -234,7 +234,7 @@ class PersonCursor:
         if workspace is not None:
             hit = workspace.meet(cast.eyes_m, cast.direction, cast.feet_m)
             return None if hit is None else (("none", workspace.solid), WORKSPACE_ID + workspace.kind, hit)
-        met = self._surfaces.meet(cast.eyes_m, cast.direction)
+        met = self._surfaces.hit_test(cast.eyes_m, cast.direction)
         return None if met is None else (PLACES[met[0].kind], met[0].id, met[1])
 
 

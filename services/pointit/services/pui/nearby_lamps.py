@@ -7,7 +7,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import Lamp, LampMiss
 
 
-class LampFan:
+class NearbyLamps:
     """The lamps within an angle of the ray."""
 
     def __init__(self, lamps: Sequence[Lamp], within_rad: float) -> None:

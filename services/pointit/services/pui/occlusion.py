@@ -13,7 +13,7 @@ SLACK_M = 0.05
 """What is mounted on an opaque thing may be as deep in it, as maps are drawn, and is seen."""
 
 
-class Screens:
+class Occluders:
     """The opaque things of a room.
 
     They hide only when the ray itself meets one of them. Then a place further along the ray is hidden if
@@ -27,7 +27,7 @@ class Screens:
 
     def first(self, origin_m: Vec3, direction: Vec3) -> float:
         """Return how far the ray goes before it meets one, m, or infinity."""
-        return math.inf if self._caster is None else self._caster.first(origin_m, direction)
+        return math.inf if self._caster is None else self._caster.first_hit_m(origin_m, direction)
 
     def reach(self, first_m: float) -> float:
         """Return how far along the ray a place may be and not be hidden."""
@@ -38,4 +38,4 @@ class Screens:
         reach = vector.subtract(hit.point_m, origin_m)
         if self._caster is None or vector.dot(direction, reach) <= self.reach(first_m):
             return False
-        return self._caster.first(origin_m, reach) < hit.range_m - SLACK_M
+        return self._caster.first_hit_m(origin_m, reach) < hit.range_m - SLACK_M

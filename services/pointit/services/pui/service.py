@@ -33,8 +33,8 @@ from pointit.schemas.topics import (
 )
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.nearby_lamps import LampFan
-from pointit.services.pui.shapes import ranked
+from pointit.services.pui.nearby_lamps import NearbyLamps
+from pointit.services.pui.shapes import group_by_priority
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
 from pointit.services.pui.workspace import WorkspaceError
@@ -71,7 +71,7 @@ class Pui(Service[PuiConfig]):
             )
         except ValueError as error:
             raise ConfigError(f"pui: {error}") from error
-        self._lamps = LampFan(environment.lamps, math.radians(config.lamp_angles_deg))
+        self._lamps = NearbyLamps(environment.lamps, math.radians(config.lamp_angles_deg))
         self._start = WorkspaceStart(
             kind=None if config.workspace == "none" else config.workspace,
             height_m=config.workspace_height_m,
@@ -92,11 +92,11 @@ class Pui(Service[PuiConfig]):
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     @classmethod
-    def check(cls, config: PuiConfig) -> None:
+    def validate_config(cls, config: PuiConfig) -> None:
         """Refuse a map that cannot be used, or that has nothing of what is to be pointed at."""
         environment, clouds = load_map_and_clouds(config.map, 0)
         try:
-            ranked(
+            group_by_priority(
                 environment,
                 config.surfaces,
                 clouds,
@@ -172,7 +172,7 @@ class Pui(Service[PuiConfig]):
         # what is known of them stays: their states come once, and some of their services may still run
         person = self._persons.get(user)
         if person is not None and not present:
-            self._put(person.end(self.clock.now_ns()), user)
+            self._put(person.clear(self.clock.now_ns()), user)
             self.bus.clear(f"pose of {user}")
 
     def _judge(self, user: str, *, warn: bool = True) -> None:

@@ -53,7 +53,7 @@ class Shape(NamedTuple):
     form: Polyline | Vec3 | Solid | NDArray[Any]
 
 
-def ranked(
+def group_by_priority(
     environment: Environment,
     kinds: Collection[Kind],
     clouds: Clouds,

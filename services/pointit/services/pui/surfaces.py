@@ -16,8 +16,8 @@ from pointit.geometry.ray_cast import RayCaster
 from pointit.geometry.solid_cast import SAME, SolidCaster
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
-from pointit.services.pui.occlusion import Screens
-from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, ranked, solids_of
+from pointit.services.pui.occlusion import Occluders
+from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, group_by_priority, solids_of
 
 PAPER_TOLERANCE_M = 0.7
 
@@ -82,7 +82,7 @@ class Surfaces:
         Raises:
             ValueError: the map has nothing of these kinds, or nothing that a priority names.
         """
-        groups = ranked(
+        groups = group_by_priority(
             environment, kinds, clouds or {}, priority or {}, grazing_rad, may_be_empty=may_be_empty
         )
         self._measure: Measure = "angle" if method == "exact" and tolerance_m is None else "metres"
@@ -95,7 +95,7 @@ class Surfaces:
             for _, shapes in sorted(groups.items(), reverse=True)
         ]
         hiding = solids_of(environment, opaque, grazing_rad)
-        self._screens = Screens([solid for _, solid in hiding]) if hiding else None
+        self._screens = Occluders([solid for _, solid in hiding]) if hiding else None
 
     @property
     def tolerance_rad(self) -> float | None:
@@ -112,7 +112,7 @@ class Surfaces:
             raise ValueError("metres tell what is near enough")
         self._tolerance = tolerance_rad
 
-    def meet(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
+    def hit_test(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
         """Return what the ray (in {W}, unit direction) points at and where, or none beyond the tolerance."""
         first_m = math.inf if self._screens is None else self._screens.first(origin_m, direction)
         for parties in self._groups:

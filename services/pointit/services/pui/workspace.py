@@ -4,7 +4,7 @@ import math
 from typing import Literal
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit, hit_at
+from pointit.geometry.closest import Hit, make_hit
 from pointit.geometry.plane import GRAZING_RAD, PlaneSolid
 from pointit.geometry.solids import SphereSolid
 from pointit.geometry.vector import Vec3
@@ -112,7 +112,7 @@ class Workspace:
         """Return where the ray from the eyes meets it, with misses to the ray as it is, or none."""
         steered = self._steered(vector.normalized(direction))
         if self._plane is not None:
-            ahead, uv_at = self._plane.meet(eyes_m, steered), self._plane.uv_at
+            ahead, uv_at = self._plane.intersect(eyes_m, steered), self._plane.uv_at
         elif self.kind == "sphere":
             ahead, uv_at = self._radius_m, SphereSolid(eyes_m, self._radius_m).uv_at
         else:
@@ -125,7 +125,7 @@ class Workspace:
             uv = (self._radius_m * vector.azimuth(own), own[2])
         else:
             uv = uv_at(point)
-        return hit_at(0, 0.0, point, eyes_m, direction)._replace(uv_m=uv)
+        return make_hit(0, 0.0, point, eyes_m, direction)._replace(uv_m=uv)
 
     def _steered(self, direction: Vec3) -> Vec3:
         across, up = self._steering_rad

@@ -21,7 +21,7 @@ class WorkspaceStart:
     grazing_rad: float = GRAZING_RAD
     """Rays closer to parallel do not meet it, nor one that is asked for later."""
 
-    def laid(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Workspace | None:
+    def create(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Workspace | None:
         """Return it for a ray from the eyes in {W}, or none: the map, or it would pass through the eyes."""
         if self.kind is None:
             return None

@@ -8,7 +8,7 @@ from pointit.schemas.cues import SIGNS
 Kind = Literal["selected", "deselected", "refused"]
 
 
-def cue(kind: Kind, text: str, stamp_ns: int, seq: int) -> Feedback:
+def make_cue(kind: Kind, text: str, stamp_ns: int, seq: int) -> Feedback:
     """Return the cue with the signs of the table."""
     sign = SIGNS[kind]
     return Feedback(

@@ -13,19 +13,19 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.methods.pointer import Pointed, Pointer
+from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
 from pointit.services.selector.objects.departures import OWN, Departures
-from pointit.services.selector.objects.object_positions import Whereabouts
+from pointit.services.selector.objects.object_positions import ObjectPositions
 from pointit.services.selector.objects.scene import Scene
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import Action, Cause, Output, Owned, Record
 from pointit.services.selector.ownership.ledger import Ledger
 from pointit.services.selector.ownership.reservations import Reservations
-from pointit.services.selector.ownership.user_presence import Presences
-from pointit.services.selector.selection_publisher import Telling
+from pointit.services.selector.ownership.user_presence import UserPresence
+from pointit.services.selector.selection_publisher import SelectionPublisher
 
 
-class Selecting:
+class SelectionEngine:
     """Everybody's pointing, and what is selected by it.
 
     Stamps decide, never arrival: late and doubled cursors are left out, a clock set back begins anew.
@@ -37,7 +37,7 @@ class Selecting:
         self._config = config
         self._is_by_metres = config.method != "gauge"
         self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
-        self._whereabouts = Whereabouts(
+        self._whereabouts = ObjectPositions(
             margin_m=config.margin_m,
             stale_after_s=config.objects_stale_after_s,
             display_lag_s=config.display_lag_s,
@@ -53,14 +53,16 @@ class Selecting:
             leave_factor=config.gauge.leave_factor,
             aim=config.gauge.aim,
         )
-        self._presences = Presences(config.ownerless_after_s)
+        self._presences = UserPresence(config.ownerless_after_s)
         self._ledger = Ledger(
             self._presences.is_gone, self._whereabouts.too_late, undo_steps=config.undo_steps
         )
         self._reservations = Reservations(config.reserve_s)
         self._departures = Departures(config.left_after_s, config.unseen_after_s)
-        self._people: dict[str, Pointer] = {}
-        self._telling = Telling(record, method=config.method, snap_rad=math.radians(config.gauge.snap_deg))
+        self._people: dict[str, PersonPointer] = {}
+        self._telling = SelectionPublisher(
+            record, method=config.method, snap_rad=math.radians(config.gauge.snap_deg)
+        )
 
     def use(self, config: SelectorConfig) -> None:
         """Take another method, or other times of it; what is selected and reserved stays as it is."""
@@ -73,10 +75,10 @@ class Selecting:
     def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
         """Take up what was selected before a restart, and go on counting from `events`."""
         self._ledger.restore(entries)
-        self._telling.go_on(events)
+        self._telling.resume_numbering(events)
         for entry in entries.values():
-            self._presences.hear(entry.user, now_ns)
-        self._departures.await_(entries, now_ns)
+            self._presences.on_activity(entry.user, now_ns)
+        self._departures.expect(entries, now_ns)
 
     @property
     def has_selected(self) -> bool:
@@ -87,7 +89,7 @@ class Selecting:
         """Return what is selected and reserved now."""
         return self._telling.selection(now_ns, self._ledger.objects(), self._reservations.objects())
 
-    def silent(self, now_ns: int) -> list[str]:
+    def stale_trackers(self, now_ns: int) -> list[str]:
         """Return the trackers that have not been heard of for so long that nothing of theirs is hovered."""
         return self._whereabouts.silent(now_ns)
 
@@ -128,14 +130,14 @@ class Selecting:
         """Take where `user` points."""
         pointer = self._people.get(user)
         if pointer is None:
-            pointer = self._people[user] = Pointer(self._config)
+            pointer = self._people[user] = PersonPointer(self._config)
         if not pointer.is_timely(cursor.stamp_ns):
             return []
         now_ns = cursor.stamp_ns
-        self._presences.hear(user, now_ns)
+        self._presences.on_activity(user, now_ns)
         is_news = self._reservations.expire(now_ns)
-        view = self._scene.look(cursor)
-        tracked = self._whereabouts.under(cursor) if view is None or self._is_by_metres else None
+        view = self._scene.view_from(cursor)
+        tracked = self._whereabouts.hit_test(cursor) if view is None or self._is_by_metres else None
         pointed = pointer.step(
             cursor,
             view,
@@ -175,7 +177,7 @@ class Selecting:
         self._presences.set_present(user, now_ns, present=present)
         return []
 
-    def pass_time(self, now_ns: int) -> list[Output]:
+    def tick(self, now_ns: int) -> list[Output]:
         """Mind trackers that have ended, objects that have left, reservations that are over."""
         for tracker in self._whereabouts.forget(now_ns):
             self._scene.forget(tracker)
@@ -215,7 +217,7 @@ class Selecting:
 
     def _action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
         """Return what staying on an object would do, and who else has it."""
-        keeper = self._ledger.keeper(object_id, user, now_ns)
+        keeper = self._ledger.blocking_owner(object_id, user, now_ns)
         if keeper:
             return "refuse", keeper
         holder = self._reservations.holder(object_id)
@@ -228,7 +230,9 @@ class Selecting:
             return "refuse", ""
         return ("deselect" if is_selected else "select"), ""
 
-    def _standing(self, user: str, pointer: Pointer, pointed: Pointed, now_ns: int) -> tuple[Action, str]:
+    def _standing(
+        self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int
+    ) -> tuple[Action, str]:
         """Return what staying on what is pointed at would do, and who else has it."""
         object_id = pointed.object_id
         if object_id is None:

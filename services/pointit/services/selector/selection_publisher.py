@@ -5,13 +5,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 
 from pointit.schemas import Cursor, Hover, ReservedObject, SelectedObject, Selection
-from pointit.services.selector.cues import Kind, cue
-from pointit.services.selector.methods.pointer import Pointed
+from pointit.services.selector.cues import Kind, make_cue
+from pointit.services.selector.methods.pointer import PointerResult
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import Action, Output, Record, event_of
 
 
-class Telling:
+class SelectionPublisher:
     """Numbers messages by kind and person; decides nothing."""
 
     def __init__(self, record: Callable[[Record], None] | None, *, method: str, snap_rad: float) -> None:
@@ -28,7 +28,7 @@ class Telling:
         self._sent: Counter[tuple[str, str]] = Counter()
         """Messages by kind and person."""
 
-    def go_on(self, events: int) -> None:
+    def resume_numbering(self, events: int) -> None:
         """Count events on from `events`, the last one's number before a restart."""
         self._sent["event", ""] = events
 
@@ -43,7 +43,7 @@ class Telling:
         user: str,
         cursor: Cursor,
         view: View | None,
-        pointed: Pointed,
+        pointed: PointerResult,
         *,
         action: Action,
         taken_by: str,
@@ -102,7 +102,7 @@ class Telling:
 
     def cue(self, user: str, kind: Kind, text: str, now_ns: int) -> Output:
         """Return the cue `kind` for `user`."""
-        return Output(user, cue(kind, text, now_ns, self._count("cue", user)))
+        return Output(user, make_cue(kind, text, now_ns, self._count("cue", user)))
 
     def _count(self, kind: str, user: str = "") -> int:
         self._sent[kind, user] += 1

@@ -44,11 +44,11 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.methods.method import changed
+from pointit.services.selector.methods.method import apply_method
 from pointit.services.selector.outputs import Output, event_of
-from pointit.services.selector.selection_engine import Selecting
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.store.history import History
-from pointit.services.selector.store.journal import Journal, Kept
+from pointit.services.selector.store.journal import Journal, JournalContents
 
 log = logging.getLogger(__name__)
 
@@ -64,7 +64,7 @@ class Selector(Service[SelectorConfig]):
     CONFIG = SelectorConfig
 
     @classmethod
-    def begin_anew(cls, site: str, now_ns: int) -> None:
+    def discard_saved_state(cls, site: str, now_ns: int) -> None:
         """Close in the journal of `site` what is selected there; the audit stays."""
         folder = site_folder(site, cls.NAME)
         if folder.is_dir():
@@ -78,7 +78,7 @@ class Selector(Service[SelectorConfig]):
         super().__init__(config, context)
         self._journal = self._open_journal(config)
         self._in_use = config
-        self._selecting = Selecting(config, self._journal.add if self._journal else None)
+        self._selecting = SelectionEngine(config, self._journal.add if self._journal else None)
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
@@ -103,7 +103,7 @@ class Selector(Service[SelectorConfig]):
             while True:
                 await sleep(self.clock, JUDGE_S)
                 now_ns = self.clock.now_ns()
-                self._put(self._selecting.pass_time(now_ns))
+                self._put(self._selecting.tick(now_ns))
                 self._mind_silence(now_ns)
                 self._mind_journal(now_ns)
         finally:
@@ -120,12 +120,12 @@ class Selector(Service[SelectorConfig]):
 
     def _begin(self, now_ns: int) -> None:
         """Take up what was selected before a restart, and tell again what may not have been told."""
-        kept = Kept() if self._journal is None else self._journal.begin(now_ns)
+        kept = JournalContents() if self._journal is None else self._journal.begin(now_ns)
         if self._journal is not None and self._journal.problem:
             log.error("%s", self._journal.problem)
         self._selecting.restore(kept.entries, kept.events, now_ns)
         self._selections.put(self._selecting.selection(now_ns))
-        for record in kept.untold:
+        for record in kept.unpublished:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
                 self._put([Output("", event)])
@@ -134,7 +134,7 @@ class Selector(Service[SelectorConfig]):
     def _mind_journal(self, now_ns: int) -> None:
         if self._journal is None:
             return
-        self._journal.mind(now_ns, is_selected=self._selecting.has_selected)
+        self._journal.maintain(now_ns, is_selected=self._selecting.has_selected)
         if self._journal.problem:
             self.bus.warn("journal", self._journal.problem)
         else:
@@ -177,7 +177,7 @@ class Selector(Service[SelectorConfig]):
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:
-            wanted = changed(self.config, self._in_use, query.method, query.dwell_s)
+            wanted = apply_method(self.config, self._in_use, query.method, query.dwell_s)
         except ValueError as error:
             raise RefusedError(str(error)) from error
         if wanted != self._in_use:
@@ -205,7 +205,7 @@ class Selector(Service[SelectorConfig]):
             else:
                 self._events.put(message)
                 if journal is not None:
-                    journal.tell(message.seq)
+                    journal.mark_published(message.seq)
         return outputs
 
     def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:
@@ -218,7 +218,7 @@ class Selector(Service[SelectorConfig]):
         return person
 
     def _mind_silence(self, now_ns: int) -> None:
-        silent = self._selecting.silent(now_ns)
+        silent = self._selecting.stale_trackers(now_ns)
         if silent:
             names = ", ".join(sorted(silent))
             self.bus.warn(

@@ -9,7 +9,7 @@ from pointit.schemas.cues import MOST_FLASHES, SIGNS, Cue
 State = Literal["idle", "localizing", "pointing"]
 
 
-class Voice:
+class InteractionPublisher:
     """Counts what is said, and says no state twice."""
 
     def __init__(self) -> None:

@@ -3,13 +3,13 @@
 from pointit.schemas import Feedback, Interaction, UserPose
 from pointit.schemas.cues import Cue
 from pointit.services.supervisor import user_messages
-from pointit.services.supervisor.interaction_publisher import State, Voice
-from pointit.services.supervisor.localization_attempt import Purpose, Search
+from pointit.services.supervisor.interaction_publisher import InteractionPublisher, State
+from pointit.services.supervisor.localization_attempt import LocalizationAttempt, Purpose
 from pointit.services.supervisor.outputs import Output
 from pointit.services.supervisor.readiness import Readiness
 
 
-class Stage:
+class InteractionStateMachine:
     """Goes from state to state as it is told; says each state that is news, with its cues."""
 
     def __init__(
@@ -22,7 +22,7 @@ class Stage:
         unsure_variance: float,
     ) -> None:
         self.state: State = "idle"
-        self.search: Search | None = None
+        self.search: LocalizationAttempt | None = None
         """While localizing."""
         self.pose_ns: int | None = None
         """Stamp of the newest pose; none: the person's place is not known."""
@@ -39,7 +39,7 @@ class Stage:
         self._is_unsure = False
         """Whether the yaw of the pose is so uncertain that an anchor is wanted."""
         self._runs = 0
-        self._voice = Voice()
+        self._voice = InteractionPublisher()
 
     def take_pose(self, pose: UserPose) -> None:
         """Take the person's place."""
@@ -53,7 +53,7 @@ class Stage:
         if self.search is not None:
             self.search.set_back(by_ns)
 
-    def seek(
+    def start_attempt(
         self,
         purpose: Purpose,
         reason: str,
@@ -63,12 +63,12 @@ class Stage:
         then: State | None = None,
         otherwise: State | None = None,
         is_joined: bool = False,
-    ) -> Search:
+    ) -> LocalizationAttempt:
         """Begin a search, from `since_ns` on; where it leads is where the person is, unless that is given."""
         if self.state != "pointing":  # the silence counts from here, as nobody listened before
             self.heard_ns = now_ns
         self._runs += 1
-        self.search = Search(
+        self.search = LocalizationAttempt(
             self._runs,
             purpose,
             since_ns=now_ns if since_ns is None else since_ns,
@@ -81,7 +81,7 @@ class Stage:
         self.reason = reason
         return self.search
 
-    def seek_again(self, search: Search, reason: str) -> None:
+    def seek_again(self, search: LocalizationAttempt, reason: str) -> None:
         """Begin a search again in its place and time."""
         self._runs += 1
         self.reason = reason

@@ -23,10 +23,10 @@ from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Interaction, Local
 from pointit.schemas.cues import Cue
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.interaction_publisher import State
-from pointit.services.supervisor.interaction_state import Stage
-from pointit.services.supervisor.localization_attempt import Search
+from pointit.services.supervisor.interaction_state import InteractionStateMachine
+from pointit.services.supervisor.localization_attempt import LocalizationAttempt
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
-from pointit.services.supervisor.readiness import Readiness, TakingUp
+from pointit.services.supervisor.readiness import InteractionResume, Readiness
 
 SETTLE_NS = NS_PER_S
 """After the begin, how long the person's place may take to come before they are localized unasked."""
@@ -36,7 +36,7 @@ class LifeCycle:
     """Takes what happens, with the time, and gives what to say and to ask for.
 
     Whatever is told twice changes nothing the second time. Every state but idle has a deadline; call
-    `pass_time` when it is reached.
+    `tick` when it is reached.
     """
 
     def __init__(
@@ -59,14 +59,14 @@ class LifeCycle:
         self._silence_s = imu_timeout_s
         self._readiness = Readiness(autostart=autostart, retry_s=retry_s, resume_s=resume_s)
         self._press_ends = press_while_pointing == "ends"
-        self._stage = Stage(
+        self._stage = InteractionStateMachine(
             self._readiness,
             localizes=localize,
             follows_robot=follows_robot,
             press_ends=self._press_ends,
             unsure_variance=unsure_rad**2,
         )
-        self._before = TakingUp()
+        self._before = InteractionResume()
         self._button: ButtonEvent | None = None
         self._calling_off = 0
         """Requests to cancel that are not answered yet."""
@@ -84,7 +84,7 @@ class LifeCycle:
 
     @property
     def deadline_ns(self) -> int | None:
-        """Return when `pass_time` must be called at the latest; none while idle."""
+        """Return when `tick` must be called at the latest; none while idle."""
         if self._stage.state == "idle":
             return None
         silent_ns = self._stage.heard_ns + round(self._silence_s * NS_PER_S)
@@ -97,7 +97,7 @@ class LifeCycle:
         self._readiness.wait(now_ns + SETTLE_NS if self._localizes else now_ns)
         return [*self._stage.show(now_ns)]
 
-    def take_up(self, before: Interaction, now_ns: int) -> None:
+    def resume_from(self, before: Interaction, now_ns: int) -> None:
         """Take what a supervisor said that was here before: it may go on, if the localizer is the same."""
         if self._stage.state == "idle" and self._button is None:
             self._before.take(before, now_ns)
@@ -150,7 +150,7 @@ class LifeCycle:
         search = self._stage.search
         if search is None:
             return self._join(news, now_ns)
-        match search.meaning(news, self._stage.pose_ns):
+        match search.classify(news, self._stage.pose_ns):
             case "nothing":
                 return []
             case "aim":
@@ -159,12 +159,14 @@ class LifeCycle:
                 return self._over(news, self._found(search, now_ns))
             case "refused" | "cancelled" | "lost" as end:
                 cue: Cue = "stopped" if end == "cancelled" else "refused"
-                return self._over(news, self._fail(search, now_ns, cue, search.why(end, news.reason)))
+                return self._over(
+                    news, self._fail(search, now_ns, cue, search.failure_reason(end, news.reason))
+                )
             case "restarted":
                 self._stage.seek_again(search, user_messages.AGAIN)
                 return [Start(search.run), *self._stage.show(now_ns)]
 
-    def answered(self, run: int) -> list[Output]:
+    def on_start_accepted(self, run: int) -> list[Output]:
         """Take the localizer's consent to a `Start`; it is called off when the person rests again."""
         if self._stage.state == "idle":
             return [self._cancel()]
@@ -172,28 +174,30 @@ class LifeCycle:
             self._stage.search.is_answered = True
         return []
 
-    def called_off(self, now_ns: int) -> None:
+    def on_cancel_reply(self, now_ns: int) -> None:
         """Take the answer to a `Cancel`, whatever it is."""
         self._calling_off = max(0, self._calling_off - 1)
         if self._stage.search is None:
             self._stage.over_ns = max(self._stage.over_ns, now_ns)
 
-    def not_started(self, run: int, reason: str, now_ns: int) -> list[Output]:
+    def on_start_failed(self, run: int, reason: str, now_ns: int) -> list[Output]:
         """Take why a `Start` came to nothing."""
         search = self._stage.search
         return [] if search is None or run != search.run else self._fail(search, now_ns, "refused", reason)
 
-    def pass_time(self, now_ns: int) -> list[Output]:
+    def tick(self, now_ns: int) -> list[Output]:
         """Go on to `now_ns`: what took too long ends."""
         self._mind_clock(now_ns)
         deadline_ns = self.deadline_ns
         if deadline_ns is None or now_ns < deadline_ns:
             return []
         search = self._stage.search
-        cancel: list[Output] = [] if search is None or search.is_others_affair else [self._cancel()]
+        cancel: list[Output] = [] if search is None or search.is_owned_by_requester else [self._cancel()]
         if now_ns >= self._stage.heard_ns + round(self._silence_s * NS_PER_S):
-            if self._stage.state == "pointing" or (search is not None and search.otherwise == "pointing"):
-                self._readiness.break_off(now_ns)
+            if self._stage.state == "pointing" or (
+                search is not None and search.state_on_failure == "pointing"
+            ):
+                self._readiness.on_interrupted(now_ns)
             cue: Cue = "stopped" if search is None else "refused"
             return [*cancel, *self._stage.rest(now_ns, cue, user_messages.silent(self._silence_s))]
         if search is None:
@@ -218,26 +222,26 @@ class LifeCycle:
 
     def _localize(self, now_ns: int) -> list[Output]:
         stage = self._stage
-        search = stage.seek("pose", user_messages.ASKED, now_ns, then="pointing", otherwise="idle")
+        search = stage.start_attempt("pose", user_messages.ASKED, now_ns, then="pointing", otherwise="idle")
         return [Start(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
 
     def _ask_anchor(self, now_ns: int) -> list[Output]:
         stage = self._stage
         if stage.pose_ns is None:
             return stage.rest(now_ns, "refused", user_messages.NO_POSE_TO_ANCHOR)
-        search = stage.seek("anchor", user_messages.ANCHOR_ASKED, now_ns)
+        search = stage.start_attempt("anchor", user_messages.ANCHOR_ASKED, now_ns)
         return [StartAnchor(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
 
     def _join(self, news: Localization, now_ns: int) -> list[Output]:
         """Follow what somebody else has asked for, once there is something to point at."""
         stage = self._stage
-        before = self._before.goes_on(news) if stage.state == "idle" else ""
+        before = self._before.resumable_activity(news) if stage.state == "idle" else ""
         if before == "pointing":
-            self._readiness.break_off(now_ns)
+            self._readiness.on_interrupted(now_ns)
             return []
         since_ns = min(news.stamp_ns, now_ns)
         if before == "localizing":  # it is theirs
-            search = stage.seek(
+            search = stage.start_attempt(
                 "pose", user_messages.RESUMED, now_ns, since_ns=since_ns, then="pointing", otherwise="idle"
             )
             search.is_answered = True
@@ -248,10 +252,10 @@ class LifeCycle:
             return []
         is_anchor = news.purpose == "anchor"
         reason = user_messages.ANCHOR_ASKED_FOR if is_anchor else user_messages.POSE_ASKED_FOR
-        search = stage.seek(news.purpose, reason, now_ns, since_ns=since_ns, is_joined=True)
+        search = stage.start_attempt(news.purpose, reason, now_ns, since_ns=since_ns, is_joined=True)
         return self._aim(search, news, now_ns)
 
-    def _aim(self, search: Search, news: Localization, now_ns: int) -> list[Output]:
+    def _aim(self, search: LocalizationAttempt, news: Localization, now_ns: int) -> list[Output]:
         is_news = search.follow(news, now_ns)
         shown = self._stage.show(now_ns)
         if not is_news:
@@ -259,25 +263,25 @@ class LifeCycle:
         target = search.target_id
         return [*shown, self._stage.cue(now_ns, "target", search.next_step, target, waits=not target)]
 
-    def _found(self, search: Search, now_ns: int) -> list[Output]:
+    def _found(self, search: LocalizationAttempt, now_ns: int) -> list[Output]:
         stage = self._stage
         reason = user_messages.ANCHORED if search.purpose == "anchor" else user_messages.LOCALIZED
         cue = stage.cue(now_ns, "localized", reason)
-        if search.then == "pointing":
-            return [cue, *stage.point(now_ns, reason, was_heard=search.otherwise == "pointing")]
+        if search.state_on_success == "pointing":
+            return [cue, *stage.point(now_ns, reason, was_heard=search.state_on_failure == "pointing")]
         return [cue, *stage.rest(now_ns, "stopped", reason)]
 
-    def _fail(self, search: Search, now_ns: int, cue: Cue, reason: str) -> list[Output]:
+    def _fail(self, search: LocalizationAttempt, now_ns: int, cue: Cue, reason: str) -> list[Output]:
         """End a search that came to nothing."""
-        if search.otherwise == "pointing":
+        if search.state_on_failure == "pointing":
             return [self._stage.cue(now_ns, cue, reason), *self._stage.point(now_ns, reason, was_heard=True)]
         if search.purpose == "pose" and not search.is_joined:
             self._readiness.fail(now_ns)
         return self._stage.rest(now_ns, cue, reason)
 
-    def _call_off(self, search: Search, now_ns: int, *, is_for_good: bool) -> list[Output]:
+    def _call_off(self, search: LocalizationAttempt, now_ns: int, *, is_for_good: bool) -> list[Output]:
         """End a search because the person does not want it."""
-        reason = search.why("cancelled")
+        reason = search.failure_reason("cancelled")
         if is_for_good or (search.purpose == "pose" and not search.is_joined):
             self._readiness.gesture(ends=True)
             return [self._cancel(), *self._stage.rest(now_ns, "stopped", reason)]

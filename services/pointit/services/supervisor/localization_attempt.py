@@ -29,7 +29,7 @@ _OF_POSES: dict[Failure, str] = {
 }
 
 
-class Search:
+class LocalizationAttempt:
     """Begins when it is asked for; by the person, or by somebody else: then it is joined when it goes on."""
 
     def __init__(
@@ -56,8 +56,8 @@ class Search:
         """
         self.run = run
         self.purpose = purpose
-        self.then = then
-        self.otherwise = otherwise
+        self.state_on_success = then
+        self.state_on_failure = otherwise
         self.is_joined = is_joined
         self.is_answered = is_joined
         """Whether the localizer has consented; what ends before that is an earlier one."""
@@ -74,7 +74,7 @@ class Search:
         """Of which localization which target was told."""
 
     @property
-    def is_others_affair(self) -> bool:
+    def is_owned_by_requester(self) -> bool:
         """Return whether its time-outs are those of who asked for it."""
         return self.is_joined and self.purpose == "pose"
 
@@ -90,7 +90,7 @@ class Search:
         self.since_ns -= by_ns
         self.counted_ns -= by_ns
 
-    def meaning(self, news: Localization, pose_ns: int | None) -> Meaning:
+    def classify(self, news: Localization, pose_ns: int | None) -> Meaning:
         """Return what `news` mean for it.
 
         Args:
@@ -117,7 +117,7 @@ class Search:
         is_unseen = pose_ns is not None and pose_ns >= self.since_ns
         return "found" if is_unseen else "restarted"  # idle, as if it had never heard of us
 
-    def why(self, failure: Failure, told: str = "") -> str:
+    def failure_reason(self, failure: Failure, told: str = "") -> str:
         """Return why it came to nothing; what was `told` says it best, of what still is this search."""
         if told and failure != "lost":
             return told

@@ -13,7 +13,7 @@ LARGEST_RAD = math.radians(45.0)
 """Nobody who points is off by more on average, wherever they point."""
 
 
-def absurd(offset: PointingOffset) -> str:
+def offset_problem(offset: PointingOffset) -> str:
     """Return what is wrong with an offset that nobody has; empty for one that somebody may have."""
     worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
     if worst_rad <= LARGEST_RAD:

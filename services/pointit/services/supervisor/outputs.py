@@ -23,7 +23,7 @@ class StartAnchor:
 
 @dataclass(frozen=True, slots=True)
 class Cancel:
-    """Ask the localizer to stop, and tell `LifeCycle.called_off` when it has answered."""
+    """Ask the localizer to stop, and tell `LifeCycle.on_cancel_reply` when it has answered."""
 
 
 Output = Interaction | Feedback | Start | StartAnchor | Cancel

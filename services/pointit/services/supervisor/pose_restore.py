@@ -6,7 +6,7 @@ OWN_NS = 1_000_000_000
 """How long a restarted localizer has to publish a pose of its own (a fixed one does at once)."""
 
 
-class KeptPlace:
+class PoseRestorer:
     """Keeps the last pose, and tells when a localizer that came anew needs it back.
 
     A localizer is new when it says `idle`, its first word, after the known pose, or when it was away and is

@@ -36,7 +36,7 @@ class Readiness:
         self.is_eager = self._autostarts and not ends
         self._resume_until_ns = None
 
-    def break_off(self, now_ns: int) -> None:
+    def on_interrupted(self, now_ns: int) -> None:
         """Take note that pointing was broken off, though the person did not want to stop."""
         self._resume_until_ns = now_ns + self._resume_ns
 
@@ -55,7 +55,7 @@ class Readiness:
             self._resume_until_ns -= by_ns
 
 
-class TakingUp:
+class InteractionResume:
     """Waits for the localizer's first word."""
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class TakingUp:
         """Take note that the person has done something else."""
         self._before = None
 
-    def goes_on(self, news: Localization) -> Literal["", "localizing", "pointing"]:
+    def resumable_activity(self, news: Localization) -> Literal["", "localizing", "pointing"]:
         """Return what goes on, now that the localizer has said `news`: asked a second time, nothing."""
         before, self._before = self._before, None
         if before is None or before.state == "idle":

@@ -43,9 +43,9 @@ from pointit.schemas.topics import (
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, absurd, offset_in_use
+from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, offset_in_use, offset_problem
 from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
-from pointit.services.supervisor.pose_restore import KeptPlace
+from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)
@@ -75,7 +75,7 @@ class Supervisor(Service[SupervisorConfig]):
             press_while_pointing=config.press_while_pointing,
             unsure_rad=math.radians(config.unsure_yaw_deg),
         )
-        self._place = KeptPlace()
+        self._place = PoseRestorer()
         self._requests: asyncio.Queue[Start | StartAnchor | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
         self._offsets = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
@@ -127,7 +127,7 @@ class Supervisor(Service[SupervisorConfig]):
 
     def _on_interaction(self, before: Interaction, _user: str) -> None:
         if before.stamp_ns < self._began_ns:  # else it is our own
-            self._cycle.take_up(before, self.clock.now_ns())
+            self._cycle.resume_from(before, self.clock.now_ns())
 
     def _take_up(self) -> None:
         try:
@@ -136,7 +136,7 @@ class Supervisor(Service[SupervisorConfig]):
             self.bus.warn("last word", f"what the person was about is not taken up: {error}")
             return
         if before is not None:
-            self._cycle.take_up(before, self._began_ns)
+            self._cycle.resume_from(before, self._began_ns)
 
     async def _keep_word(self) -> None:
         """Write what was said last, for who is here after us."""
@@ -196,16 +196,16 @@ class Supervisor(Service[SupervisorConfig]):
             else:
                 await self.bus.call(START_LOCALIZATION, query, self.user)
         except RequestError as error:
-            self._do(self._cycle.not_started(request.run, str(error), self.clock.now_ns()))
+            self._do(self._cycle.on_start_failed(request.run, str(error), self.clock.now_ns()))
         else:
-            self._do(self._cycle.answered(request.run))
+            self._do(self._cycle.on_start_accepted(request.run))
 
     async def _cancel(self) -> None:
         try:
             await self.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), self.user)
         except RequestError as error:  # it is not localizing, or not there: nothing is left to cancel
             log.debug("%s", error)
-        self._cycle.called_off(self.clock.now_ns())
+        self._cycle.on_cancel_reply(self.clock.now_ns())
 
     async def _give_back(self, place: SetPose) -> None:
         try:
@@ -220,7 +220,7 @@ class Supervisor(Service[SupervisorConfig]):
     async def _mind_time(self) -> None:
         while True:
             now_ns = self.clock.now_ns()
-            self._do(self._cycle.pass_time(now_ns))
+            self._do(self._cycle.tick(now_ns))
             is_resting = self._cycle.state != "localizing"  # else a pose would end what the localizer does
             place = self._place.due(now_ns) if is_resting else None
             if place is not None:
@@ -239,7 +239,7 @@ class Supervisor(Service[SupervisorConfig]):
                 pass
 
     async def _set_offset(self, query: SetOffset, _user: str) -> Done:
-        if query.offset is not None and (wrong := absurd(query.offset)):
+        if query.offset is not None and (wrong := offset_problem(query.offset)):
             raise RefusedError(wrong)
         async with self._setting:  # what is kept is what was set last
             self._offset = query.offset

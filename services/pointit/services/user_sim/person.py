@@ -10,15 +10,15 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
 from pointit.services.user_sim.body.aim_error import OpenLoopError
 from pointit.services.user_sim.body.arm import Arm
-from pointit.services.user_sim.body.standing_position import Feet
+from pointit.services.user_sim.body.standing_position import StandingPosition
 from pointit.services.user_sim.body.wristband import Wristband
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.behaviour import asked_goal, wish_of
+from pointit.services.user_sim.decision.behaviour import asked_goal, make_behaviour
 from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, Goal
-from pointit.services.user_sim.decision.perception import Mind
-from pointit.services.user_sim.decision.press import Press
+from pointit.services.user_sim.decision.perception import Perception
+from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Aim, Stance
 
@@ -41,7 +41,9 @@ class Person:
         )
         """Azimuth of {H} in {W}; the person does not know it either."""
         self._config = config
-        self._feet = Feet(config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng)
+        self._feet = StandingPosition(
+            config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng
+        )
         self._stance = Stance(
             config.body.measures(),
             config.body.hand,
@@ -54,16 +56,16 @@ class Person:
         self._error = OpenLoopError(config.aim, skill, eye_rng)
         self._correction = Correction(config.aim, self._stance, hand_rng)
         self._sight = Sight(config.aim.visual_delay_s, config.deadline)
-        self._mind = Mind(self._sight, self._correction, config.mind.check_period_s)
-        pace = Pace(config, skill, mind_rng)
-        self._wish_anew = partial(wish_of, config, self._mind.things, pace, mind_rng)
+        self._mind = Perception(self._sight, self._correction, config.mind.check_period_s)
+        pace = DecisionTimes(config, skill, mind_rng)
+        self._wish_anew = partial(make_behaviour, config, self._mind.things, pace, mind_rng)
         self._wish = self._wish_anew()
         self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
         self._goal: Goal = REST
         self._wanted: Goal = REST
         self._act_at_ns = 0
-        self._press = Press(config)
+        self._press = ButtonModel(config)
 
     @property
     def goal(self) -> Goal:
@@ -94,7 +96,7 @@ class Person:
         if yields != self._has_yielded:
             self._has_yielded = yields
             self._wish = self._wish_anew()  # or that time would seem to have been spent on it
-        self._mind.think(now_ns, self._goal)
+        self._mind.update(now_ns, self._goal)
         self._stance.move(self._feet.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
         correction, closed = self._correction, self._goal.closed_loop

@@ -61,7 +61,7 @@ class UserSim(Service[UserSimConfig]):
             yields = self._yields(now_ns)
             if yields != self._has_yielded:
                 self._has_yielded = yields
-                self.bus.figure("a page or ROS moves the wrist", 1.0 if yields else None)
+                self.bus.set_metric("a page or ROS moves the wrist", 1.0 if yields else None)
             sample, press = self._person.step(now_ns, yields=yields)
             if sample is not None:
                 self._imu.put(sample)

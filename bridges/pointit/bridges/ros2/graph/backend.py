@@ -150,7 +150,7 @@ class Backend(Protocol):
         ...
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
         ...
 

@@ -9,15 +9,15 @@ from typing import Literal
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Backend
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.foreign_zenoh.raw_session import open_plain
-from pointit.runtime.foreign_zenoh.session_config import PlainLink
-from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.foreign_zenoh.raw_session import open_raw_session
+from pointit.runtime.foreign_zenoh.session_config import RawLink
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.link.link import ENDPOINT, MAX_PORT
 
 log = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ def check_endpoint(endpoint: str) -> None:
 
 async def opened(
     config: BackendConfig,
-    warnings: Warnings,
+    warnings: WarningSink,
     *,
     now_ns: Callable[[], int] = time.time_ns,
     patience_s: float | None = None,
@@ -76,12 +76,12 @@ async def opened(
         mode = await _mode_at(config.endpoint)
         if mode == "router":
             log.info("no ROS router answers at %s: this is it now, start no other", config.endpoint)
-    waiting = Complaints(warnings)
+    waiting = BackendWarnings(warnings)
     try:
-        session = await open_plain(
-            PlainLink(endpoint=config.endpoint, mode=mode, remedy=REMEDY),
+        session = await open_raw_session(
+            RawLink(endpoint=config.endpoint, mode=mode, remedy=REMEDY),
             patience_s=patience_s,
-            on_wait=functools.partial(waiting.hold, "router"),
+            on_wait=functools.partial(waiting.show, "router"),
         )
     finally:
         waiting.close()

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Mapping
 
 from pointit.bridges.ros2.graph.backend import Closable, Graph
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
 
 log = logging.getLogger(__name__)
@@ -13,11 +13,11 @@ log = logging.getLogger(__name__)
 Handler = Callable[[Graph], None]
 
 
-class Outlook:
+class GraphMonitor:
     """Begins with an empty graph. In the loop."""
 
     def __init__(
-        self, complaints: Complaints, *, domain: int, distro: str, needs: str, matching: Matching
+        self, complaints: BackendWarnings, *, domain: int, distro: str, needs: str, matching: Matching
     ) -> None:
         """Tell `complaints` what will not work; the others are what `findings` takes."""
         self._complaints = complaints
@@ -42,7 +42,7 @@ class Outlook:
         """Take the graph as it is now; complain of what will not work in it, and of what else is `wrong`."""
         self._findings = self._judged(graph)
         found = {each.about: each.sentence for each in self._findings if not each.is_note}
-        self._complaints.stand({**found, **wrong})
+        self._complaints.replace_all({**found, **wrong})
         if graph == self._graph:
             return
         self._graph = graph

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from pointit.bridges.ros2.routing.route_types import About
+from pointit.bridges.ros2.routing.route_types import ConversionContext
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -51,7 +51,7 @@ def heading(turned: Quaternion, what: str) -> float | str:
     return vector.azimuth(ahead)
 
 
-def stamp(value: Any, about: About, what: str) -> tuple[int, str]:
+def stamp(value: Any, about: ConversionContext, what: str) -> tuple[int, str]:
     """Return the time of capture, Unix ns, and what is wrong with the stamp, if anything: then it is now."""
     stamp_ns = int(value.sec) * NS_PER_S + int(value.nanosec)
     if stamp_ns == 0:

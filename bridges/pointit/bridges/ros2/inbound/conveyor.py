@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
-from pointit.bridges.ros2.routing.route_types import About, Said, Taken, Warned
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.bridges.ros2.routing.scene import lane_of
 from pointit.bridges.ros2.routing.uids import MOST
 from pointit.schemas import (
@@ -38,44 +38,46 @@ EVERY_STRIP = 0xFF
 """Mask of LED channels."""
 
 
-def belt_command(value: Any, about: About) -> Taken:
+def belt_command(value: Any, about: ConversionContext) -> Taken:
     """Take a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
     names, speeds = list(value.name), [float(each) for each in value.velocity]
     if not names or len(names) != len(speeds) or len(names) > MOST_BELTS:
         return (
-            Warned(
+            ConversionWarning(
                 f"/belt_cmd has {len(names)} names and {len(speeds)} velocities: send one velocity for each, "
                 f"at most {MOST_BELTS}"
             ),
         )
-    taken: list[Said | Warned] = []
+    taken: list[BusOutput | ConversionWarning] = []
     belts: dict[float, list[str]] = {}
     for name, speed_mps in zip(names, speeds, strict=True):
         lane = None if name == ALL else lane_of(name, about.scene.lanes)
         if trouble := _too_fast("/belt_cmd", speed_mps):
-            taken.append(Warned(trouble))
+            taken.append(ConversionWarning(trouble))
         elif name == ALL:
             taken.append(_at_speed(speed_mps))
         elif lane is None:
             there_are = ", ".join(about.scene.lanes[:20]) or "none"
-            taken.append(Warned(f"/belt_cmd: there is no belt {checks.named(name)}; there are {there_are}"))
+            taken.append(
+                ConversionWarning(f"/belt_cmd: there is no belt {checks.named(name)}; there are {there_are}")
+            )
         else:
             belts.setdefault(speed_mps, []).append(lane)
     taken += [_at_speed(speed_mps, tuple(lanes)) for speed_mps, lanes in belts.items()]
     return tuple(taken)
 
 
-def feed(value: Any, _about: About) -> Taken:
+def feed(value: Any, _about: ConversionContext) -> Taken:
     """Take a std_msgs/Bool: the feeders give packages, or rest."""
-    return (Said(SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
+    return (BusOutput(SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
 
 
-def add_package(value: Any, about: About) -> Taken:
+def add_package(value: Any, about: ConversionContext) -> Taken:
     """Take a std_msgs/UInt8: put an object of that kind on the first lane."""
     kind = about.scene.kinds.kind(int(value.data))
     if kind is None:
-        return (Warned(_no_kind("/add_package", int(value.data), about)),)
-    return (Said(ADD_PACKAGE, "", AddPackage(kind=kind)),)
+        return (ConversionWarning(_no_kind("/add_package", int(value.data), about)),)
+    return (BusOutput(ADD_PACKAGE, "", AddPackage(kind=kind)),)
 
 
 class AddPack:
@@ -85,58 +87,62 @@ class AddPack:
         self._open: dict[int, Any] = {}
         """Requests that our conveyor was asked for and has not answered, by the number they want."""
 
-    def asks(self, request: Any, about: About) -> Said | Warned:
+    def asks(self, request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
         """Take a request."""
         uid, belt, position = int(request.uid), int(request.belt), float(request.position)
         scene = about.scene
         taken = {scene.uids.number(item.id) for item in scene.tracked()}
         kind, lanes = scene.kinds.kind(int(request.kind)), scene.lanes
         if kind is None:
-            return Warned(_no_kind("add_pack", int(request.kind), about))
+            return ConversionWarning(_no_kind("add_pack", int(request.kind), about))
         if belt >= len(lanes):
-            return Warned(f"add_pack: there is no belt {belt}: there are {len(lanes)}, counted from 0")
+            return ConversionWarning(
+                f"add_pack: there is no belt {belt}: there are {len(lanes)}, counted from 0"
+            )
         is_at_start = abs(position) <= AT_START
         if not (is_at_start or 0.0 <= position <= 1.0):
-            return Warned(f"add_pack: position {position:g} was asked for: send 0 (start) to 1 (end)")
+            return ConversionWarning(
+                f"add_pack: position {position:g} was asked for: send 0 (start) to 1 (end)"
+            )
         if uid > MOST or uid in self._open or uid in taken:
-            return Warned(f"add_pack: uid {uid} is taken or beyond {MOST}: ask for another")
+            return ConversionWarning(f"add_pack: uid {uid} is taken or beyond {MOST}: ask for another")
         self._open[uid] = request
-        scene.uids.expect(uid)
-        return Said(
+        scene.uids.reserve(uid)
+        return BusOutput(
             ADD_PACKAGE,
             "",
             AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position),
         )
 
-    def answers(self, request: Any, reply: Reply | None, about: About) -> Any:
+    def answers(self, request: Any, reply: Reply | None, about: ConversionContext) -> Any:
         """Return the response; what was added has the caller's number from now on."""
         uids, uid = about.scene.uids, int(request.uid)
         if self._open.get(uid) is request:
             del self._open[uid]
-            uids.settle(uid)
+            uids.end_reservation(uid)
             if isinstance(reply, AddPackageReply):
                 uids.bind(uid, reply.object_id)
         is_added = isinstance(reply, AddPackageReply)
         return about.scene.types.make("conveyor_msgs/srv/AddPack_Response", result=is_added)
 
 
-def set_belt_speed(request: Any, _about: About) -> Said | Warned:
+def set_belt_speed(request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
     """Take a request to `set_belt_speed`: a speed for every belt."""
     speed_mps = float(request.speed)
     trouble = _too_fast("set_belt_speed", speed_mps)
-    return Warned(trouble) if trouble else _at_speed(speed_mps)
+    return ConversionWarning(trouble) if trouble else _at_speed(speed_mps)
 
 
-def reset(_request: Any, _about: About) -> Said | Warned:
+def reset(_request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
     """Take a request to empty the conveyor."""
-    return Said(RESET_CONVEYOR, "", ResetConveyor())
+    return BusOutput(RESET_CONVEYOR, "", ResetConveyor())
 
 
-def set_brightness(request: Any, about: About) -> Said | Warned:
+def set_brightness(request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
     """Take a request to dim all strips, or those whose channels (`id` in `/led_strips`) are in the mask."""
     brightness, mask = float(request.brightness), int(request.channel_index_mask)
     if not math.isfinite(brightness):
-        return Warned(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
+        return ConversionWarning(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
     strips: tuple[str, ...] = ()
     if mask != EVERY_STRIP:
         room = about.scene.room
@@ -144,29 +150,31 @@ def set_brightness(request: Any, about: About) -> Said | Warned:
         strips = tuple(name for name, number in channels.items() if mask >> number & 1)
         if not strips:
             there_are = ", ".join(f"{number} {name}" for name, number in channels.items()) or "none"
-            return Warned(
+            return ConversionWarning(
                 f"set_brightness: channel_index_mask {mask} means no strip: there are {there_are}; "
                 f"{EVERY_STRIP} means all"
             )
-    return Said(SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips))
+    return BusOutput(
+        SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips)
+    )
 
 
-def set_yaw_origin(_request: Any, about: About) -> Said | Warned:
+def set_yaw_origin(_request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
     """Take a request to let the arm point along x of {H} as it is held now."""
-    return Said(SET_YAW_ORIGIN, about.name, SetYawOrigin())
+    return BusOutput(SET_YAW_ORIGIN, about.name, SetYawOrigin())
 
 
 def empty(kind: str) -> Any:
     """Return a converter of our reply to the response type `kind`, which has no fields."""
 
-    def answers(_request: Any, _reply: Reply | None, about: About) -> Any:
+    def answers(_request: Any, _reply: Reply | None, about: ConversionContext) -> Any:
         return about.scene.types.make(kind)
 
     return answers
 
 
-def _at_speed(speed_mps: float, belts: tuple[str, ...] = ()) -> Said:
-    return Said(SET_SPEED, "", SetSpeed(speed_mps=speed_mps, belts=belts))
+def _at_speed(speed_mps: float, belts: tuple[str, ...] = ()) -> BusOutput:
+    return BusOutput(SET_SPEED, "", SetSpeed(speed_mps=speed_mps, belts=belts))
 
 
 def _too_fast(who: str, speed_mps: float) -> str:
@@ -175,5 +183,5 @@ def _too_fast(who: str, speed_mps: float) -> str:
     return f"{who}: a speed of {speed_mps:g} m/s was asked for: send one within ±{FASTEST_MPS:g} m/s"
 
 
-def _no_kind(who: str, number: int, about: About) -> str:
+def _no_kind(who: str, number: int, about: ConversionContext) -> str:
     return f"{who}: kind {number} means nothing here: there are {about.scene.kinds}"

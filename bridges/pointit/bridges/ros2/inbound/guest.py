@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.inbound import checks
-from pointit.bridges.ros2.routing.route_types import About, Said, Taken, Warned
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation, vector
 from pointit.schemas import Interaction, PointingRay, UserProfile
@@ -35,7 +35,7 @@ class Rays:
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
 
-    def __call__(self, value: Any, about: About) -> Taken:
+    def __call__(self, value: Any, about: ConversionContext) -> Taken:
         """Take a geometry_msgs/PoseStamped; the first ones only tell that the person is here.
 
         A ray that comes before it is known whether they want a cursor would give them one.
@@ -46,13 +46,17 @@ class Rays:
         what = f"the ray of {about.name}"
         frame = value.header.frame_id
         if frame not in ("", about.frame):
-            return (Warned(f"{what} is in the frame {checks.named(frame)}: send it in {about.frame!r}"),)
+            return (
+                ConversionWarning(
+                    f"{what} is in the frame {checks.named(frame)}: send it in {about.frame!r}"
+                ),
+            )
         origin_m = checks.place(value.pose.position, what)
         if isinstance(origin_m, str):
-            return (Warned(origin_m),)
+            return (ConversionWarning(origin_m),)
         turned = checks.quaternion(value.pose.orientation, what)
         if isinstance(turned, str):
-            return (Warned(turned),)
+            return (ConversionWarning(turned),)
         guest.is_heard = True
         if not guest.is_here:
             return ()
@@ -60,8 +64,8 @@ class Rays:
         count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
         way = vector.normalized(rotation.rotate(turned, AHEAD))
         ray = PointingRay(stamp_ns=stamp_ns, seq=count, origin_m=origin_m, direction=way)
-        said = Said(RAY, about.name, ray)
-        return (said, Warned(trouble)) if trouble else (said,)
+        said = BusOutput(RAY, about.name, ray)
+        return (said, ConversionWarning(trouble)) if trouble else (said,)
 
 
 class Subscriptions:
@@ -71,7 +75,7 @@ class Subscriptions:
         self._counts: dict[str, int] = {}
         self._looks: dict[str, _Look] = {}
 
-    def __call__(self, value: Any, about: About) -> Taken:
+    def __call__(self, value: Any, about: ConversionContext) -> Taken:
         """Take a conveyor_msgs/PUISubscription; what is only repeated is not said again."""
         scene, name = about.scene, value.user_name
         user = next((each for each in scene.guests if scene.names.of(each) == name), None)
@@ -85,9 +89,9 @@ class Subscriptions:
             return (interaction(scene, user, about.stamp_ns, why),) if was else ()
         guest.is_heard = True
         look = _look(value, user)
-        taken: list[Said | Warned] = []
+        taken: list[BusOutput | ConversionWarning] = []
         if isinstance(look, str):
-            taken.append(Warned(look))
+            taken.append(ConversionWarning(look))
         elif not was or look != self._looks.get(user):
             self._looks[user] = look
             taken.append(self._profile(user, look, about))
@@ -95,7 +99,7 @@ class Subscriptions:
             taken.append(interaction(scene, user, about.stamp_ns, "they want a cursor"))
         return tuple(taken)
 
-    def _profile(self, user: str, look: _Look, about: About) -> Said:
+    def _profile(self, user: str, look: _Look, about: ConversionContext) -> BusOutput:
         count = self._counts[user] = self._counts.get(user, 0) + 1
         profile = UserProfile(
             stamp_ns=about.stamp_ns,
@@ -104,10 +108,10 @@ class Subscriptions:
             cursor_colormap=look.colormap,
             cursor_width_m=look.width_m,
         )
-        return Said(PROFILE, user, profile)
+        return BusOutput(PROFILE, user, profile)
 
 
-def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> Said:
+def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> BusOutput:
     """Return where the guest `user` is in the interaction, as far as they have said."""
     guest = scene.guests[user]
     guest.steps += 1
@@ -117,11 +121,11 @@ def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> Said:
         state="pointing" if guest.is_subscribed else "idle",
         reason=f"in ROS: {reason}",
     )
-    return Said(INTERACTION, user, state)
+    return BusOutput(INTERACTION, user, state)
 
 
-def _stranger(name: str) -> Warned:
-    return Warned(
+def _stranger(name: str) -> ConversionWarning:
+    return ConversionWarning(
         f"{checks.named(name)} wants a cursor, but is nobody here: name who has ROS nodes only in the "
         "bridge's parameter `people`"
     )

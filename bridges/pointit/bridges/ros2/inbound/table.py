@@ -4,9 +4,9 @@ from pointit.bridges.ros2.graph.backend import SENSOR, SERVICE, Qos
 from pointit.bridges.ros2.inbound import conveyor
 from pointit.bridges.ros2.inbound.guest import Rays, Subscriptions
 from pointit.bridges.ros2.inbound.person import Button, Poses, Wrist, people_in
-from pointit.bridges.ros2.inbound.time import Time
+from pointit.bridges.ros2.inbound.time import SimTimeInput
 from pointit.bridges.ros2.routing.frames import PERSON
-from pointit.bridges.ros2.routing.route_types import Inward, Served
+from pointit.bridges.ros2.routing.route_types import InboundRoute, ServiceRoute
 from pointit.schemas import topics
 
 _STREAM = Qos(depth=10)
@@ -17,11 +17,11 @@ _TF_BYTES_HZ = 1e6
 """A tenth of the loop's time; ten people at 100 Hz are a sixth of that."""
 
 
-def inward() -> tuple[Inward, ...]:
+def inward() -> tuple[InboundRoute, ...]:
     """Return the routes, with converters that have seen nothing yet."""
     wrist, poses, button = Wrist(), Poses(), Button()
     return (
-        Inward(
+        InboundRoute(
             name="imu_in",
             ros="/{user}/imu_in",
             type="sensor_msgs/msg/Imu",
@@ -31,7 +31,7 @@ def inward() -> tuple[Inward, ...]:
             rate_hz=200.0,
             about="how a person's arm is turned: the arm's frame, x to the finger, in theirs",
         ),
-        Inward(
+        InboundRoute(
             name="mocap_pose",
             ros="/{user}/mocap_pose",
             type="geometry_msgs/msg/PoseStamped",
@@ -41,7 +41,7 @@ def inward() -> tuple[Inward, ...]:
             rate_hz=30.0,
             about="where a person stands: their frame in the world",
         ),
-        Inward(
+        InboundRoute(
             name="tf_in",
             ros="/tf",
             type="tf2_msgs/msg/TFMessage",
@@ -53,7 +53,7 @@ def inward() -> tuple[Inward, ...]:
             people=people_in,
             about="the same from who publishes the person's frame, straight in the world's",
         ),
-        Inward(
+        InboundRoute(
             name="tf_static_in",
             ros="/tf_static",
             type="tf2_msgs/msg/TFMessage",
@@ -64,17 +64,17 @@ def inward() -> tuple[Inward, ...]:
             max_bytes=_TF_BYTES,
             about="where a person stands, told once",
         ),
-        Inward(
+        InboundRoute(
             name="clock_in",
             ros="/clock",
             type="rosgraph_msgs/msg/Clock",
             into=(topics.CLOCK,),
-            by=Time(),
+            by=SimTimeInput(),
             qos=Qos(depth=1, reliable=False),
             enabled=False,
             about="a simulator's time for the whole site; off, as it moves everything",
         ),
-        Inward(
+        InboundRoute(
             name="rotation_in",
             ros="/{user}/metawear_ros/rotation",
             type="geometry_msgs/msg/QuaternionStamped",
@@ -84,7 +84,7 @@ def inward() -> tuple[Inward, ...]:
             rate_hz=200.0,
             about="as imu_in, from the ROS toolkit's driver",
         ),
-        Inward(
+        InboundRoute(
             name="button_in",
             ros="/{user}/metawear_ros/button",
             type="std_msgs/msg/Bool",
@@ -94,7 +94,7 @@ def inward() -> tuple[Inward, ...]:
             qos=_STREAM,
             about="a person's button: pressed when it becomes true",
         ),
-        Inward(
+        InboundRoute(
             name="pointing_ray_in",
             ros="/{user}/pointing_ray",
             type="geometry_msgs/msg/PoseStamped",
@@ -106,7 +106,7 @@ def inward() -> tuple[Inward, ...]:
             of_guests=True,
             about="the ray of who has ROS nodes only: from the eyes along x",
         ),
-        Inward(
+        InboundRoute(
             name="subscription_in",
             ros="/PUI_subscription",
             type="conveyor_msgs/msg/PUISubscription",
@@ -116,7 +116,7 @@ def inward() -> tuple[Inward, ...]:
             of_guests=True,
             about="who of them wants a cursor, and of what colour",
         ),
-        Inward(
+        InboundRoute(
             name="belt_cmd",
             ros="/belt_cmd",
             type="conveyor_msgs/msg/BeltCommand",
@@ -125,7 +125,7 @@ def inward() -> tuple[Inward, ...]:
             qos=_STREAM,
             about='speeds of belts, "*": of all',
         ),
-        Inward(
+        InboundRoute(
             name="feed",
             ros="/feed",
             type="std_msgs/msg/Bool",
@@ -135,7 +135,7 @@ def inward() -> tuple[Inward, ...]:
             rate_hz=10.0,
             about="whether the feeders give packages; belts run on",
         ),
-        Inward(
+        InboundRoute(
             name="add_package",
             ros="/add_package",
             type="std_msgs/msg/UInt8",
@@ -147,11 +147,11 @@ def inward() -> tuple[Inward, ...]:
     )
 
 
-def served() -> tuple[Served, ...]:
+def served() -> tuple[ServiceRoute, ...]:
     """Return the services, with converters that have seen nothing yet."""
     add_pack = conveyor.AddPack()
     return (
-        Served(
+        ServiceRoute(
             name="add_pack",
             ros="/add_pack",
             type="conveyor_msgs/srv/AddPack",
@@ -163,7 +163,7 @@ def served() -> tuple[Served, ...]:
             has_result=True,
             about="put an object on a belt, under a number of the caller's",
         ),
-        Served(
+        ServiceRoute(
             name="set_belt_speed",
             ros="/set_belt_speed",
             type="conveyor_msgs/srv/SetBeltSpeed",
@@ -174,7 +174,7 @@ def served() -> tuple[Served, ...]:
             yields=True,
             about="speed of all belts",
         ),
-        Served(
+        ServiceRoute(
             name="reset_pack_sim",
             ros="/reset_pack_sim",
             type="std_srvs/srv/Empty",
@@ -185,7 +185,7 @@ def served() -> tuple[Served, ...]:
             yields=True,
             about="empty the conveyor",
         ),
-        Served(
+        ServiceRoute(
             name="set_yaw_origin",
             ros="/{user}/metawear_ros/set_yaw_origin",
             type="std_srvs/srv/Empty",
@@ -196,7 +196,7 @@ def served() -> tuple[Served, ...]:
             yields=True,
             about="the arm points ahead now",
         ),
-        Served(
+        ServiceRoute(
             name="set_brightness",
             ros="/set_brightness",
             type="led_strip_msgs/srv/SetBrightness",

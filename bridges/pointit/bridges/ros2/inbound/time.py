@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from pointit.bridges.ros2.routing.route_types import About, Said, Taken, Warned
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 
@@ -22,7 +22,7 @@ class _Sample(NamedTuple):
     sim_ns: int
 
 
-class Time:
+class SimTimeInput:
     """Tells the site the time of a simulation, and how fast it runs."""
 
     def __init__(self) -> None:
@@ -32,11 +32,13 @@ class Time:
         self._wait_ns = FIRST_NS
         self._count = 0
 
-    def __call__(self, value: Any, about: About) -> Taken:
+    def __call__(self, value: Any, about: ConversionContext) -> Taken:
         """Take a rosgraph_msgs/Clock."""
         now = _Sample(about.wall_ns, int(value.clock.sec) * NS_PER_S + int(value.clock.nanosec))
         if now.sim_ns < 0:
-            return (Warned(f"/clock says {now.sim_ns / NS_PER_S:.1f} s: times before 0 are left out"),)
+            return (
+                ConversionWarning(f"/clock says {now.sim_ns / NS_PER_S:.1f} s: times before 0 are left out"),
+            )
         last, self._last = self._last, now
         if last is None or _has_jumped(last, now):
             self._wait_ns = FIRST_NS
@@ -52,7 +54,7 @@ class Time:
         self._told = now
         self._count += 1
         tick = ClockTick(stamp_ns=now.wall_ns, seq=self._count, sim_ns=now.sim_ns, speed=self._speed)
-        return (Said(CLOCK, "", tick),)
+        return (BusOutput(CLOCK, "", tick),)
 
 
 def _has_jumped(last: _Sample, now: _Sample) -> bool:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.bridges.ros2.routing.scene import Scene, lane_name
 from pointit.schemas import ConveyorState, Message, Selection, TrackedObject
 from pointit.schemas.pointing import SurfaceKind
@@ -16,7 +16,7 @@ MOST_PACKAGES = 2000
 _NONE = np.empty(0, dtype=np.uint32)
 
 
-def packages(_message: Message, about: About) -> Converted:
+def packages(_message: Message, about: ConversionContext) -> Converted:
     """Return what all trackers track on belts and strips; other things have no place in the message."""
     scene = about.scene
     types = scene.types
@@ -34,20 +34,20 @@ def packages(_message: Message, about: About) -> Converted:
     )
 
 
-def selected(selection: Selection, about: About) -> Converted:
+def selected(selection: Selection, about: ConversionContext) -> Converted:
     """Return what is selected, by whomever."""
     uids = [about.scene.uids.number(item.id) for item in selection.objects]
     return (about.scene.types.make("conveyor_msgs/msg/PackageUIDList", uids=np.array(uids, dtype=np.uint32)),)
 
 
-def pointers(_message: Message, about: About) -> Converted:
+def pointers(_message: Message, about: ConversionContext) -> Converted:
     """Return every person's cursor; of who points at no line the name of the strip is empty, as it was."""
     scene = about.scene
     made = [_pointer(scene, user) for user in sorted(scene.people)]
     return (scene.types.make("conveyor_msgs/msg/PointerList", pointers=made),)
 
 
-def step_number(state: ConveyorState, about: About) -> Converted:
+def step_number(state: ConveyorState, about: ConversionContext) -> Converted:
     """Return the number of the feeding schedule's step; nothing where it has none."""
     try:
         number = int(state.step)

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any, Literal
 
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.routing.route_types import About
+from pointit.bridges.ros2.routing.route_types import ConversionContext
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
@@ -33,10 +33,10 @@ WHITE: Rgb = (255, 255, 255)
 Place = Iterable[float]
 
 
-class Pen:
+class MarkerBuilder:
     """Draws markers with one stamp, in one frame."""
 
-    def __init__(self, about: About, lifetime_s: float = 0.0) -> None:
+    def __init__(self, about: ConversionContext, lifetime_s: float = 0.0) -> None:
         """Draw for the route of `about`; lifetime 0 is for ever."""
         self._types: Types = about.scene.types
         self._header = values.header(self._types, about.stamp_ns, about.frame)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pointit.bridges.ros2.outbound.drawing import Pen
-from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.outbound.drawing import MarkerBuilder
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation, vector
 from pointit.geometry.plane import plane_axes
@@ -33,9 +33,9 @@ GLASS = 0.35
 """Opacity of solids: what is behind them is seen."""
 
 
-def map_markers(room: Environment, about: About) -> Converted:
+def map_markers(room: Environment, about: ConversionContext) -> Converted:
     """Return the map as markers, after one that takes away those of the map before."""
-    pen = Pen(about)
+    pen = MarkerBuilder(about)
     drawn = _room(pen, about.scene, room)
     made = [pen.blank(), *islice(drawn, MOST_MARKERS)]
     if next(drawn, None) is not None:
@@ -44,7 +44,7 @@ def map_markers(room: Environment, about: About) -> Converted:
     return (pen.array(made),)
 
 
-def _room(pen: Pen, scene: Scene, room: Environment) -> Iterator[Any]:
+def _room(pen: MarkerBuilder, scene: Scene, room: Environment) -> Iterator[Any]:
     widths_m = {belt.id: belt.width_m for belt in room.belts}
     for number, ((kind, name), line) in enumerate(scene.lines.items()):
         if kind == "belt":
@@ -62,7 +62,7 @@ def _room(pen: Pen, scene: Scene, room: Environment) -> Iterator[Any]:
     yield from _solids(pen, room)
 
 
-def _solids(pen: Pen, room: Environment) -> Iterator[Any]:
+def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
     for number, box in enumerate(room.boxes):
         turned = rotation.from_yaw(box.yaw_rad)
         yield pen.shape(

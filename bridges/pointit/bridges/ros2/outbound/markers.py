@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from pointit.bridges.ros2.outbound.drawing import Pen, Shape
-from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.outbound.drawing import MarkerBuilder, Shape
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.bridges.ros2.routing.scene import Person, Scene
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
@@ -47,9 +47,9 @@ class Markers:
     def __init__(self) -> None:
         self._drawn: dict[tuple[str, int], None] = {}
 
-    def __call__(self, _message: Message, about: About) -> Converted:
+    def __call__(self, _message: Message, about: ConversionContext) -> Converted:
         """Return the scene as it is."""
-        pen = Pen(about, LIFETIME_S)
+        pen = MarkerBuilder(about, LIFETIME_S)
         scene = about.scene
         people = sorted(scene.people)[:MOST_PEOPLE]
         made = [marker for user in people for marker in _person(pen, scene, user)]
@@ -70,7 +70,7 @@ def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
     return long_m, max(short_m, SMALLEST_M), float(np.arctan2(axes[1, 1], axes[0, 1]))
 
 
-def _person(pen: Pen, scene: Scene, user: str) -> Iterator[Any]:
+def _person(pen: MarkerBuilder, scene: Scene, user: str) -> Iterator[Any]:
     person = scene.people[user]
     rgb = person.profile.cursor_color
     if person.pose is not None:
@@ -91,7 +91,7 @@ def _person(pen: Pen, scene: Scene, user: str) -> Iterator[Any]:
     yield from _pointing(pen, scene, user, person, rgb)
 
 
-def _pointing(pen: Pen, scene: Scene, user: str, person: Person, rgb: Rgb) -> Iterator[Any]:
+def _pointing(pen: MarkerBuilder, scene: Scene, user: str, person: Person, rgb: Rgb) -> Iterator[Any]:
     cursor = scene.pointing(user)
     if cursor is None:
         return
@@ -110,7 +110,7 @@ def _pointing(pen: Pen, scene: Scene, user: str, person: Person, rgb: Rgb) -> It
             yield pen.label(f"{hover.progress:.0%} {hover.action}", f"{user}/progress", 0, above_m)
 
 
-def _objects(pen: Pen, scene: Scene) -> Iterator[Any]:
+def _objects(pen: MarkerBuilder, scene: Scene) -> Iterator[Any]:
     selection = scene.selection
     owners = {} if selection is None else {item.id: item.user for item in selection.objects}
     left_out = 0
@@ -123,7 +123,7 @@ def _objects(pen: Pen, scene: Scene) -> Iterator[Any]:
         yield pen.label(f"{left_out} more objects are not drawn", "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
 
 
-def _object(pen: Pen, scene: Scene, item: TrackedObject, owner: str | None) -> Iterator[Any]:
+def _object(pen: MarkerBuilder, scene: Scene, item: TrackedObject, owner: str | None) -> Iterator[Any]:
     number = scene.uids.number(item.id)
     rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
     length_m = item.length_m or USUAL_M

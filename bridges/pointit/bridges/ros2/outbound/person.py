@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import ButtonEvent, Cursor, Goal, ImuSample, Interaction, PointingRay, UserPose
@@ -31,14 +31,14 @@ LEAST_RAD = math.radians(1.0)
 _LEAST = np.array([LEAST_M**2] * 3 + [LEAST_RAD**2] * 3)
 
 
-def pointing_ray(ray: PointingRay, about: About) -> Converted:
+def pointing_ray(ray: PointingRay, about: ConversionContext) -> Converted:
     """Return the ray as a pose whose x axis is its direction."""
     way = ray.direction
     turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
     return _stamped_pose(about, ray.origin_m, turned)
 
 
-def rotation_of_arm(sample: ImuSample, about: About) -> Converted:
+def rotation_of_arm(sample: ImuSample, about: ConversionContext) -> Converted:
     """Return how the arm is turned, in {H}."""
     types = about.scene.types
     return (
@@ -50,7 +50,7 @@ def rotation_of_arm(sample: ImuSample, about: About) -> Converted:
     )
 
 
-def imu(sample: ImuSample, about: About) -> Converted:
+def imu(sample: ImuSample, about: ConversionContext) -> Converted:
     """Return the sample with all vectors in {H}: nobody publishes a frame of the arm."""
     types = about.scene.types
     turned = sample.orientation_xyzw
@@ -70,12 +70,12 @@ def imu(sample: ImuSample, about: About) -> Converted:
     )
 
 
-def pose(place: UserPose, about: About) -> Converted:
+def pose(place: UserPose, about: ConversionContext) -> Converted:
     """Return {H} in {W}."""
     return _stamped_pose(about, place.position_m, rotation.from_yaw(place.yaw_rad))
 
 
-def pose_with_covariance(place: UserPose, about: About) -> Converted:
+def pose_with_covariance(place: UserPose, about: ConversionContext) -> Converted:
     """Return {H} in {W} and its covariance: rows and columns x, y, z, roll, pitch, yaw; no variance is 0."""
     types = about.scene.types
     spread = np.zeros((6, 6))
@@ -96,7 +96,7 @@ def pose_with_covariance(place: UserPose, about: About) -> Converted:
     )
 
 
-def transform(place: UserPose, about: About) -> Converted:
+def transform(place: UserPose, about: ConversionContext) -> Converted:
     """Return {H} in {W} for /tf; nothing while somebody else in ROS publishes that frame."""
     scene = about.scene
     now_ns = about.stamp_ns if about.is_again else scene.now_ns
@@ -107,7 +107,7 @@ def transform(place: UserPose, about: About) -> Converted:
     return (transforms(about, [(child, place.position_m, turned)]),)
 
 
-def transforms(about: About, children: list[tuple[str, Vec3, rotation.Quaternion]]) -> Any:
+def transforms(about: ConversionContext, children: list[tuple[str, Vec3, rotation.Quaternion]]) -> Any:
     """Return one message with the frames `children`, in the frame of the route."""
     types = about.scene.types
     made = [
@@ -126,7 +126,7 @@ def transforms(about: About, children: list[tuple[str, Vec3, rotation.Quaternion
     return types.make("tf2_msgs/msg/TFMessage", transforms=made)
 
 
-def cursor(spot: Cursor, about: About) -> Converted:
+def cursor(spot: Cursor, about: ConversionContext) -> Converted:
     """Return where the ray meets the room; nothing where it does not."""
     if spot.point_m is None:
         return ()
@@ -140,19 +140,19 @@ def cursor(spot: Cursor, about: About) -> Converted:
     )
 
 
-def goal(wish: Goal, about: About) -> Converted:
+def goal(wish: Goal, about: ConversionContext) -> Converted:
     """Return where a robot is to go, and how it is to face there."""
     return _stamped_pose(about, wish.position_m, rotation.from_yaw(wish.yaw_rad))
 
 
-def button(event: ButtonEvent, about: About) -> Converted:
+def button(event: ButtonEvent, about: ConversionContext) -> Converted:
     """Return the button down and up, twice for a double press."""
     make = about.scene.types.make
     press = (make("std_msgs/msg/Bool", data=True), make("std_msgs/msg/Bool", data=False))
     return press * 2 if event.gesture == "double" else press
 
 
-def state(interaction: Interaction, about: About) -> Converted:
+def state(interaction: Interaction, about: ConversionContext) -> Converted:
     """Return where the person is in the interaction, as a transition of the node that leads through it."""
     return (
         about.scene.types.make(
@@ -161,12 +161,12 @@ def state(interaction: Interaction, about: About) -> Converted:
     )
 
 
-def is_pointing(interaction: Interaction, about: About) -> Converted:
+def is_pointing(interaction: Interaction, about: ConversionContext) -> Converted:
     """Return whether the person points."""
     return (about.scene.types.make("std_msgs/msg/Bool", data=interaction.state == "pointing"),)
 
 
-def subscription(interaction: Interaction, about: About) -> Converted:
+def subscription(interaction: Interaction, about: ConversionContext) -> Converted:
     """Return the person's wish to have a cursor, or none any more, for the ROS toolkit's `pui_node`."""
     types = about.scene.types
     profile = about.scene.person(about.name).profile
@@ -182,7 +182,7 @@ def subscription(interaction: Interaction, about: About) -> Converted:
     )
 
 
-def _stamped_pose(about: About, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
+def _stamped_pose(about: ConversionContext, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
     types = about.scene.types
     return (
         types.make(

@@ -6,7 +6,7 @@ import numpy as np
 
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.outbound.person import transforms
-from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import ClockTick, Environment, Health, LampColor, StripsFrame
@@ -20,7 +20,7 @@ OK, WARN = 0, 1
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 
 
-def led_strips(frame: StripsFrame, about: About) -> Converted:
+def led_strips(frame: StripsFrame, about: ConversionContext) -> Converted:
     """Return all pixels, red green blue; a strip's id is the number at the end of ours."""
     types = about.scene.types
     strips = [
@@ -34,12 +34,12 @@ def led_strips(frame: StripsFrame, about: About) -> Converted:
     return (types.make("led_strip_msgs/msg/LedStrips", strips=strips),)
 
 
-def lamp_color(lamp: LampColor, about: About) -> Converted:
+def lamp_color(lamp: LampColor, about: ConversionContext) -> Converted:
     """Return what a lamp shows; black is off."""
     return (values.color(about.scene.types, lamp.color),)
 
 
-def static_frames(room: Environment, about: About) -> Converted:
+def static_frames(room: Environment, about: ConversionContext) -> Converted:
     """Return lamps and the starts of belts and strips, x along them, all in one message."""
     children: list[tuple[str, Vec3, rotation.Quaternion]] = [
         (f"lamp/{lamp.id}", lamp.position_m, rotation.IDENTITY) for lamp in room.lamps
@@ -51,7 +51,7 @@ def static_frames(room: Environment, about: About) -> Converted:
     return (transforms(about, children[:MOST_FRAMES]),)
 
 
-def clock(tick: ClockTick, about: About) -> Converted:
+def clock(tick: ClockTick, about: ConversionContext) -> Converted:
     """Return the site's time while it is simulated; nothing while it is the wall's."""
     if tick.sim_ns == tick.stamp_ns and tick.speed == 1.0:
         return ()
@@ -60,7 +60,7 @@ def clock(tick: ClockTick, about: About) -> Converted:
     return (types.make("rosgraph_msgs/msg/Clock", clock=values.time(types, now_ns)),)
 
 
-def diagnostics(health: Health, about: About) -> Converted:
+def diagnostics(health: Health, about: ConversionContext) -> Converted:
     """Return one service's health."""
     types = about.scene.types
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.routing.route_types import About, Converted
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import Observation, Report
 from pointit.schemas import Health
@@ -107,7 +107,7 @@ class Rosout:
         self._gone: collections.OrderedDict[str, int] = collections.OrderedDict()
         """What services had spent that are gone: who starts and fails again and again says no more for it."""
 
-    def __call__(self, health: Health, about: About) -> Converted:
+    def __call__(self, health: Health, about: ConversionContext) -> Converted:
         """Return the lines to tell of one service by its report, none while nothing changes."""
         service = self._services.get(about.name)
         if service is None:

@@ -6,7 +6,7 @@ from pointit.bridges.ros2.outbound.map_markers import map_markers
 from pointit.bridges.ros2.outbound.markers import Markers
 from pointit.bridges.ros2.outbound.rosout import Rosout
 from pointit.bridges.ros2.routing.frames import PERSON
-from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.schemas import topics
 
 POINTING_HZ = 50.0
@@ -27,15 +27,15 @@ _STREAM = Qos(depth=10)
 _MANY = Qos(depth=100)
 
 
-def outward() -> tuple[Outward, ...]:
+def outward() -> tuple[OutboundRoute, ...]:
     """Return the routes, with converters that have seen nothing yet."""
     return (*_standard(), *_toolkit())
 
 
-def _standard() -> tuple[Outward, ...]:
+def _standard() -> tuple[OutboundRoute, ...]:
     rosout = Rosout()
     return (
-        Outward(
+        OutboundRoute(
             name="pose",
             ros="/{user}/pose",
             type="geometry_msgs/msg/PoseStamped",
@@ -45,7 +45,7 @@ def _standard() -> tuple[Outward, ...]:
             rate_hz=POINTING_HZ,
             about="where a person stands, and where x of their IMU points",
         ),
-        Outward(
+        OutboundRoute(
             name="pose_with_covariance",
             ros="/{user}/pose_with_covariance",
             type="geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -55,7 +55,7 @@ def _standard() -> tuple[Outward, ...]:
             rate_hz=POINTING_HZ,
             about="the same, and how sure that is",
         ),
-        Outward(
+        OutboundRoute(
             name="tf",
             ros="/tf",
             type="tf2_msgs/msg/TFMessage",
@@ -66,7 +66,7 @@ def _standard() -> tuple[Outward, ...]:
             repeat_hz=TF_HZ,
             about="a person's frame in the world; not of people whose frame somebody else gives",
         ),
-        Outward(
+        OutboundRoute(
             name="tf_static",
             ros="/tf_static",
             type="tf2_msgs/msg/TFMessage",
@@ -75,7 +75,7 @@ def _standard() -> tuple[Outward, ...]:
             qos=LATCHED,
             about="lamps, starts of belts and strips, all in one message",
         ),
-        Outward(
+        OutboundRoute(
             name="imu",
             ros="/{user}/imu",
             type="sensor_msgs/msg/Imu",
@@ -86,7 +86,7 @@ def _standard() -> tuple[Outward, ...]:
             frame=PERSON,
             about="the arm's orientation, turning and acceleration, all in the person's frame",
         ),
-        Outward(
+        OutboundRoute(
             name="cursor",
             ros="/{user}/cursor",
             type="geometry_msgs/msg/PointStamped",
@@ -96,7 +96,7 @@ def _standard() -> tuple[Outward, ...]:
             rate_hz=POINTING_HZ,
             about="where a person's ray meets the room",
         ),
-        Outward(
+        OutboundRoute(
             name="goal_pose",
             ros="/{user}/goal_pose",
             type="geometry_msgs/msg/PoseStamped",
@@ -105,7 +105,7 @@ def _standard() -> tuple[Outward, ...]:
             qos=_STREAM,
             about="where a person sends a robot, confirmed",
         ),
-        Outward(
+        OutboundRoute(
             name="is_pointing",
             ros="/{user}/is_pointing",
             type="std_msgs/msg/Bool",
@@ -115,7 +115,7 @@ def _standard() -> tuple[Outward, ...]:
             on_change=True,
             about="whether a person points",
         ),
-        Outward(
+        OutboundRoute(
             name="clock",
             ros="/clock",
             type="rosgraph_msgs/msg/Clock",
@@ -127,7 +127,7 @@ def _standard() -> tuple[Outward, ...]:
             yields=True,
             about="the site's time, while it is simulated",
         ),
-        Outward(
+        OutboundRoute(
             name="diagnostics",
             ros="/diagnostics",
             type="diagnostic_msgs/msg/DiagnosticArray",
@@ -137,7 +137,7 @@ def _standard() -> tuple[Outward, ...]:
             qos=_STREAM,
             about="health of every service",
         ),
-        Outward(
+        OutboundRoute(
             name="rosout",
             ros="/rosout",
             type="rcl_interfaces/msg/Log",
@@ -150,7 +150,7 @@ def _standard() -> tuple[Outward, ...]:
             forgets=rosout.forget,
             about="what goes wrong with a service, once, and when it is over",
         ),
-        Outward(
+        OutboundRoute(
             name="markers",
             ros="/pointit/markers",
             type="visualization_msgs/msg/MarkerArray",
@@ -160,7 +160,7 @@ def _standard() -> tuple[Outward, ...]:
             rate_hz=DRAWN_HZ,
             about="rays, cursors, people, objects, whose they are: for RViz and Foxglove",
         ),
-        Outward(
+        OutboundRoute(
             name="map_markers",
             ros="/pointit/map_markers",
             type="visualization_msgs/msg/MarkerArray",
@@ -172,9 +172,9 @@ def _standard() -> tuple[Outward, ...]:
     )
 
 
-def _toolkit() -> tuple[Outward, ...]:
+def _toolkit() -> tuple[OutboundRoute, ...]:
     return (
-        Outward(
+        OutboundRoute(
             name="pointing_ray",
             ros="/{user}/pointing_ray",
             type="geometry_msgs/msg/PoseStamped",
@@ -186,7 +186,7 @@ def _toolkit() -> tuple[Outward, ...]:
             is_theirs=True,
             about="a person's ray: from the eyes along x",
         ),
-        Outward(
+        OutboundRoute(
             name="rotation",
             ros="/{user}/metawear_ros/rotation",
             type="geometry_msgs/msg/QuaternionStamped",
@@ -199,7 +199,7 @@ def _toolkit() -> tuple[Outward, ...]:
             is_theirs=True,
             about="how a person's arm is turned",
         ),
-        Outward(
+        OutboundRoute(
             name="button",
             ros="/{user}/metawear_ros/button",
             type="std_msgs/msg/Bool",
@@ -211,7 +211,7 @@ def _toolkit() -> tuple[Outward, ...]:
             is_theirs=True,
             about="a person's button: true, then false",
         ),
-        Outward(
+        OutboundRoute(
             name="state_transition",
             ros="/{user}/state_transition",
             type="conveyor_msgs/msg/State",
@@ -222,7 +222,7 @@ def _toolkit() -> tuple[Outward, ...]:
             is_theirs=True,
             about="where a person is in the interaction",
         ),
-        Outward(
+        OutboundRoute(
             name="subscription",
             ros="/PUI_subscription",
             type="conveyor_msgs/msg/PUISubscription",
@@ -234,7 +234,7 @@ def _toolkit() -> tuple[Outward, ...]:
             is_theirs=True,
             about="who points wants a cursor, for a pui_node of the ROS toolkit",
         ),
-        Outward(
+        OutboundRoute(
             name="packages",
             ros="/packages",
             type="conveyor_msgs/msg/PackageList",
@@ -245,7 +245,7 @@ def _toolkit() -> tuple[Outward, ...]:
             yields=True,
             about="what moves on belts and strips",
         ),
-        Outward(
+        OutboundRoute(
             name="selected_packages",
             ros="/selected_packages",
             type="conveyor_msgs/msg/PackageUIDList",
@@ -255,7 +255,7 @@ def _toolkit() -> tuple[Outward, ...]:
             on_change=True,
             about="what is selected",
         ),
-        Outward(
+        OutboundRoute(
             name="pointers",
             ros="/pointers",
             type="conveyor_msgs/msg/PointerList",
@@ -265,7 +265,7 @@ def _toolkit() -> tuple[Outward, ...]:
             rate_hz=POINTING_HZ,
             about="who points where on which line, and at what",
         ),
-        Outward(
+        OutboundRoute(
             name="led_strips",
             ros="/led_strips",
             type="led_strip_msgs/msg/LedStrips",
@@ -275,7 +275,7 @@ def _toolkit() -> tuple[Outward, ...]:
             rate_hz=60.0,
             about="pixels of every strip",
         ),
-        Outward(
+        OutboundRoute(
             name="lamp_color",
             ros="/{led}/color",
             type="std_msgs/msg/ColorRGBA",
@@ -284,7 +284,7 @@ def _toolkit() -> tuple[Outward, ...]:
             qos=_NEWEST,
             about="what a lamp shows",
         ),
-        Outward(
+        OutboundRoute(
             name="step_number",
             ros="/step_number",
             type="std_msgs/msg/Int32",

@@ -14,15 +14,15 @@ from collections.abc import Callable
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
-from pointit.bridges.ros2.graph.graph_monitor import Outlook
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
 from pointit.bridges.ros2.over_rclpy.graph import GraphReader
-from pointit.bridges.ros2.over_rclpy.join import Joined, join
-from pointit.bridges.ros2.over_rclpy.seat import Absent, DdsSeat
-from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsDesk
+from pointit.bridges.ros2.over_rclpy.join import RclpyNode, join
+from pointit.bridges.ros2.over_rclpy.seat import DdsContext, NullEndpoint
+from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsServiceServer
 from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
 from pointit.bridges.ros2.routing.calls import Calls
-from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.host.threads import in_daemon_thread
 
 log = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ NEEDS = (
 """What other nodes need to be seen."""
 
 
-async def opened_rclpy(config: BackendConfig, warnings: Warnings) -> "RclpyBackend":
+async def opened_rclpy(config: BackendConfig, warnings: WarningSink) -> "RclpyBackend":
     """Return our node in the ROS graph; may be cancelled at any time.
 
     Raises:
@@ -54,13 +54,13 @@ async def opened_rclpy(config: BackendConfig, warnings: Warnings) -> "RclpyBacke
 class RclpyBackend:
     """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract."""
 
-    def __init__(self, joined: Joined, config: BackendConfig, warnings: Warnings) -> None:
+    def __init__(self, joined: RclpyNode, config: BackendConfig, warnings: WarningSink) -> None:
         """Begin to spin; must be called in the loop. `joined` belongs to this backend, which leaves."""
         self._joined = joined
         self._config = config
         self._loop = asyncio.get_running_loop()
-        self._complaints = Complaints(warnings)
-        self._seat = DdsSeat(
+        self._complaints = BackendWarnings(warnings)
+        self._seat = DdsContext(
             joined.rclpy,
             joined.node,
             self._complaints,
@@ -70,7 +70,7 @@ class RclpyBackend:
         )
         self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
         # The distribution matters to nobody here: DDS tells types apart by their names.
-        self._outlook = Outlook(
+        self._outlook = GraphMonitor(
             self._complaints, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
         )
         self._clients: dict[tuple[str, RosType], DdsClient] = {}
@@ -88,7 +88,7 @@ class RclpyBackend:
         return self._config.node
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
         if self._seat.is_closed or self._joined.context.ok():
             return ""
@@ -104,13 +104,13 @@ class RclpyBackend:
         self._seat.check_open()
         message = self._seat.class_of(kind)
         if message is None:
-            return Absent()
+            return NullEndpoint()
         writer = self._seat.declared(kind, topic, lambda: DdsWriter(self._seat, topic, message, qos))
         if writer is None:
-            return Absent()
+            return NullEndpoint()
         if self._seat.is_other(kind, topic, self._joined.node.get_publishers_info_by_topic):
             writer.close()
-            return Absent()
+            return NullEndpoint()
         self._look_in(SETTLE_S)
         return writer
 
@@ -119,13 +119,13 @@ class RclpyBackend:
         self._seat.check_open()
         message = self._seat.class_of(kind)
         if message is None:
-            return Absent()
+            return NullEndpoint()
         reader = self._seat.declared(kind, topic, lambda: DdsReader(self._seat, topic, message, qos, handler))
         if reader is None:
-            return Absent()
+            return NullEndpoint()
         if self._seat.is_other(kind, topic, self._joined.node.get_subscriptions_info_by_topic):
             reader.close()
-            return Absent()
+            return NullEndpoint()
         self._look_in(SETTLE_S)
         return reader
 
@@ -134,11 +134,11 @@ class RclpyBackend:
         self._seat.check_open()
         types = self._seat.class_of(kind)
         if types is None:
-            return Absent()
+            return NullEndpoint()
         self._look_in(SETTLE_S)
         return (
-            self._seat.declared(kind, service, lambda: DdsDesk(self._seat, service, types, server))
-            or Absent()
+            self._seat.declared(kind, service, lambda: DdsServiceServer(self._seat, service, types, server))
+            or NullEndpoint()
         )
 
     async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
@@ -192,7 +192,9 @@ class RclpyBackend:
                     why = str(error).partition("\n")[0][:200]
                     self._in_loop(
                         functools.partial(
-                            self._complaints.say, "rclpy", f"something from ROS was dropped by rclpy: {why}"
+                            self._complaints.show_briefly,
+                            "rclpy",
+                            f"something from ROS was dropped by rclpy: {why}",
                         )
                     )
             self._is_left.wait(PAUSE_S)
@@ -245,7 +247,7 @@ class RclpyBackend:
         ):
             value = os.environ.get(variable, setting)
             if value not in ("", setting):
-                self._complaints.hold(
+                self._complaints.show(
                     variable,
                     f"{variable} is {value[:20]} in this terminal, but backend.{field} is {setting}: set "
                     f"backend.{field} to {value[:20]} to meet the nodes that are started there",

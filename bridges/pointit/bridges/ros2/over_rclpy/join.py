@@ -10,7 +10,7 @@ from pointit.runtime.errors import ConfigError
 
 
 @dataclass(frozen=True)
-class Joined:
+class RclpyNode:
     """What rclpy needs to be in the graph."""
 
     rclpy: Rclpy
@@ -24,7 +24,7 @@ class Joined:
         self.context.try_shutdown()
 
 
-def join(config: BackendConfig) -> Joined:
+def join(config: BackendConfig) -> RclpyNode:
     """Return our node; blocks for a moment.
 
     Raises:
@@ -53,4 +53,4 @@ def join(config: BackendConfig) -> Joined:
             f"({why}); check that RMW_IMPLEMENTATION={os.environ.get('RMW_IMPLEMENTATION', '')} names an "
             "installed middleware and that `ros2 node list` works in this terminal"
         ) from error
-    return Joined(rclpy, context, node, executor)
+    return RclpyNode(rclpy, context, node, executor)

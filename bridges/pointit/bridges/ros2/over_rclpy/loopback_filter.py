@@ -16,7 +16,7 @@ COARSE_NS = 1000
 """A middleware may cut times down to microseconds."""
 
 
-class Echoes:
+class LoopbackFilter:
     """What we have sent to one topic, not long ago."""
 
     def __init__(self) -> None:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from pointit.bridges.ros2.graph.backend import Closable, RosType
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.over_rclpy.api import EndInfo, Node
 from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
 from pointit.bridges.ros2.over_rclpy.library import Rclpy, class_of
-from pointit.bridges.ros2.over_rclpy.loopback_filter import Echoes
+from pointit.bridges.ros2.over_rclpy.loopback_filter import LoopbackFilter
 from pointit.bridges.ros2.types.definitions import INTERFACES
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError
@@ -18,11 +18,11 @@ from pointit.runtime.errors import BusClosedError
 End = TypeVar("End")
 
 
-class DdsSeat:
+class DdsContext:
     """Our node, and how its ends reach the loop that they were opened in."""
 
     def __init__(
-        self, rclpy: Rclpy, node: Node, complaints: Complaints, *, name: str, distro: str, max_bytes: int
+        self, rclpy: Rclpy, node: Node, complaints: BackendWarnings, *, name: str, distro: str, max_bytes: int
     ) -> None:
         """Share these.
 
@@ -41,7 +41,7 @@ class DdsSeat:
         self.max_bytes = max_bytes
         self.loop = asyncio.get_running_loop()
         self.dispatcher = Dispatcher()
-        self.echoes: dict[str, Echoes] = collections.defaultdict(Echoes)
+        self.echoes: dict[str, LoopbackFilter] = collections.defaultdict(LoopbackFilter)
         """By topic."""
         self.ends: set[Closable] = set()
         """What is declared, but not what could not be."""
@@ -65,7 +65,7 @@ class DdsSeat:
                 )
             else:
                 remedy = f"install ros-{self._distro}-{package.replace('_', '-')}"
-            self.complaints.hold(
+            self.complaints.show(
                 f"package {package}",
                 f"this ROS has no types of {package}, whose topics and services are left out; {remedy} and "
                 "start again",
@@ -78,7 +78,7 @@ class DdsSeat:
             return declare()
         except Exception as error:  # noqa: BLE001 - rclpy raises what comes out of the type's libraries
             why = str(error).partition("\n")[0][:200] or type(error).__name__
-            self.complaints.hold(
+            self.complaints.show(
                 f"refusal of {kind.name}",
                 f"rclpy refuses {kind.name}, so {name} is left out: {why}; rebuild its package for this ROS",
             )
@@ -101,7 +101,7 @@ class DdsSeat:
         } - {""}
         if not installed or kind.hash in installed or not kind.hash.startswith("RIHS01_"):
             return False
-        self.complaints.hold(
+        self.complaints.show(
             f"definition of {kind.name}",
             f"this ROS has another definition of {kind.name} than PointIt (hash {min(installed)[:20]}, not "
             f"{kind.hash[:20]}), so {name} is left out; set distro to this ROS's, or rebuild the package "
@@ -110,7 +110,7 @@ class DdsSeat:
         return True
 
 
-class Absent:
+class NullEndpoint:
     """Stands for an end that could not be declared, which has been complained about."""
 
     is_read = False

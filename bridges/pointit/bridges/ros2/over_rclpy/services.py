@@ -8,7 +8,7 @@ from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Server, check_cdr
 from pointit.bridges.ros2.over_rclpy.api import Reply, ServiceClass
-from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
+from pointit.bridges.ros2.over_rclpy.seat import DdsContext
 from pointit.runtime.errors import RefusedError
 
 log = logging.getLogger(__name__)
@@ -19,10 +19,10 @@ LOOK_S = 0.05
 """How often a call looks whether there is a server: rclpy tells it only who asks."""
 
 
-class DdsDesk:
+class DdsServiceServer:
     """Answers one service."""
 
-    def __init__(self, seat: DdsSeat, service: str, types: ServiceClass, server: Server) -> None:
+    def __init__(self, seat: DdsContext, service: str, types: ServiceClass, server: Server) -> None:
         """Declare.
 
         rclpy sends what a callback returns. One that waits would stop every other, and one that is a
@@ -66,7 +66,7 @@ class DdsDesk:
             return
         if len(self._tasks) >= MOST_OPEN or len(request) > self._seat.max_bytes:
             what = "too many requests are open" if len(self._tasks) >= MOST_OPEN else "it was too long"
-            self._seat.complaints.say(
+            self._seat.complaints.show_briefly(
                 f"requests to {self._service}", f"a request to {self._service} was refused: {what}"
             )
             self._answer(self._types.Response(), header)
@@ -100,7 +100,7 @@ class DdsDesk:
 class DdsClient:
     """Asks one service."""
 
-    def __init__(self, seat: DdsSeat, service: str, types: ServiceClass) -> None:
+    def __init__(self, seat: DdsContext, service: str, types: ServiceClass) -> None:
         """Declare."""
         self._seat = seat
         self._service = service

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pointit.bridges.ros2.graph.backend import Qos, check_cdr
 from pointit.bridges.ros2.over_rclpy.api import MessageInfo
-from pointit.bridges.ros2.over_rclpy.seat import DdsSeat
+from pointit.bridges.ros2.over_rclpy.seat import DdsContext
 from pointit.runtime.errors import BusClosedError
 
 log = logging.getLogger(__name__)
@@ -23,7 +23,7 @@ class DdsWriter:
     is_read = False
     """The graph of DDS has every reader."""
 
-    def __init__(self, seat: DdsSeat, topic: str, message: type[object], qos: Qos) -> None:
+    def __init__(self, seat: DdsContext, topic: str, message: type[object], qos: Qos) -> None:
         """Declare.
 
         Args:
@@ -55,7 +55,7 @@ class DdsWriter:
             self._publisher.publish(cdr)
         except RuntimeError as error:  # of rcl; the next one may get through
             why = str(error).partition("\n")[0][:200]
-            self._seat.complaints.say(
+            self._seat.complaints.show_briefly(
                 f"sending {self._topic}", f"{self._topic} could not be sent to ROS: {why}"
             )
         finally:
@@ -74,7 +74,7 @@ class DdsReader:
     """Reads one topic, of everybody but ourselves: a queue between the executor's thread and the loop."""
 
     def __init__(
-        self, seat: DdsSeat, topic: str, message: type[object], qos: Qos, handler: Callable[[bytes], None]
+        self, seat: DdsContext, topic: str, message: type[object], qos: Qos, handler: Callable[[bytes], None]
     ) -> None:
         """Declare; `handler` gets the CDR of what comes, in the loop."""
         self._seat = seat
@@ -117,7 +117,7 @@ class DdsReader:
             if self._marked:
                 return
             self._marked = True
-        self._seat.dispatcher.mark(self)
+        self._seat.dispatcher.schedule(self)
 
     def drain(self) -> None:
         """Handle what waits; in the loop."""
@@ -135,7 +135,7 @@ class DdsReader:
             try:
                 self._handler(cdr)
             except Exception:
-                if self._seat.dispatcher.may_log(self._topic, "error"):
+                if self._seat.dispatcher.should_log(self._topic, "error"):
                     log.exception("what arrived on %s could not be handled", self._topic)
 
     def _say_lost(self, oversized: int, overrun: int) -> None:
@@ -143,7 +143,7 @@ class DdsReader:
             f"{oversized} were longer than {self._seat.max_bytes} bytes" if oversized else "",
             f"{overrun} came faster than they could be handled" if overrun else "",
         )
-        self._seat.complaints.say(
+        self._seat.complaints.show_briefly(
             f"losses of {self._topic}",
             f"dropped messages on {self._topic}: {' and '.join(each for each in reasons if each)}",
         )

@@ -4,17 +4,17 @@ import asyncio
 from collections.abc import Callable
 
 from pointit.bridges.ros2.graph.backend import Closable, EndpointKind, Graph, Qos, RosType, Server
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
-from pointit.bridges.ros2.graph.graph_monitor import Outlook
-from pointit.bridges.ros2.over_zenoh.endpoint_context import Seat
-from pointit.bridges.ros2.over_zenoh.graph import Roster
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext
+from pointit.bridges.ros2.over_zenoh.graph import LivelinessDirectory
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.services import ServiceClient, ServiceDesk
+from pointit.bridges.ros2.over_zenoh.services import RosServiceServer, ServiceClient
 from pointit.bridges.ros2.over_zenoh.topics import TopicReader, TopicWriter
 from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.errors import BusClosedError
-from pointit.runtime.foreign_zenoh.raw_session import PlainSession
-from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.foreign_zenoh.raw_session import RawSession
+from pointit.runtime.health.service_bus import WarningSink
 
 UNSEEN_S = 1.0
 """How often it is looked with whom we exchange messages; who has no token is reported the second time."""
@@ -27,9 +27,9 @@ class ZenohBackend:
 
     def __init__(
         self,
-        session: PlainSession,
+        session: RawSession,
         dialect: RmwZenoh,
-        warnings: Warnings,
+        warnings: WarningSink,
         *,
         node: str,
         domain: int,
@@ -54,20 +54,20 @@ class ZenohBackend:
         self._session = session
         self._node = node
         self._loop = asyncio.get_running_loop()
-        self._complaints = Complaints(warnings)
+        self._complaints = BackendWarnings(warnings)
         self._refreshing: asyncio.TimerHandle | None = None
-        self._roster = Roster(dialect.read, domain, self._refresh_soon)
-        self._seat = Seat(
+        self._roster = LivelinessDirectory(dialect.read, domain, self._refresh_soon)
+        self._seat = EndpointContext(
             session, dialect, self._complaints, self._roster, now_ns=now_ns, max_bytes=max_bytes
         )
-        self._outlook = Outlook(
+        self._outlook = GraphMonitor(
             self._complaints, domain=domain, distro=distro, needs=needs, matching="definition"
         )
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
         self._calls = Calls()
         session.on_change = self._refresh_soon
         self._announcement = self._seat.announce(dialect.node_token())
-        session.tokens(dialect.tokens, self._roster.change)
+        session.watch_tokens(dialect.tokens, self._roster.change)
         self._refresh_soon()
         self._looking = self._loop.call_later(UNSEEN_S, self._look)
 
@@ -77,9 +77,9 @@ class ZenohBackend:
         return self._node
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
-        return self._session.trouble
+        return self._session.problem
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -94,9 +94,9 @@ class ZenohBackend:
         """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
         return TopicReader(self._seat, topic, kind, qos, handler)
 
-    def serve(self, service: str, kind: RosType, server: Server) -> ServiceDesk:
+    def serve(self, service: str, kind: RosType, server: Server) -> RosServiceServer:
         """Answer requests to `service`."""
-        return ServiceDesk(self._seat, service, kind, server)
+        return RosServiceServer(self._seat, service, kind, server)
 
     async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
         """Return the CDR of a server's response.
@@ -152,4 +152,4 @@ class ZenohBackend:
         self._refreshing = None
         if self._session.is_closed:
             return
-        self._outlook.show(self._roster.graph(), {"router": self.trouble} if self.trouble else {})
+        self._outlook.show(self._roster.graph(), {"router": self.problem} if self.problem else {})

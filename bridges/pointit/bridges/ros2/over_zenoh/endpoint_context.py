@@ -3,22 +3,22 @@
 from collections.abc import Callable
 
 from pointit.bridges.ros2.graph.backend import Closable
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment
-from pointit.bridges.ros2.over_zenoh.graph import Roster
+from pointit.bridges.ros2.over_zenoh.graph import LivelinessDirectory
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.runtime.foreign_zenoh.raw_session import PlainSession
+from pointit.runtime.foreign_zenoh.raw_session import RawSession
 
 
-class Seat:
+class EndpointContext:
     """The session, how ROS is written in it, and whose messages are our own."""
 
     def __init__(
         self,
-        session: PlainSession,
+        session: RawSession,
         dialect: RmwZenoh,
-        complaints: Complaints,
-        roster: Roster,
+        complaints: BackendWarnings,
+        roster: LivelinessDirectory,
         *,
         now_ns: Callable[[], int],
         max_bytes: int,
@@ -44,7 +44,7 @@ class Seat:
         self.ends: set[Closable] = set()
         """What is declared, whoever else refers to it: a token is gone with its last reference."""
 
-    def is_barred(self, gid: bytes) -> bool:
+    def is_own_gid(self, gid: bytes) -> bool:
         """Return whether nobody here is to hear what carries `gid`: we have said it, or another PointIt."""
         return gid in self.gids or gid in self.roster.bridged
 
@@ -56,7 +56,7 @@ class Seat:
 class Announcement:
     """A token of ours."""
 
-    def __init__(self, seat: Seat, token: str) -> None:
+    def __init__(self, seat: EndpointContext, token: str) -> None:
         self._seat = seat
         self._text = token
         self._token: Closable | None = seat.session.token(token)
@@ -70,10 +70,10 @@ class Announcement:
             self._seat.roster.retract(self._text)
 
 
-class Sender:
+class SequenceCounter:
     """Numbers what one end of ours sends."""
 
-    def __init__(self, seat: Seat, token: str) -> None:
+    def __init__(self, seat: EndpointContext, token: str) -> None:
         self._seat = seat
         self._gid = seat.dialect.gid(token)
         self._seq = 0

@@ -21,7 +21,7 @@ class Seen:
     """What messages of this endpoint carry, if it is another PointIt's."""
 
 
-class Roster:
+class LivelinessDirectory:
     """The tokens that are there now."""
 
     def __init__(self, read: Callable[[str], Seen], domain: int, on_change: Callable[[], None]) -> None:

@@ -41,11 +41,11 @@ class RmwZenoh:
         """Return where `name` is exchanged: whoever has another hash is elsewhere."""
         return data_key(self._domain, name, kind)
 
-    def strays(self, topic: str) -> str:
+    def misrouted_keys(self, topic: str) -> str:
         """Return the keys of `topic` in every domain, with every type and hash."""
         return f"*/{resolved(topic)[1:]}/*/*"
 
-    def astray(self, key: str, topic: str, kind: RosType) -> str:
+    def misrouting_reason(self, key: str, topic: str, kind: RosType) -> str:
         """Return in what `key` differs from ours."""
         if key == self.key(topic, kind):
             return ""

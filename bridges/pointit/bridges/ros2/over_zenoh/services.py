@@ -9,9 +9,9 @@ from typing import Any
 
 from pointit.bridges.ros2.graph.backend import SERVICE, RosType, Server, check_cdr
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment
-from pointit.bridges.ros2.over_zenoh.endpoint_context import Seat, Sender
+from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext, SequenceCounter
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.foreign_zenoh.queries import Answer, Ask
+from pointit.runtime.foreign_zenoh.queries import IncomingQuery, QueryReply
 
 log = logging.getLogger(__name__)
 
@@ -22,16 +22,16 @@ AT_ONCE_S = 0.05
 """A request that ended without an answer so soon has reached nobody; later, a server has died of it."""
 
 
-class ServiceDesk:
+class RosServiceServer:
     """Answers one service."""
 
-    def __init__(self, seat: Seat, service: str, kind: RosType, server: Server) -> None:
+    def __init__(self, seat: EndpointContext, service: str, kind: RosType, server: Server) -> None:
         """Declare; the presence token comes last: clients that see it find a server."""
         self._seat = seat
         self._service = service
         self._server = server
         self._answering: dict[tuple[bytes, int] | int, asyncio.Task[None]] = {}
-        self._desk = seat.session.desk(
+        self._desk = seat.session.queryable(
             seat.dialect.key(service, kind), self._on_ask, max_bytes=seat.max_bytes
         )
         self._token = seat.announce(seat.dialect.endpoint_token("server", service, kind, SERVICE))
@@ -46,12 +46,12 @@ class ServiceDesk:
             task.cancel()
         self._seat.ends.discard(self)
 
-    def _on_ask(self, ask: Ask) -> None:
+    def _on_ask(self, ask: IncomingQuery) -> None:
         try:
             origin = self._seat.dialect.unpack(ask.attachment)
         except ValueError as error:
             why = f"dropped a request to {self._service}: {error}"
-            self._seat.complaints.say(f"attachments of {self._service}", why)
+            self._seat.complaints.show_briefly(f"attachments of {self._service}", why)
             self._start(id(ask), ask.refuse(str(error)))
             return
         mark = origin.gid, origin.sequence
@@ -65,7 +65,7 @@ class ServiceDesk:
         self._answering[mark] = task
         task.add_done_callback(lambda _task: self._answering.pop(mark, None))
 
-    async def _answer(self, ask: Ask, origin: Attachment) -> None:
+    async def _answer(self, ask: IncomingQuery, origin: Attachment) -> None:
         try:
             response = await self._server(ask.payload)
             check_cdr(response)
@@ -85,13 +85,13 @@ class ServiceDesk:
 class ServiceClient:
     """Asks one service."""
 
-    def __init__(self, seat: Seat, service: str, kind: RosType) -> None:
+    def __init__(self, seat: EndpointContext, service: str, kind: RosType) -> None:
         """Declare."""
         self._seat = seat
         self._service = service
         token = seat.dialect.endpoint_token("client", service, kind, SERVICE)
-        self._asker = seat.session.asker(seat.dialect.key(service, kind), max_bytes=seat.max_bytes)
-        self._sender = Sender(seat, token)
+        self._asker = seat.session.querier(seat.dialect.key(service, kind), max_bytes=seat.max_bytes)
+        self._sender = SequenceCounter(seat, token)
         self._token = seat.announce(token)
         seat.ends.add(self)
 
@@ -135,7 +135,7 @@ class ServiceClient:
                 refusals.append(reason)
         return None
 
-    def _objection(self, answer: Answer, origin: Attachment) -> str:
+    def _objection(self, answer: QueryReply, origin: Attachment) -> str:
         """Return why `answer` is none to the request that came from `origin`."""
         try:
             echo = self._seat.dialect.unpack(answer.attachment)

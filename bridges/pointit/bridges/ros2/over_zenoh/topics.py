@@ -6,8 +6,8 @@ from collections.abc import Callable
 import xxhash
 
 from pointit.bridges.ros2.graph.backend import Qos, RosType, check_cdr
-from pointit.bridges.ros2.over_zenoh.endpoint_context import Seat, Sender
-from pointit.runtime.foreign_zenoh.pubsub import Packet, PlainReader, PlainTraffic
+from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext, SequenceCounter
+from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawSample, RawSubscriber
 
 LEAST_CAPACITY = 64
 """Messages that wait for the loop at least, however few a topic's QoS keeps."""
@@ -18,17 +18,17 @@ REMEMBERED = 16
 class TopicWriter:
     """Writes one topic."""
 
-    def __init__(self, seat: Seat, topic: str, kind: RosType, qos: Qos) -> None:
+    def __init__(self, seat: EndpointContext, topic: str, kind: RosType, qos: Qos) -> None:
         """Declare; the presence token comes last: who sees it finds a writer."""
         token = seat.dialect.endpoint_token("publisher", topic, kind, qos)
         self.topic = topic
         self._seat = seat
         # Zenoh's caches know no age: of what has a lifespan nothing is kept, rather than all of it for ever.
         # Who subscribes as to a latched topic hears all the same what is said from then on.
-        self._writer = seat.session.writer(
+        self._writer = seat.session.publisher(
             seat.dialect.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
         )
-        self._sender = Sender(seat, token)
+        self._sender = SequenceCounter(seat, token)
         self._token = seat.announce(token)
         seat.ends.add(self)
 
@@ -60,7 +60,7 @@ class TopicReader:
     """Reads one topic, of everybody but ourselves and other bridges of PointIt."""
 
     def __init__(
-        self, seat: Seat, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
+        self, seat: EndpointContext, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
     ) -> None:
         """Declare; `handler` gets the CDR of what comes."""
         self.topic = topic
@@ -75,10 +75,10 @@ class TopicReader:
         self._remembered = max(qos.depth, REMEMBERED)
         dialect, session = seat.dialect, seat.session
         # Where messages of this topic come in that nobody gets; taken away with the first, good or not.
-        self._strays: PlainReader | None = session.reader(
-            dialect.strays(topic), self._on_stray, capacity=1, max_bytes=seat.max_bytes
+        self._strays: RawSubscriber | None = session.subscriber(
+            dialect.misrouted_keys(topic), self._on_stray, capacity=1, max_bytes=seat.max_bytes
         )
-        self._reader = session.reader(
+        self._reader = session.subscriber(
             dialect.key(topic, kind),
             self._on_packet,
             on_loss=self._on_loss,
@@ -98,17 +98,17 @@ class TopicReader:
             self._end_strays()
         self._seat.ends.discard(self)
 
-    def _on_packet(self, packet: Packet) -> None:
+    def _on_packet(self, packet: RawSample) -> None:
         try:
             origin = self._seat.dialect.unpack(packet.attachment)
         except ValueError as error:
             self._malformed += 1
-            self._seat.complaints.say(
+            self._seat.complaints.show_briefly(
                 f"attachments of {self.topic}",
                 f"dropped {self._malformed} messages on {self.topic}: {error}",
             )
             return
-        if self._seat.is_barred(origin.gid):
+        if self._seat.is_own_gid(origin.gid):
             return
         if packet.attachment is not None and self._is_known(packet.attachment, packet.payload):
             return
@@ -133,28 +133,28 @@ class TopicReader:
             f"{traffic.oversized} were longer than {self._seat.max_bytes} bytes" if traffic.oversized else "",
             f"{traffic.overrun} came faster than they could be handled" if traffic.overrun else "",
         )
-        self._seat.complaints.say(
+        self._seat.complaints.show_briefly(
             f"losses of {self.topic}",
             f"dropped messages on {self.topic}: {' and '.join(each for each in reasons if each)}",
         )
 
-    def _on_stray(self, packet: Packet) -> None:
-        why = self._seat.dialect.astray(packet.key, self.topic, self._kind)
+    def _on_stray(self, packet: RawSample) -> None:
+        why = self._seat.dialect.misrouting_reason(packet.key, self.topic, self._kind)
         if why and not self._is_of_bridge(packet):
-            self._seat.complaints.hold(f"stray {self.topic}", why)
+            self._seat.complaints.show(f"stray {self.topic}", why)
             self._close_strays()  # one is enough: another robot may have a lot of them
 
-    def _is_of_bridge(self, packet: Packet) -> bool:
+    def _is_of_bridge(self, packet: RawSample) -> bool:
         """Return whether it is another PointIt's, which is where it belongs."""
         try:
             origin = self._seat.dialect.unpack(packet.attachment)
         except ValueError:
             return False
-        return self._seat.is_barred(origin.gid)
+        return self._seat.is_own_gid(origin.gid)
 
     def _end_strays(self) -> None:
         self._close_strays()
-        self._seat.complaints.drop(f"stray {self.topic}")
+        self._seat.complaints.clear(f"stray {self.topic}")
 
     def _close_strays(self) -> None:
         if self._strays is not None:

@@ -37,7 +37,7 @@ Telling = Callable[[str], contextlib.AbstractContextManager[None]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class FetchRequest:
     """What to take, from whom."""
 
     node: str
@@ -64,7 +64,7 @@ class _Unheard:
 
 async def fetched(
     config: BackendConfig,
-    wish: Wish,
+    wish: FetchRequest,
     *,
     say: Say = log.info,
     telling: Telling = contextlib.nullcontext,
@@ -107,7 +107,7 @@ async def fetched(
         await backend.close()
 
 
-async def _taken(parameters: NodeParameters, wish: Wish, say: Say) -> dict[str, Any]:
+async def _taken(parameters: NodeParameters, wish: FetchRequest, say: Say) -> dict[str, Any]:
     names = await parameters.names()
     holder = wish.usual if wish.parameter is None else wish.parameter
     if wish.parameter is not None and holder not in names:
@@ -157,7 +157,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _nothing(wish: Wish, names: Sequence[str]) -> str:
+def _nothing(wish: FetchRequest, names: Sequence[str]) -> str:
     """Return that there is no map, and what to do."""
     if wish.prefix:
         what = f"no parameter of {wish.node} begins with '{wish.prefix.rstrip('.')}.'"

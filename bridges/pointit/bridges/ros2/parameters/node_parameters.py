@@ -157,7 +157,7 @@ class NodeParameters:
                 "set domain_id to theirs"
             )
         if not names:
-            why = self._backend.trouble or self._needs
+            why = self._backend.problem or self._needs
             return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
         return f"there is no node {self._node} in domain {self._domain}; there are {_listed(sorted(names))}"
 

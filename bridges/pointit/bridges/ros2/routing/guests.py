@@ -8,7 +8,7 @@ from pointit.bridges.ros2.graph.backend import Graph
 from pointit.bridges.ros2.inbound.guest import interaction
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
-from pointit.bridges.ros2.routing.route_types import Inward
+from pointit.bridges.ros2.routing.route_types import InboundRoute
 from pointit.bridges.ros2.routing.scene import Guest
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.bus.contract import Closable
@@ -33,7 +33,7 @@ class Guests:
     """Tells the site when guests come and go, and gives way to services of ours."""
 
     def __init__(
-        self, people: Iterable[str], routes: Iterable[Inward], site: Site, inbox: Inbox, outbox: Outbox
+        self, people: Iterable[str], routes: Iterable[InboundRoute], site: Site, inbox: Inbox, outbox: Outbox
     ) -> None:
         """Listen for `people` from now on, by those of `routes` that are of guests only."""
         routes = tuple(routes)
@@ -61,7 +61,7 @@ class Guests:
         if self._instances:
             self._mind()
 
-    def look(self, graph: Graph) -> None:
+    def on_graph(self, graph: Graph) -> None:
         """Take up who publishes."""
         self._given = frozenset(
             each.name
@@ -69,7 +69,7 @@ class Guests:
             if each.kind == "publisher" and not each.is_ours and not each.is_bridge
         )
 
-    def meet(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+    def on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         """Take note that a service of ours is present, or no longer."""
         user = self._instances.get(instance)
         if user is None:
@@ -102,7 +102,7 @@ class Guests:
         for end in self._ends.pop(user):
             end.close()
         for route in self._lasting:
-            self._inbox.hush(route, user)
+            self._inbox.stop_writing(route, user)
         self._show_again(user)
         self._leave(user)
         self._site.bus.warn(
@@ -142,7 +142,7 @@ class Guests:
         scene, bus = self._site.scene, self._site.bus
         if not guest.is_subscribed:
             now_ns = self._site.clock.now_ns()
-            self._inbox.say(interaction(scene, user, now_ns, "they have not asked for a cursor"))
+            self._inbox.publish(interaction(scene, user, now_ns, "they have not asked for a cursor"))
         self._tokens[user] = bus.announce(USER_ALIVE, user)
         guest.is_here = True
         log.info("%s is here, as ROS nodes say", user)
@@ -150,7 +150,7 @@ class Guests:
     def _end(self, user: str, guest: Guest, reason: str) -> None:
         if guest.is_subscribed:
             guest.is_subscribed = False
-            self._inbox.say(interaction(self._site.scene, user, self._site.clock.now_ns(), reason))
+            self._inbox.publish(interaction(self._site.scene, user, self._site.clock.now_ns(), reason))
         if guest.is_here:
             guest.is_here = False
             self._leave(user)

@@ -6,9 +6,16 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Closable, Graph
-from pointit.bridges.ros2.routing.input_subscription import Ear
-from pointit.bridges.ros2.routing.rate_limit import back_s
-from pointit.bridges.ros2.routing.route_types import About, Inward, Said, Served, Taken, Warned
+from pointit.bridges.ros2.routing.input_subscription import InputSubscription
+from pointit.bridges.ros2.routing.rate_limit import reclaim_delay_s
+from pointit.bridges.ros2.routing.route_types import (
+    BusOutput,
+    ConversionContext,
+    ConversionWarning,
+    InboundRoute,
+    ServiceRoute,
+    Taken,
+)
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.bus.contract import Publisher
@@ -24,7 +31,7 @@ MOST_ASKED = 64
 class Inbox:
     """All that comes in."""
 
-    def __init__(self, routes: Iterable[Inward], services: Iterable[Served], site: Site) -> None:
+    def __init__(self, routes: Iterable[InboundRoute], services: Iterable[ServiceRoute], site: Site) -> None:
         """Take what is nobody's own from now on."""
         self._site = site
         self._wall = WallClock()
@@ -50,7 +57,7 @@ class Inbox:
         if user not in self._names:
             self._names.add(user)
             self._declare(user)
-            told = About(self._site.scene, user, self._site.clock.now_ns())
+            told = ConversionContext(self._site.scene, user, self._site.clock.now_ns())
             for route in self._routes:
                 if route.meets is not None and (taken := route.meets(told)):
                     self._take(taken, _about(route, self._site.scene, ""))
@@ -62,7 +69,7 @@ class Inbox:
             self._ends.pop(end).close()
         for end in [end for end in self._back if end[1] == user]:
             self._take_up(end)
-        rows: tuple[Inward | Served, ...] = (*self._routes, *self._services)
+        rows: tuple[InboundRoute | ServiceRoute, ...] = (*self._routes, *self._services)
         for route in rows:
             if "{" in route.ros:
                 self._site.bus.clear(_about(route, self._site.scene, user))
@@ -72,23 +79,23 @@ class Inbox:
         for key in [key for key, (name, _) in self._publishers.items() if name == user]:
             self._publishers.pop(key)[1].close()
 
-    def listen(self, route: Inward, name: str) -> Closable:
+    def listen(self, route: InboundRoute, name: str) -> Closable:
         """Take what `route` says about `name` until the returned end is closed."""
-        return Ear(route, name, self._site, functools.partial(self._hear, route, name))
+        return InputSubscription(route, name, self._site, functools.partial(self._hear, route, name))
 
-    def hush(self, route: Inward, name: str) -> None:
+    def stop_writing(self, route: InboundRoute, name: str) -> None:
         """Write no more what `route` has said about `name`: somebody else does."""
         for at in route.into:
             if at.at(name) in self._publishers:
                 self._publishers.pop(at.at(name))[1].close()
         self._site.bus.clear(_about(route, self._site.scene, name))
 
-    def say(self, said: Said) -> None:
+    def publish(self, said: BusOutput) -> None:
         """Publish on our side."""
         if not isinstance(said.at, Request) and isinstance(said.what, Message):
             self._publisher(said.at, said.name).put(said.what)
 
-    def look(self, graph: Graph) -> None:
+    def on_graph(self, graph: Graph) -> None:
         """Leave to others the services that they serve."""
         self._served = frozenset(
             each.name for each in graph.endpoints if each.kind == "server" and not each.is_ours
@@ -129,10 +136,10 @@ class Inbox:
                 self._serve(route, name)
             elif self._back[key] is None:
                 self._back[key] = self._site.bus.call_later(
-                    back_s(), functools.partial(self._serve, route, name)
+                    reclaim_delay_s(), functools.partial(self._serve, route, name)
                 )
 
-    def _serve(self, route: Served, name: str) -> None:
+    def _serve(self, route: ServiceRoute, name: str) -> None:
         key = route.name, name
         self._take_up(key)
         if key not in self._ends:
@@ -149,7 +156,7 @@ class Inbox:
         if timer is not None:
             timer.cancel()
 
-    def _hear(self, route: Inward, name: str, cdr: bytes) -> None:
+    def _hear(self, route: InboundRoute, name: str, cdr: bytes) -> None:
         scene, clock = self._site.scene, self._site.clock
         about = _about(route, scene, name)
         try:
@@ -162,13 +169,13 @@ class Inbox:
 
     def _take(self, taken: Taken, about: str) -> None:
         """Publish and ask; whether all was well is known when all is answered, and told no sooner."""
-        warned = [each for each in taken if isinstance(each, Warned)]
-        wishes = [each for each in taken if isinstance(each, Said) and isinstance(each.at, Request)]
+        warned = [each for each in taken if isinstance(each, ConversionWarning)]
+        wishes = [each for each in taken if isinstance(each, BusOutput) and isinstance(each.at, Request)]
         if warned or not wishes:
             self._warn(about, warned)
         for said in taken:
-            if isinstance(said, Said):
-                self.say(said)
+            if isinstance(said, BusOutput):
+                self.publish(said)
         if wishes:
             self._ask_soon(wishes, about, is_well=not warned)
 
@@ -178,7 +185,7 @@ class Inbox:
             self._publishers[key] = name, self._site.bus.publisher(topic, name)
         return self._publishers[key][1]
 
-    def _ask_soon(self, wishes: list[Said], about: str, *, is_well: bool) -> None:
+    def _ask_soon(self, wishes: list[BusOutput], about: str, *, is_well: bool) -> None:
         asked = wishes[: MOST_ASKED - self._open]
         if len(asked) < len(wishes):
             is_well = False
@@ -200,7 +207,7 @@ class Inbox:
         self._asked.add(task)
         task.add_done_callback(self._asked.discard)
 
-    async def _ask(self, said: Said, about: str) -> Reply | str:
+    async def _ask(self, said: BusOutput, about: str) -> Reply | str:
         """Return the reply; where there is none, the sentence that says why, which is a warning too."""
         try:
             reply: Reply = await self._site.bus.call(said.at, said.what, said.name)  # type: ignore[arg-type]  # a row of both kinds
@@ -210,7 +217,7 @@ class Inbox:
             return sentence
         return reply
 
-    async def _answer(self, route: Served, name: str, cdr: bytes) -> bytes:
+    async def _answer(self, route: ServiceRoute, name: str, cdr: bytes) -> bytes:
         """Answer a request of ROS.
 
         Raises:
@@ -228,11 +235,11 @@ class Inbox:
             if not route.has_result:
                 raise RefusedError(sentence) from error
             return types.encode(response, types.make(response))
-        told = About(scene, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
+        told = ConversionContext(scene, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
         asked = route.asks(value, told)
         reply: Reply | str = ""
         try:
-            if isinstance(asked, Warned):
+            if isinstance(asked, ConversionWarning):
                 reply = asked.sentence
                 self._warn(about, [asked])
             else:
@@ -245,13 +252,13 @@ class Inbox:
             raise RefusedError(reply)
         return types.encode(response, answer)
 
-    def _warn(self, about: str, warned: list[Warned]) -> None:
+    def _warn(self, about: str, warned: list[ConversionWarning]) -> None:
         if warned:
             self._site.bus.warn(about, "; ".join(each.sentence for each in warned[:3]))
         else:
             self._site.bus.clear(about)
 
 
-def _about(route: Inward | Served, scene: Scene, name: str) -> str:
+def _about(route: InboundRoute | ServiceRoute, scene: Scene, name: str) -> str:
     """Return what a warning is about."""
     return f"from {route.ros_name(scene, name)}"

@@ -3,19 +3,19 @@
 import asyncio
 from collections.abc import Callable
 
-from pointit.bridges.ros2.graph.backend_warnings import Complaints
-from pointit.bridges.ros2.routing.rate_limit import Pace
-from pointit.bridges.ros2.routing.route_types import Inward
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.routing.rate_limit import RateLimiter
+from pointit.bridges.ros2.routing.route_types import InboundRoute
 from pointit.bridges.ros2.routing.site import Site
 
 BURST_S = 0.03
 """Of a route with a limit of bytes: what would fill so much time may come at once."""
 
 
-class Ear:
+class InputSubscription:
     """Takes what comes; of what comes too fast the newest, later; where it tells of people, of each."""
 
-    def __init__(self, route: Inward, name: str, site: Site, take: Callable[[bytes], None]) -> None:
+    def __init__(self, route: InboundRoute, name: str, site: Site, take: Callable[[bytes], None]) -> None:
         """Listen.
 
         Args:
@@ -26,11 +26,11 @@ class Ear:
         """
         self._route = route
         self._site = site
-        self._complaints = Complaints(site.bus)
+        self._complaints = BackendWarnings(site.bus)
         self._take = take
         self._loop = asyncio.get_running_loop()
-        self._count = Pace(route.rate_hz)
-        self._bytes = Pace(route.bytes_hz, early_s=BURST_S)
+        self._count = RateLimiter(route.rate_hz)
+        self._bytes = RateLimiter(route.bytes_hz, early_s=BURST_S)
         self._waiting: dict[str, bytes] = {}
         """The newest of each person, or of all where messages tell of nobody; as they came."""
         self._timer: asyncio.TimerHandle | None = None
@@ -61,7 +61,7 @@ class Ear:
             self._waiting.pop(each, None)  # so that the first is the oldest: nothing is followed by older
             self._waiting[each] = cdr
         if route.bytes_hz is not None and self._bytes.wait_s(self._loop.time()) > 0.0:
-            self._complaints.say(
+            self._complaints.show_briefly(
                 f"amount from {self._ros}",
                 f"{self._ros} brings more of people than the {route.bytes_hz / 1e6:g} MB a second that are "
                 "read: of each the newest counts; publish their frames less often, or apart from all others",

@@ -5,8 +5,8 @@ import functools
 from collections.abc import Callable, Iterable
 
 from pointit.bridges.ros2.graph.backend import Graph, Writer
-from pointit.bridges.ros2.routing.rate_limit import Pace, back_s
-from pointit.bridges.ros2.routing.route_types import Outward
+from pointit.bridges.ros2.routing.rate_limit import RateLimiter, reclaim_delay_s
+from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.site import Site
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
@@ -19,7 +19,7 @@ class _Line:
     """One route to one name in ROS."""
 
     def __init__(
-        self, route: Outward, ros: str, site: Site, has_reader: Callable[[str], bool], *, unread: bool
+        self, route: OutboundRoute, ros: str, site: Site, has_reader: Callable[[str], bool], *, unread: bool
     ) -> None:
         self.route = route
         self.ros = ros
@@ -28,7 +28,7 @@ class _Line:
         """Whether the ROS graph shows one."""
         self._unread = unread
         self._is_read = False
-        self._pace = Pace(route.rate_hz)
+        self._pace = RateLimiter(route.rate_hz)
         self._loop = asyncio.get_running_loop()
         self._writer: Writer | None = None
         self._waiting: dict[str, tuple[Message, str]] = {}
@@ -52,7 +52,7 @@ class _Line:
                 self._back = None
             self._hide()
         elif self._writer is None and self._back is None:
-            self._back = self._site.bus.call_later(back_s(), self._open)
+            self._back = self._site.bus.call_later(reclaim_delay_s(), self._open)
 
     def look(self) -> None:
         """Tell the route when somebody begins to read it."""
@@ -178,7 +178,7 @@ class _Line:
 class Outbox:
     """All that goes out."""
 
-    def __init__(self, routes: Iterable[Outward], site: Site, *, unread: bool) -> None:
+    def __init__(self, routes: Iterable[OutboundRoute], site: Site, *, unread: bool) -> None:
         """Appear in the graph with every route that is nobody's own; `unread`: send what nobody reads too."""
         self._site = site
         self._unread = unread
@@ -187,7 +187,7 @@ class Outbox:
         """Names that others in ROS publish."""
         self._lines: dict[tuple[str, str], _Line] = {}
         """By route, and by what stands for its placeholder."""
-        self._routes: dict[Topic[Message], list[Outward]] = {}
+        self._routes: dict[Topic[Message], list[OutboundRoute]] = {}
         for route in routes:
             for topic in route.reads:
                 self._routes.setdefault(topic, []).append(route)
@@ -247,7 +247,7 @@ class Outbox:
             line.close()
         self._lines.clear()
 
-    def _line(self, route: Outward, name: str) -> _Line | None:
+    def _line(self, route: OutboundRoute, name: str) -> _Line | None:
         key = route.name, name
         line = self._lines.get(key)
         if line is None:

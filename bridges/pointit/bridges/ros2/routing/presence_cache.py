@@ -17,7 +17,7 @@ MOST_REMEMBERED = 1000
 States = tuple[tuple[Topic[Any], Message], ...]
 
 
-class Attendance:
+class PresenceCache:
     """Remembers the states of people, or of services, and who has left."""
 
     def __init__(self, placeholder: str) -> None:
@@ -40,14 +40,14 @@ class Attendance:
                 self._states.popitem(last=False)
         return name not in self._gone
 
-    def come(self, name: str) -> States:
+    def on_join(self, name: str) -> States:
         """Take that somebody is here; return what is to be shown of them who had left."""
         if name not in self._gone:
             return ()
         del self._gone[name]
         return tuple(self._states.get(name, {}).items())
 
-    def go(self, name: str) -> None:
+    def on_leave(self, name: str) -> None:
         """Take that somebody has left."""
         self._gone[name] = None
         if len(self._gone) > MOST_REMEMBERED:

@@ -9,7 +9,7 @@ EARLY = 0.25
 """Share of a period by which a message may come too soon: samplers jitter, and holding back adds delay."""
 
 
-def back_s() -> float:
+def reclaim_delay_s() -> float:
     """Return after how long to take up what somebody else has let go, s; another time for each who asks.
 
     Of two bridges that have made room for each other one comes back first, and the other sees it in time:
@@ -18,7 +18,7 @@ def back_s() -> float:
     return random.uniform(*BACK_S)  # noqa: S311 - no secret
 
 
-class Pace:
+class RateLimiter:
     """Tells when the next message may be sent, or the next bytes be read."""
 
     def __init__(self, rate_hz: float | None, *, early_s: float | None = None) -> None:

@@ -15,7 +15,7 @@ MAX_BYTES = 16 * 1024
 """Of what comes from ROS, unless its route says otherwise; decoding holds up the loop."""
 
 
-class About(NamedTuple):
+class ConversionContext(NamedTuple):
     """What a converter is told besides the message or value itself."""
 
     scene: Scene
@@ -31,7 +31,7 @@ class About(NamedTuple):
     """Outward: this message was converted before, and is repeated."""
 
 
-class Said(NamedTuple):
+class BusOutput(NamedTuple):
     """Something for our bus: a message to publish, or a query to ask."""
 
     at: Topic[Any] | Request[Any, Any]
@@ -40,7 +40,7 @@ class Said(NamedTuple):
     what: Message | Query
 
 
-class Warned(NamedTuple):
+class ConversionWarning(NamedTuple):
     """What could not be taken, or not as it was; one sentence that says why and what to do."""
 
     sentence: str
@@ -49,7 +49,7 @@ class Warned(NamedTuple):
 Converted = tuple[Any, ...]
 """ROS values in the order in which they are to be sent; empty: there is nothing to tell."""
 
-Taken = tuple[Said | Warned, ...]
+Taken = tuple[BusOutput | ConversionWarning, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,12 +74,12 @@ class _Route:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outward(_Route):
+class OutboundRoute(_Route):
     """Ours, published in ROS."""
 
     reads: tuple[Topic[Any], ...]
     """Each of their messages, once the scene has taken it, is converted."""
-    by: Callable[[Any, About], Converted]
+    by: Callable[[Any, ConversionContext], Converted]
     rate_hz: float | None = None
     """No more often; of what comes sooner the newest waits."""
     is_each: bool = False
@@ -104,16 +104,16 @@ class Outward(_Route):
         is_again = again_ns is not None
         stamp_ns = message.stamp_ns if again_ns is None else again_ns
         frame = scene.frames.resolve(self.frame, name)
-        return self.by(message, About(scene, name, stamp_ns, frame, is_again=is_again))
+        return self.by(message, ConversionContext(scene, name, stamp_ns, frame, is_again=is_again))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inward(_Route):
+class InboundRoute(_Route):
     """ROS', taken to our bus."""
 
     into: tuple[Topic[Any] | Request[Any, Any], ...]
     """What of ours it can write or ask."""
-    by: Callable[[Any, About], Taken]
+    by: Callable[[Any, ConversionContext], Taken]
     rate_hz: float | None = None
     """No more often; of what comes sooner the newest waits."""
     bytes_hz: float | None = None
@@ -122,7 +122,7 @@ class Inward(_Route):
     """Whom a message tells of, by its bytes: the newest of each waits; what tells of nobody is not read."""
     max_bytes: int = MAX_BYTES
     """What is longer is dropped unread."""
-    meets: Callable[[About], Taken] | None = None
+    meets: Callable[[ConversionContext], Taken] | None = None
     """What was said, once for all, before somebody came whom it is about."""
     forgets: Callable[[str], None] | None = None
     """Told who leaves."""
@@ -131,17 +131,19 @@ class Inward(_Route):
 
     def convert(self, value: Any, name: str, scene: Scene, *, now_ns: int, wall_ns: int) -> Taken:
         """Return what to publish or ask, and what could not be taken; never raises."""
-        return self.by(value, About(scene, name, now_ns, scene.frames.resolve(self.frame, name), wall_ns))
+        return self.by(
+            value, ConversionContext(scene, name, now_ns, scene.frames.resolve(self.frame, name), wall_ns)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Served(_Route):
+class ServiceRoute(_Route):
     """A service of ROS that one of our services answers."""
 
     request: Request[Any, Any]
-    asks: Callable[[Any, About], Said | Warned]
+    asks: Callable[[Any, ConversionContext], BusOutput | ConversionWarning]
     """From a ROS request; a warning answers it without asking."""
-    answers: Callable[[Any, Reply | None, About], Any]
+    answers: Callable[[Any, Reply | None, ConversionContext], Any]
     """From the ROS request and our reply, none where it was refused; returns the ROS response."""
     max_bytes: int = MAX_BYTES
     """A request that is longer is refused unread."""

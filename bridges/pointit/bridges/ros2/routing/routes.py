@@ -22,14 +22,14 @@ from pydantic import Field, ValidationError, field_validator
 
 from pointit.bridges.ros2.inbound.table import inward, served
 from pointit.bridges.ros2.outbound.table import outward
-from pointit.bridges.ros2.routing.route_types import Inward, Outward, Served
+from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.scene import KINDS
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.validation_message import complaint, unknown
+from pointit.runtime.config.validation_message import describe_validation_error, unknown_parameter_message
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 
-Row = TypeVar("Row", Outward, Inward, Served)
+Row = TypeVar("Row", OutboundRoute, InboundRoute, ServiceRoute)
 
 UNPREFIXED = ("/tf", "/tf_static", "/clock", "/diagnostics", "/rosout")
 """ROS knows these by their names."""
@@ -109,14 +109,14 @@ class RoutesFile(Config):
 class Routes:
     """The table; names are different throughout."""
 
-    outward: tuple[Outward, ...]
-    inward: tuple[Inward, ...]
-    served: tuple[Served, ...]
+    outward: tuple[OutboundRoute, ...]
+    inward: tuple[InboundRoute, ...]
+    served: tuple[ServiceRoute, ...]
     file: RoutesFile
     """Names of frames and kinds are in here, for the scene."""
 
     @property
-    def all(self) -> tuple[Outward | Inward | Served, ...]:
+    def all(self) -> tuple[OutboundRoute | InboundRoute | ServiceRoute, ...]:
         """Return all rows."""
         return (*self.outward, *self.inward, *self.served)
 
@@ -140,7 +140,7 @@ def read_routes(path: Path) -> RoutesFile:
     try:
         return RoutesFile.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise ConfigError(f"{path}: {complaint(error, RoutesFile)}") from error
+        raise ConfigError(f"{path}: {describe_validation_error(error, RoutesFile)}") from error
 
 
 def changed(table: Routes, file: RoutesFile, source: str) -> Routes:
@@ -152,7 +152,7 @@ def changed(table: Routes, file: RoutesFile, source: str) -> Routes:
     known = [row.name for row in table.all]
     for name in file.routes:
         if name not in known:
-            why = unknown(name, known).replace("parameter", "route")
+            why = unknown_parameter_message(name, known).replace("parameter", "route")
             raise ConfigError(f"{source}: routes: {why}")
     made = Routes(
         tuple(_changed(row, file, source) for row in table.outward),
@@ -178,7 +178,7 @@ def _changed(row: Row, file: RoutesFile, source: str) -> Row:
         ros = file.prefix + ros
     changes["ros"] = ros
     if change.rate_hz is not None:
-        if isinstance(row, Served):
+        if isinstance(row, ServiceRoute):
             raise ConfigError(f"{where}.rate_hz: a service has none, leave it out")
         changes["rate_hz"] = change.rate_hz
     if change.enabled is not None:
@@ -188,7 +188,9 @@ def _changed(row: Row, file: RoutesFile, source: str) -> Row:
     return dataclasses.replace(row, **changes)
 
 
-def _check_apart(rows: Sequence[Outward] | Sequence[Inward] | Sequence[Served], source: str) -> None:
+def _check_apart(
+    rows: Sequence[OutboundRoute] | Sequence[InboundRoute] | Sequence[ServiceRoute], source: str
+) -> None:
     """Refuse two that would publish, read or serve the same; that /tf is both published and read is meant."""
     taken: dict[str, str] = {}
     for row in rows:

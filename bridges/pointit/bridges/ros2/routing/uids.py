@@ -50,11 +50,11 @@ class Uids:
                 del self._names[self._numbers.pop(old)]
         self._numbers[name], self._names[number] = number, name
 
-    def expect(self, number: int) -> None:
-        """Take that somebody is about to be given `number`; until `settle` that may be any new name."""
+    def reserve(self, number: int) -> None:
+        """Reserve `number` for the next new name; until `end_reservation` that may be any."""
         self._awaited.add(number)
 
-    def settle(self, number: int) -> None:
+    def end_reservation(self, number: int) -> None:
         """Expect nobody for `number` any more."""
         self._awaited.discard(number)
 

@@ -20,7 +20,7 @@ FEW = 64
 """So many numbers are checked faster one by one than by numpy."""
 
 
-def fault_of(of: Any, check_of: Callable[[str], Callable[[Any], None]]) -> Fault | None:
+def checker_for(of: Any, check_of: Callable[[str], Callable[[Any], None]]) -> Fault | None:
     """Return what finds faults with a field described by `of`, None where the codec finds all there are.
 
     Args:

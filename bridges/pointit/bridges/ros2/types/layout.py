@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.typesys.base import normalize_fieldname
 
 from pointit.bridges.ros2.types.definitions import Definitions
-from pointit.bridges.ros2.types.field_checks import Fault, dtype_of, fault_of, of_float
+from pointit.bridges.ros2.types.field_checks import Fault, checker_for, dtype_of, of_float
 from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME
 
 LayoutOf = Callable[[str], "Layout"]
@@ -84,7 +84,7 @@ class Layout:
                 self._collect(f"{path}.", rest)
             elif shape == BASE and rest[0].startswith("float"):
                 self._floats.append(path)
-            elif fault := fault_of(of, lambda within: self._layout_of(within).check):
+            elif fault := checker_for(of, lambda within: self._layout_of(within).check):
                 self._faults.append((path, attrgetter(path), fault))
 
     def _default(self, field: str, of: Any) -> None:

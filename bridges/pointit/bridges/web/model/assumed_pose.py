@@ -42,7 +42,7 @@ def middle(room: Environment) -> Vec3:
     return (x, y, z)
 
 
-def stand_in(room: Environment) -> Stand:
+def choose_pose(room: Environment) -> Stand:
     """Return a place near the middle of `room`, `CLEAR_M` away from its things, facing the middle.
 
     Where the room is too small for both, it gives way to the middle rather than through the walls.
@@ -66,7 +66,7 @@ def stand_in(room: Environment) -> Stand:
     return ((x, y, 0.0), yaw_rad)
 
 
-class Standing:
+class AssumedPose:
     """One person's place, from what the bus says of them."""
 
     def __init__(self, place: Place | None = None) -> None:
@@ -92,7 +92,7 @@ class Standing:
         return self._place if self._pose is None else None
 
     def room(self, stand: Stand) -> None:
-        """Take where somebody of whom nothing is known stands, see `stand_in`."""
+        """Take where somebody of whom nothing is known stands, see `choose_pose`."""
         self._in_room = stand
 
     def pose(self, pose: UserPose) -> None:

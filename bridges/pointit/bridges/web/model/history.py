@@ -4,7 +4,7 @@ import asyncio
 import logging
 from collections import deque
 
-from pointit.bridges.web.pages.latest_values import HISTORY, MOST_EVENTS, Hub
+from pointit.bridges.web.pages.latest_values import HISTORY, MOST_EVENTS, LatestValueCache
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.health.service_bus import ServiceBus
@@ -30,7 +30,7 @@ Identity = tuple[int, int, str, str]
 class Past:
     """Gives a hub the events that it has not heard itself."""
 
-    def __init__(self, bus: ServiceBus, clock: Clock, hub: Hub) -> None:
+    def __init__(self, bus: ServiceBus, clock: Clock, hub: LatestValueCache) -> None:
         """Ask nobody yet."""
         self._bus = bus
         self._clock = clock

@@ -29,16 +29,16 @@ class People:
         """Return who is there."""
         return sorted(self._writers)
 
-    def come(self, user: str) -> None:
+    def on_join(self, user: str) -> None:
         """Take that `user` is there."""
         if user not in self._writers:
             self._writers[user] = (self._bus.publisher(BUTTON, user), self._bus.publisher(WRIST, user))
 
-    def go(self, user: str) -> None:
+    def on_leave(self, user: str) -> None:
         """Take that `user` is there no more."""
         self.states.pop(user, None)
         for writer in self._writers.pop(user, ()):
-            writer.retire()
+            writer.close_nowait()
 
     def check(self, user: str) -> None:
         """Make sure that `user` is there.

@@ -9,7 +9,7 @@ from typing import IO, Any, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from pointit.schemas import NS_PER_S, Message, decode
-from pointit.schemas.catalogue.json_channel import Plain, channel_name
+from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import Delivery, Topic
 
 MOST = 60_000
@@ -42,12 +42,12 @@ class Recording:
         writer = Writer(output, compression=CompressionType.ZSTD)
         writer.start(profile="", library="pointit")
         writer.add_metadata("pointit", {"site": self.site})
-        kinds: dict[type[Message], tuple[Plain, int]] = {}
+        kinds: dict[type[Message], tuple[JsonChannel, int]] = {}
         channels: dict[str, int] = {}
         for entry in self.entries:
             kind: type[Message] = entry.topic.message
             if kind not in kinds:
-                plain = Plain(kind)
+                plain = JsonChannel(kind)
                 text = json.dumps(plain.schema).encode()
                 kinds[kind] = plain, writer.register_schema(kind.schema_name(), "jsonschema", text)
             plain, schema = kinds[kind]
@@ -58,7 +58,7 @@ class Recording:
             writer.add_message(
                 channel,
                 log_time=max(entry.stamp_ns, self.began_ns),
-                data=plain.text(decode(kind, entry.payload)),
+                data=plain.to_json(decode(kind, entry.payload)),
                 publish_time=entry.stamp_ns,
                 sequence=entry.seq % 2**32,
             )

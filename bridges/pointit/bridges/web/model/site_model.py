@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pointit.bridges.web.model.recording import LastMinute
-from pointit.bridges.web.model.stale_keys import Deployments, Key, Trackers, of_person, of_service
-from pointit.bridges.web.model.status import Sight
-from pointit.bridges.web.pages.latest_values import Hub
+from pointit.bridges.web.model.stale_keys import Deployments, Key, Trackers, keys_of_person, keys_of_service
+from pointit.bridges.web.model.status import SiteObservation
+from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.wire import PersonLine, Status
 from pointit.schemas import Deployment, Environment, Health, Message, encode
 from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
 
 
-class Belief:
+class SiteModel:
     """Takes what the bus says, and lets go of what is no longer true."""
 
     def __init__(self, own: str, record_s: float, now_s: float) -> None:
@@ -26,9 +26,9 @@ class Belief:
             record_s: what a recording goes back to.
             now_s: now.
         """
-        self.hub = Hub()
+        self.hub = LatestValueCache()
         self.last_minute = LastMinute(record_s)
-        self._sight = Sight(now_s)
+        self._sight = SiteObservation(now_s)
         self._trackers = Trackers()
         self._deployments = Deployments(own)
         self._lamps: frozenset[str] | None = None
@@ -58,7 +58,7 @@ class Belief:
             self._sight.report(name, message, now_s)
         elif isinstance(message, Deployment):
             if self._deployments.is_another(message):
-                self._sight.begin_anew(now_s)
+                self._sight.reset(now_s)
             self._forget(self._deployments.put(name, message, now_s))
         return True
 
@@ -66,13 +66,13 @@ class Belief:
         """Take that `instance` is there, or has left."""
         self._sight.set_present(instance, present, now_s)
         if not present:
-            self._forget(list(of_service(instance, self.present, self.hub.names)))
+            self._forget(list(keys_of_service(instance, self.present, self.hub.names)))
 
-    def lose_person(self, user: str) -> None:
+    def on_person_left(self, user: str) -> None:
         """Take that `user` has left."""
-        self._forget(of_person(user))
+        self._forget(keys_of_person(user))
 
-    def pass_time(self, now_s: float) -> None:
+    def tick(self, now_s: float) -> None:
         """Let go of what is silent, and of what is gone for too long."""
         self._forget(self._trackers.silent(now_s))
         self._forget(self._deployments.over(self.present, now_s))
@@ -80,7 +80,7 @@ class Belief:
     def status(
         self, people: Sequence[PersonLine], now_s: float, *, viewers: int, lan_url: str, speed: float
     ) -> Status:
-        """Return how the site is, see `Sight.status`."""
+        """Return how the site is, see `SiteObservation.status`."""
         return self._sight.status(
             self._deployments.known, people, now_s, viewers=viewers, lan_url=lan_url, speed=speed
         )

@@ -6,7 +6,7 @@ The bus tells nobody that a message has lost its writer, so pages would go on sh
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
-from pointit.diagnosis.writers import instance_of, present_writers, split
+from pointit.diagnosis.writers import instance_of, present_writers, split_instance
 from pointit.schemas import Deployment
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, MAP, OBJECTS, Delivery, Topic
 from pointit.services.registry import PROCESSES, SHOWN
@@ -33,7 +33,7 @@ OF_PEOPLE = tuple(
 )
 
 
-def of_service(
+def keys_of_service(
     instance: str, present: Collection[str], names: Callable[[Topic[Any]], list[str]]
 ) -> Iterator[Key]:
     """Yield what is no longer true now that `instance` has left.
@@ -44,7 +44,7 @@ def of_service(
         names: at which names something of a topic is known.
     """
     yield HEALTH, instance
-    service, _ = split(instance)
+    service, _ = split_instance(instance)
     for topic in WITH_WRITER:
         if service in topic.writers:
             for name in names(topic):
@@ -52,7 +52,7 @@ def of_service(
                     yield topic, name
 
 
-def of_person(user: str) -> Iterator[Key]:
+def keys_of_person(user: str) -> Iterator[Key]:
     """Yield what is no longer true now that `user` has left."""
     for topic in OF_PEOPLE:
         yield topic, user

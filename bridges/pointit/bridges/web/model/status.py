@@ -25,7 +25,7 @@ MOST_LINES = 256
 """Findings, or services, that a page is told."""
 
 
-class Sight:
+class SiteObservation:
     """What is seen of the site's services; times are seconds of any clock that only goes forward."""
 
     def __init__(self, now_s: float) -> None:
@@ -56,7 +56,7 @@ class Sight:
             self._left_s[instance] = now_s
             self._reports.pop(instance, None)
 
-    def begin_anew(self, now_s: float) -> None:
+    def reset(self, now_s: float) -> None:
         """Take that another scenario was begun: who left with the one before is not missed."""
         self._anew_s = now_s
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.bridges.web.pages.rate_limit import Bucket
+from pointit.bridges.web.pages.rate_limit import TokenBucket
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import Delivery, Topic
@@ -52,7 +52,7 @@ class _Entry:
     news: News
 
 
-class Hub:
+class LatestValueCache:
     """The newest of every key, and the last events."""
 
     def __init__(self, most_keys: int = MOST_KEYS, most_events: int = MOST_EVENTS) -> None:
@@ -69,14 +69,14 @@ class Hub:
         self._event_count = 0
         """Events so far, those that have fallen out of the ring too."""
         self._gone = 0
-        self._feeds: set[Feed] = set()
+        self._feeds: set[PageFeed] = set()
 
     def put(
         self, topic: Topic[Any], name: str, payload: bytes, *, stamp_ns: int = 0, urgent: bool = False
     ) -> bool:
         """Take a message of `topic` at `name`; return whether there was room for its key.
 
-        What is `urgent` waits for nothing but pages that are slow, see `Feed.wait_s`. By their `stamp_ns`
+        What is `urgent` waits for nothing but pages that are slow, see `PageFeed.wait_s`. By their `stamp_ns`
         events have their place in the history.
         """
         news = (topic.key, name, payload)
@@ -120,13 +120,13 @@ class Hub:
             if key == topic.key and entry.news[2] is not None
         ]
 
-    def open(self, rate_hz: float) -> "Feed":
+    def open(self, rate_hz: float) -> "PageFeed":
         """Return the feed of a new page that is sent at most `rate_hz` batches a second."""
-        feed = Feed(self, rate_hz)
+        feed = PageFeed(self, rate_hz)
         self._feeds.add(feed)
         return feed
 
-    def close(self, feed: "Feed") -> None:
+    def close(self, feed: "PageFeed") -> None:
         """Forget `feed`."""
         self._feeds.discard(feed)
 
@@ -177,12 +177,12 @@ class Hub:
         self._gone -= len(gone)
 
 
-class Feed:
+class PageFeed:
     """How far one page has come."""
 
-    def __init__(self, hub: Hub, rate_hz: float) -> None:
+    def __init__(self, hub: LatestValueCache, rate_hz: float) -> None:
         self._hub = hub
-        self._pace = Bucket(rate_hz, 2.0)
+        self._pace = TokenBucket(rate_hz, 2.0)
         self._sent = 0
         self._acked = 0
         self._history = hub.history()

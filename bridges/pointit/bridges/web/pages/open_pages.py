@@ -7,7 +7,7 @@ from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.pages.lag import Latencies
-from pointit.bridges.web.pages.latest_values import Hub
+from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.pages.page_requests import greeting
 from pointit.bridges.web.pages.session import Host, Session
 from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
@@ -28,7 +28,7 @@ class Pages:
 
     def __init__(
         self,
-        hub: Hub,
+        hub: LatestValueCache,
         bus: ServiceBus,
         status: Callable[[str], Status],
         *,
@@ -61,7 +61,7 @@ class Pages:
         """Batches, bytes and dropped events of pages that have left."""
         self._told = (0, 0)
         self._told_s = asyncio.get_running_loop().time()
-        bus.figure("viewers", 0.0)
+        bus.set_metric("viewers", 0.0)
 
     def __len__(self) -> int:
         """Return how many are open."""
@@ -92,7 +92,7 @@ class Pages:
             closed(session.page)
             self._count_viewers()
 
-    def news(self, *, now: bool = False) -> None:
+    def notify_pages(self, *, now: bool = False) -> None:
         """Have pages sent what is new, with what follows within some ms, or right `now`."""
         if not self._sessions:
             return
@@ -130,11 +130,11 @@ class Pages:
         span_s = max(now_s - self._told_s, 1e-3)
         p95_ms = self._latencies.p95_ms(now_s)
         waiting = sum(session.feed.in_flight >= IN_FLIGHT for session in self._sessions)
-        self._bus.figure("capture to page p95", p95_ms, "ms")
-        self._bus.figure("batches", (batches - self._told[0]) / span_s, "1/s")
-        self._bus.figure("to pages", (sent_bytes - self._told[1]) / span_s / 1e3, "kB/s")
-        self._bus.figure("pages that wait", float(waiting))
-        self._bus.figure("events dropped", float(dropped))
+        self._bus.set_metric("capture to page p95", p95_ms, "ms")
+        self._bus.set_metric("batches", (batches - self._told[0]) / span_s, "1/s")
+        self._bus.set_metric("to pages", (sent_bytes - self._told[1]) / span_s / 1e3, "kB/s")
+        self._bus.set_metric("pages that wait", float(waiting))
+        self._bus.set_metric("events dropped", float(dropped))
         self._told, self._told_s = (batches, sent_bytes), now_s
         if p95_ms is not None and p95_ms > SLOW_MS:
             self._bus.warn(
@@ -146,7 +146,7 @@ class Pages:
             self._bus.clear("lag")
 
     def _count_viewers(self) -> None:
-        self._bus.figure("viewers", float(len(self._sessions)))
+        self._bus.set_metric("viewers", float(len(self._sessions)))
         self.status_changed()
 
     def _flush(self) -> None:

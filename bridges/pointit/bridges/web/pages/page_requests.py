@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pointit.bridges.web.wire import Ask, Deed, Hello, Role
 from pointit.bridges.web.wrists.wrist_control import MOST_TREMOR_DEG
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import Query, explain
+from pointit.schemas import Query, summarize_validation_error
 from pointit.schemas.topics import (
     ADD_PACKAGE,
     CANCEL_LOCALIZATION,
@@ -121,7 +121,7 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wish:
+class PageAction:
     """A deed of this server's own."""
 
     deed: Deed
@@ -129,7 +129,7 @@ class Wish:
     extras: BaseModel
 
 
-def is_offered(ask: Ask, role: Role) -> bool:
+def is_allowed(ask: Ask, role: Role) -> bool:
     """Return whether pages of this role may ask for that, whatever the rest of it says."""
     if ask.deed is not None:
         return ask.deed in DEEDS[role]
@@ -142,7 +142,7 @@ def greeting(role: Role, *, version: str, site: str, user: str = "") -> Hello:
     return Hello(version=version, site=site, role=role, requests=requests, deeds=DEEDS[role], user=user)
 
 
-def understood(ask: Ask, role: Role) -> Call | Wish:
+def parse_request(ask: Ask, role: Role) -> Call | PageAction:
     """Return what is asked for.
 
     Raises:
@@ -166,7 +166,7 @@ def understood(ask: Ask, role: Role) -> Call | Wish:
     return Call(request=request, query=query, name=ask.name)
 
 
-def _wish(ask: Ask, deed: Deed, role: Role) -> Wish:
+def _wish(ask: Ask, deed: Deed, role: Role) -> PageAction:
     if deed not in DEEDS[role]:
         raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {deed!r}")
     if ask.key:
@@ -177,11 +177,11 @@ def _wish(ask: Ask, deed: Deed, role: Role) -> Wish:
         extras = EXTRAS.get(deed, Plain).model_validate_json(json.dumps(ask.query))
     except (ValidationError, ValueError, RecursionError) as error:
         raise RefusedError(f"{deed}: {_reason(error)}") from error
-    return Wish(deed=deed, user=ask.name, extras=extras)
+    return PageAction(deed=deed, user=ask.name, extras=extras)
 
 
 def _reason(error: Exception) -> str:
-    return explain(error) if isinstance(error, ValidationError) else str(error)
+    return summarize_validation_error(error) if isinstance(error, ValidationError) else str(error)
 
 
 def _listed(rows: tuple[Request[Any, Any], ...]) -> str:

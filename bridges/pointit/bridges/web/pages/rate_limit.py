@@ -3,7 +3,7 @@
 import math
 
 
-class Bucket:
+class TokenBucket:
     """Lets `rate_hz` a second pass in the long run, `burst` at once."""
 
     def __init__(self, rate_hz: float, burst: float) -> None:

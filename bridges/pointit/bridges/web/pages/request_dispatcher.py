@@ -6,13 +6,21 @@ from collections.abc import Callable, Collection
 from typing import Any, cast
 
 from pointit.bridges.web.model.people import People
-from pointit.bridges.web.pages.page_requests import PATIENCE_S, Call, Pair, Press, Tremor, Wish, understood
+from pointit.bridges.web.pages.page_requests import (
+    PATIENCE_S,
+    Call,
+    PageAction,
+    Pair,
+    Press,
+    Tremor,
+    parse_request,
+)
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
-from pointit.bridges.web.wrists.wrist_control import Hold, Wrists
+from pointit.bridges.web.wrists.wrist_control import Hold, WristControl
 from pointit.diagnosis.writers import instance_of
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
@@ -23,7 +31,7 @@ IMU_BRIDGE = "imu-bridge"
 """Who turns what a page's mouse or a phone says into what a wrist measures."""
 
 
-class Answers:
+class RequestDispatcher:
     """Does, or has done, what is asked for."""
 
     def __init__(
@@ -31,7 +39,7 @@ class Answers:
         bus: Bus,
         *,
         people: People,
-        wrists: Wrists,
+        wrists: WristControl,
         pairing: Pairing,
         phones: Phones,
         lan: Lan,
@@ -69,7 +77,7 @@ class Answers:
         Raises:
             PointItError, SchemaError: it cannot be done, or may not be asked; says why.
         """
-        meant = understood(ask, role)
+        meant = parse_request(ask, role)
         reply = await (self._call(meant) if isinstance(meant, Call) else self._do(meant, page, role))
         return Answer(id=ask.id, reply=reply)
 
@@ -94,7 +102,7 @@ class Answers:
         reply = await self._bus.call(request, call.query, call.name, timeout_s=patience_s)
         return cast("dict[str, Any]", reply.model_dump(mode="json"))
 
-    async def _do(self, wish: Wish, page: str, role: Role) -> dict[str, Any]:
+    async def _do(self, wish: PageAction, page: str, role: Role) -> dict[str, Any]:
         user = wish.user
         if wish.deed == "open_lan":
             return await self.open_lan()
@@ -109,7 +117,7 @@ class Answers:
             return self._give(user, page, role)
         if wish.deed == "tremor":
             assert isinstance(wish.extras, Tremor)  # noqa: S101 - so says `asks`
-            if not self._wrists.tremble(user, page, wish.extras.rms_deg):
+            if not self._wrists.set_tremor(user, page, wish.extras.rms_deg):
                 raise RefusedError(f"this page does not move {user}'s arm: take it first")
             return {"message": f"{user}'s arm trembles by {wish.extras.rms_deg:g}° rms"}
         if wish.deed == "pair":
@@ -123,7 +131,7 @@ class Answers:
                 f"nobody makes a wrist of what a page says: start it with "
                 f"`pointit service {IMU_BRIDGE} --user {user} --source page`"
             )
-        loser = self._wrists.take(user, page, by)
+        loser = self._wrists.acquire(user, page, by)
         self._tell_loser(user, loser, page)
         if self._people.states.get(user) == "idle":
             self._people.press(user)
@@ -132,7 +140,7 @@ class Answers:
 
     def _give(self, user: str, page: str, role: Role) -> dict[str, Any]:
         if role == "wrist":
-            self._wrists.give(user, page)
+            self._wrists.release_from(user, page)
         else:
             self._tell_loser(user, self._wrists.release(user), page, is_own=True)
         self._changed()

@@ -9,11 +9,11 @@ from typing import Protocol
 from pydantic import TypeAdapter, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from pointit.bridges.web.pages.latest_values import Feed
-from pointit.bridges.web.pages.rate_limit import Bucket
+from pointit.bridges.web.pages.latest_values import PageFeed
+from pointit.bridges.web.pages.rate_limit import TokenBucket
 from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Received, Role, Turn
 from pointit.runtime.errors import PointItError
-from pointit.schemas import SchemaError, explain
+from pointit.schemas import SchemaError, summarize_validation_error
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +77,7 @@ class Counts:
 class Session:
     """One page, from its websocket's opening to its end."""
 
-    def __init__(self, page: str, role: Role, socket: WebSocket, feed: Feed, host: Host) -> None:
+    def __init__(self, page: str, role: Role, socket: WebSocket, feed: PageFeed, host: Host) -> None:
         """Send nothing yet; `page` is its name among pages."""
         self.page = page
         self.role: Role = role
@@ -92,9 +92,9 @@ class Session:
         self._status = ""
         self._slots = asyncio.Semaphore(MOST_ANSWERS)
         self._answering: set[asyncio.Task[None]] = set()
-        self._messages = Bucket(MESSAGES_HZ, MESSAGES_BURST)
-        self._asks = Bucket(ASKS_HZ, ASKS_BURST)
-        self._aims = Bucket(AIMS_HZ, AIMS_BURST)
+        self._messages = TokenBucket(MESSAGES_HZ, MESSAGES_BURST)
+        self._asks = TokenBucket(ASKS_HZ, ASKS_BURST)
+        self._aims = TokenBucket(AIMS_HZ, AIMS_BURST)
         self._aim: AimAt | None = None
         self._aim_timer: asyncio.TimerHandle | None = None
         self._malformed = 0
@@ -196,7 +196,7 @@ class Session:
         try:
             return _RECEIVED.validate_json(text)
         except ValidationError as error:
-            self._complain("page", explain(error))
+            self._complain("page", summarize_validation_error(error))
         except (ValueError, RecursionError) as error:
             self._complain("page", str(error))
         return None

@@ -6,7 +6,7 @@ clocks of their machines.
 
 from collections.abc import Iterator
 
-from pointit.runtime.health.clock_skew import SkewWatch
+from pointit.runtime.health.clock_skew import ClockSkewMonitor
 from pointit.schemas import Health
 
 WINDOW_S = 3.0
@@ -21,12 +21,12 @@ class SlowLink:
 
     def __init__(self, host: str) -> None:
         """Take the name of this machine."""
-        self._watch = SkewWatch(host, WINDOW_S)
+        self._watch = ClockSkewMonitor(host, WINDOW_S)
 
     def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:
         """Take a report that arrived at a time of this machine's clock, Unix ns; `now_s` is monotonic."""
         if health.host:
-            self._watch.hear(health.host, health.stamp_ns, arrived_ns, now_s)
+            self._watch.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
 
     def sentence(self, now_s: float) -> str:
         """Return what is wrong and what to do; empty when nothing is."""

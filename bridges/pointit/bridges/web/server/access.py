@@ -29,7 +29,7 @@ def new_token() -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class RequestInfo:
     """What of a request matters here."""
 
     scheme: str
@@ -78,23 +78,23 @@ class Access:
         name, _ = split_host(host)
         return name.lower() in self._hosts
 
-    def is_own_origin(self, asked: Asked) -> bool:
+    def is_own_origin(self, asked: RequestInfo) -> bool:
         """Return whether the request comes from a page of this very server."""
         return bool(asked.origin) and asked.origin.lower() == f"{asked.scheme}://{asked.host}".lower()
 
-    def enter(self, token: str, asked: Asked, now_s: float) -> Role | None:
+    def enter(self, token: str, asked: RequestInfo, now_s: float) -> Role | None:
         """Return the role that the `token` of a link gives; None if it is wrong, or something embeds it.
 
         The right one always lets in: others on this machine have the same address and must not lock it out.
         """
         return self._judged(cookie_value(token), asked.address, now_s) if asked.is_navigation else None
 
-    def admit(self, asked: Asked, now_s: float) -> Role | None:
+    def admit(self, asked: RequestInfo, now_s: float) -> Role | None:
         """Return the role that the request's cookie gives."""
         secret = asked.cookies.get(cookie_name(asked), "")
         return self._judged(secret, asked.address, now_s) if secret else None
 
-    def is_barred(self, address: str, now_s: float) -> bool:
+    def is_rate_limited(self, address: str, now_s: float) -> bool:
         """Return whether `address` has guessed too often, so that refusals take long.
 
         The same wrong token counts once.
@@ -116,7 +116,7 @@ class Access:
         ]
         if roles:
             return roles[0]
-        if self.is_barred(address, now_s):
+        if self.is_rate_limited(address, now_s):
             return None
         guesses = self._guesses.setdefault(address, {})
         self._guesses.move_to_end(address)
@@ -135,7 +135,7 @@ def split_host(host: str) -> tuple[str, str]:
     return name, port
 
 
-def cookie_name(asked: Asked) -> str:
+def cookie_name(asked: RequestInfo) -> str:
     """Return the cookie's name; browsers keep those of all ports of a host together."""
     _, port = split_host(asked.host)
     return f"pointit-{port if port.isdecimal() else ''}{'-tls' if asked.scheme == 'https' else ''}"
@@ -146,13 +146,13 @@ def cookie_value(token: str) -> str:
     return hashlib.sha256(b"pointit page " + token.encode(errors="replace")).hexdigest()
 
 
-def cookie(asked: Asked, token: str) -> str:
+def cookie(asked: RequestInfo, token: str) -> str:
     """Return the Set-Cookie header that admits who had `token`, to this server alone, unseen by scripts."""
     secure = "; Secure" if asked.scheme == "https" else ""
     return f"{cookie_name(asked)}={cookie_value(token)}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
 
-def headers(asked: Asked) -> dict[str, str]:
+def headers(asked: RequestInfo) -> dict[str, str]:
     """Return what every answer says to the browser: nothing foreign, nothing inline, nobody embeds it."""
     socket = f"{'wss' if asked.scheme == 'https' else 'ws'}://{asked.host}"
     policy = (

@@ -12,10 +12,10 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.server import access
-from pointit.bridges.web.server.access import Access, Asked
+from pointit.bridges.web.server.access import Access, RequestInfo
 from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.responses import file_response, refusal
-from pointit.bridges.web.server.security_middleware import Guard, asked_of
+from pointit.bridges.web.server.security_middleware import SecurityMiddleware, asked_of
 from pointit.bridges.web.wire import Role
 
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
@@ -48,7 +48,7 @@ def application(
         others: further routes; whom they let in is their business.
     """
     page = _Page(doors, bundle, open_page, download)
-    return Guard(
+    return SecurityMiddleware(
         Starlette(
             routes=[
                 Route("/", page.index, methods=["GET"]),
@@ -104,13 +104,13 @@ class _Page:
     async def static(self, request: Request) -> Response:
         return file_response(request, self._bundle, request.path_params["name"])
 
-    async def _slow_down(self, asked: Asked) -> None:
+    async def _slow_down(self, asked: RequestInfo) -> None:
         """Wait if the address has guessed too often."""
-        if self._doors.is_barred(asked.address, time.monotonic()):
+        if self._doors.is_rate_limited(asked.address, time.monotonic()):
             await asyncio.sleep(REFUSAL_S)
 
-    async def _refused(self, asked: Asked, now_s: float) -> Response:
+    async def _refused(self, asked: RequestInfo, now_s: float) -> Response:
         await self._slow_down(asked)
-        if self._doors.is_barred(asked.address, now_s):
+        if self._doors.is_rate_limited(asked.address, now_s):
             return refusal(429, "Not now", BARRED)
         return refusal(403, "This page is not open to everybody", NOT_ADMITTED)

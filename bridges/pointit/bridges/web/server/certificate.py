@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.atomic_file import write_atomically
 
 VALID = dt.timedelta(days=397)
 """Browsers take none that is valid for longer."""
@@ -80,8 +80,8 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
     if kept is None or not fits:
         key = ec.generate_private_key(ec.SECP256R1())
         kept = _sign(key, names, wanted, now)
-        put(files[1], _pem(key))
-        put(files[0], kept.public_bytes(serialization.Encoding.PEM), mode=0o644)
+        write_atomically(files[1], _pem(key))
+        write_atomically(files[0], kept.public_bytes(serialization.Encoding.PEM), mode=0o644)
     digest = kept.fingerprint(hashes.SHA256()).hex(":").upper()
     return Certificate(certificate=files[0], key=files[1], fingerprint=digest, warning=warning)
 

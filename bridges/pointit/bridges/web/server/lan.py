@@ -117,7 +117,7 @@ class Lan:
             )
             return self.url
 
-    def cut_lingering(self) -> None:
+    def close_idle(self) -> None:
         """See `Listener.cut_lingering`."""
         if self._listener is not None:
             self._listener.cut_lingering()

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from pointit.runtime.host.atomic_file import put
+from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.state_file import site_folder
 
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
@@ -25,7 +25,7 @@ def keep_link(site: str, *urls: str) -> Path:
     """
     path = site_folder(site, "web") / f"page-{urlsplit(urls[0]).port}.html"
     links = "".join(f'<p><a href="{escape(url)}">{escape(url)}</a></p>\n' for url in urls)
-    put(path, ONWARDS.format(first=escape(urls[0]), links=links).encode())
+    write_atomically(path, ONWARDS.format(first=escape(urls[0]), links=links).encode())
     return path
 
 

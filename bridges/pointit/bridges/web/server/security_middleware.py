@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.server import access
-from pointit.bridges.web.server.access import Access, Asked
+from pointit.bridges.web.server.access import Access, RequestInfo
 from pointit.bridges.web.wire import OWN_FAULT
 
 log = logging.getLogger(__name__)
@@ -18,13 +18,13 @@ MOST_BODY = 64 * 1024
 """Bytes that may be posted."""
 
 
-def asked_of(connection: HTTPConnection) -> Asked:
-    """Return what of a request matters for access; see `Guard`."""
-    asked: Asked = connection.scope["pointit.asked"]
+def asked_of(connection: HTTPConnection) -> RequestInfo:
+    """Return what of a request matters for access; see `SecurityMiddleware`."""
+    asked: RequestInfo = connection.scope["pointit.asked"]
     return asked
 
 
-class Guard:
+class SecurityMiddleware:
     """Lets nothing through that another site or name had a hand in, and puts the headers on all answers."""
 
     def __init__(self, app: ASGIApp, doors: Access) -> None:
@@ -68,7 +68,7 @@ class Guard:
             if not answered and scope["type"] == "http":
                 await PlainTextResponse(OWN_FAULT, 500)(scope, receive, telling)
 
-    def _objection(self, scope: Scope, asked: Asked) -> Response | None:
+    def _objection(self, scope: Scope, asked: RequestInfo) -> Response | None:
         if not self._doors.is_known_host(asked.host):
             return PlainTextResponse(
                 "this is no address of the page; open the link that PointIt has printed", 403
@@ -83,10 +83,10 @@ class Guard:
         return None
 
 
-def _asked(scope: Scope) -> Asked:
+def _asked(scope: Scope) -> RequestInfo:
     connection = HTTPConnection(scope)
     headers = connection.headers
-    return Asked(
+    return RequestInfo(
         scheme="https" if scope["scheme"] in ("https", "wss") else "http",
         host=headers.get("host", ""),
         address=connection.client.host if connection.client else "",

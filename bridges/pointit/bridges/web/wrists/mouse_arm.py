@@ -37,12 +37,12 @@ class MouseArm:
         self._now = self._wanted
         self._step_ns: int | None = None
 
-    def wear(self, profile: UserProfile) -> None:
+    def set_profile(self, profile: UserProfile) -> None:
         """Take the person's body measures, hand and ray model."""
         self._profile = profile
         self._turn()
 
-    def stand(self, position_m: Vec3, yaw_rad: float) -> None:
+    def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
         """Take where the person stands: {H} in {W}, m and rad."""
         if (position_m, yaw_rad) != (self._position_m, self._yaw_rad):
             self._position_m, self._yaw_rad = position_m, yaw_rad
@@ -53,7 +53,7 @@ class MouseArm:
         self._at_m = at_m
         self._turn()
 
-    def tremble(self, rms_rad: float) -> None:
+    def set_tremor(self, rms_rad: float) -> None:
         """Let the arm tremble about both axes, rms each; 0: not at all."""
         self._tremor.rms_rad = rms_rad
 

@@ -25,7 +25,7 @@ from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.responses import file_response, refusal
 from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
-from pointit.bridges.web.wrists.phone_connection import PhoneHost, PhoneLine
+from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHost
 from pointit.bridges.web.wrists.phone_cues import Cues
 from pointit.schemas import Feedback, Interaction, Localization, WristSample
 
@@ -53,7 +53,7 @@ class Phones:
         self._host = host
         self._pairing = pairing
         self._bundle = bundle
-        self._lines: dict[str, PhoneLine] = {}
+        self._lines: dict[str, PhoneConnection] = {}
         """By page id."""
         self._sockets: dict[str, WebSocket] = {}
         """By page id, of those that have one."""
@@ -177,7 +177,7 @@ class Phones:
                 self._host.wrists.close(phone.page)
                 self._host.changed()
 
-    async def _listen(self, line: PhoneLine, socket: WebSocket) -> None:
+    async def _listen(self, line: PhoneConnection, socket: WebSocket) -> None:
         """Take what comes until the socket ends, or is not the phone's any more."""
         while True:
             try:
@@ -192,7 +192,7 @@ class Phones:
         if sample is not None:
             self._host.send(phone.user, sample)
 
-    def _greet(self, line: PhoneLine) -> None:
+    def _greet(self, line: PhoneConnection) -> None:
         """Tell a phone that begins anew who it is, and how things stand."""
         line.clear()
         host = self._host
@@ -207,10 +207,10 @@ class Phones:
     def _phone(self, connection: HTTPConnection) -> Phone | None:
         return self._pairing.phone(connection.cookies.get(_cookie(connection), ""))
 
-    def _line(self, phone: Phone) -> PhoneLine:
+    def _line(self, phone: Phone) -> PhoneConnection:
         line = self._lines.get(phone.page)
         if line is None:
-            line = self._lines[phone.page] = PhoneLine(phone, self._host)
+            line = self._lines[phone.page] = PhoneConnection(phone, self._host)
         return line
 
     def _cues_of(self, user: str) -> Cues:
@@ -231,7 +231,7 @@ def _items(body: bytes) -> list[dict[str, Any]] | None:
         return None
 
 
-async def _drain(line: PhoneLine, socket: WebSocket) -> None:
+async def _drain(line: PhoneConnection, socket: WebSocket) -> None:
     """Send what is put on `line` until cancelled, or until the phone is gone."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
         while True:

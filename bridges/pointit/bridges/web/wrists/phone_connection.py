@@ -10,14 +10,14 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from pointit.bridges.web.pages.page_requests import is_offered
-from pointit.bridges.web.pages.rate_limit import Bucket
-from pointit.bridges.web.wire import MOST_TOLD, OWN_FAULT, Answer, Ask, Part, Turn
+from pointit.bridges.web.pages.page_requests import is_allowed
+from pointit.bridges.web.pages.rate_limit import TokenBucket
+from pointit.bridges.web.wire import MOST_TOLD, OWN_FAULT, Answer, Ask, Turn, WireModel
 from pointit.bridges.web.wrists.pairing import Phone
-from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.errors import PointItError
-from pointit.runtime.health.service_bus import Warnings
-from pointit.schemas import SchemaError, WristSample, explain
+from pointit.runtime.health.service_bus import WarningSink
+from pointit.schemas import SchemaError, WristSample, summarize_validation_error
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ _said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discrim
 class PhoneHost:
     """What phones need of the service."""
 
-    wrists: Wrists
+    wrists: WristControl
     now_ns: Callable[[], int]
     """The site's time."""
     send: Callable[[str, WristSample], None]
@@ -51,20 +51,20 @@ class PhoneHost:
     `SchemaError` that says why not."""
     changed: Callable[[], None]
     """Is told when who moves what may have changed."""
-    warnings: Warnings
+    warnings: WarningSink
     """Where malformed input shows."""
     version: str
     """Of PointIt."""
     site: str
 
 
-class PhoneLine:
+class PhoneConnection:
     """The way from and to one phone, from pairing to unpairing."""
 
     def __init__(self, phone: Phone, host: PhoneHost) -> None:
         self.phone = phone
         self._host = host
-        self._bucket = Bucket(RATE_HZ, BURST)
+        self._bucket = TokenBucket(RATE_HZ, BURST)
         self._waiting: deque[tuple[float, str]] = deque(maxlen=MOST_WAITING)
         """With the time of each."""
         self.woken = asyncio.Event()
@@ -76,7 +76,7 @@ class PhoneLine:
         self.dropped = 0
         """Messages beyond `RATE_HZ`."""
 
-    def put(self, part: Part) -> None:
+    def put(self, part: WireModel) -> None:
         """Have `part` told to the phone."""
         self._waiting.append((time.monotonic(), part.model_dump_json()))
         self.woken.set()
@@ -107,7 +107,7 @@ class PhoneLine:
         try:
             said = _said.validate_python(item) if isinstance(item, dict) else _said.validate_json(item)
         except ValidationError as error:
-            self.complain(explain(error))
+            self.complain(summarize_validation_error(error))
             return None
         if isinstance(said, Turn):
             return self._turn(said)
@@ -148,7 +148,7 @@ class PhoneLine:
         return sample
 
     async def _ask(self, ask: Ask) -> None:
-        if not is_offered(ask, "wrist"):
+        if not is_allowed(ask, "wrist"):
             self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
             return
         if ask.deed == "centre" and self._host.wrists.holder(self.phone.user)[0] != self.phone.page:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.model.assumed_pose import Standing, middle, stand_in
+from pointit.bridges.web.model.assumed_pose import AssumedPose, choose_pose, middle
 from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn
 from pointit.bridges.web.wrists.mouse_arm import MouseArm
 from pointit.schemas import (
@@ -44,7 +44,7 @@ class _Phone:
 class _Person:
     """One person's wrist."""
 
-    standing: Standing
+    standing: AssumedPose
     arm: MouseArm
     page: str = ""
     """Who has it; empty: nobody here."""
@@ -59,7 +59,7 @@ class _Person:
     """By page and the phone's own number: ours, the time of its first sample, so that none comes twice."""
 
 
-class Wrists:
+class WristControl:
     """Of each person: which page has their wrist, and what it does.
 
     One page at a time; the last that takes it has it. All times are the site's, ns.
@@ -69,37 +69,37 @@ class Wrists:
         """Begin with nobody."""
         self._config = config
         self._people: dict[str, _Person] = {}
-        self._stand = stand_in(Environment(stamp_ns=0, name=""))
+        self._stand = choose_pose(Environment(stamp_ns=0, name=""))
         self._middle = middle(Environment(stamp_ns=0, name=""))
 
     # What the bus says.
 
     def profile(self, user: str, profile: UserProfile) -> None:
         """Take a person's measures."""
-        self._person(user).arm.wear(profile)
+        self._person(user).arm.set_profile(profile)
 
     def pose(self, user: str, pose: UserPose) -> None:
         """Take where a person stands."""
         person = self._person(user)
         person.standing.pose(pose)
-        person.arm.stand(*person.standing.at)
+        person.arm.set_pose(*person.standing.at)
 
     def localization(self, user: str, progress: Localization) -> None:
         """Take how far a person's localization has come."""
         person = self._person(user)
         person.standing.localization(progress)
-        person.arm.stand(*person.standing.at)
+        person.arm.set_pose(*person.standing.at)
 
     def room(self, room: Environment) -> None:
         """Take the map."""
-        self._stand, self._middle = stand_in(room), middle(room)
+        self._stand, self._middle = choose_pose(room), middle(room)
         for person in self._people.values():
             person.standing.room(self._stand)
-            person.arm.stand(*person.standing.at)
+            person.arm.set_pose(*person.standing.at)
 
     # Who has it.
 
-    def take(self, user: str, page: str, by: Hold) -> str:
+    def acquire(self, user: str, page: str, by: Hold) -> str:
         """Give the wrist of `user` to `page`; return the page that has lost it, empty where none has."""
         person = self._person(user)
         loser = "" if person.page == page else person.page
@@ -109,7 +109,7 @@ class Wrists:
         person.page, person.by, person.sent_ns = page, by, 0
         return loser
 
-    def give(self, user: str, page: str) -> bool:
+    def release_from(self, user: str, page: str) -> bool:
         """Take the wrist of `user` back from `page`; return whether it had it."""
         person = self._people.get(user)
         if person is None or person.page != page:
@@ -123,7 +123,7 @@ class Wrists:
         """Take the wrist of `user` back from whoever has it; return the page that had it, if any."""
         page = self.holder(user)[0]
         if page:
-            self.give(user, page)
+            self.release_from(user, page)
         return page
 
     def close(self, page: str) -> list[str]:
@@ -152,11 +152,11 @@ class Wrists:
         person.arm.aim(aim.at_m)
         return True
 
-    def tremble(self, user: str, page: str, rms_deg: float) -> bool:
+    def set_tremor(self, user: str, page: str, rms_deg: float) -> bool:
         """Let the arm that the mouse of `page` moves tremble; return whether it has that wrist."""
         if self.holder(user) != (page, "mouse"):
             return False
-        self._person(user).arm.tremble(math.radians(min(max(rms_deg, 0.0), MOST_TREMOR_DEG)))
+        self._person(user).arm.set_tremor(math.radians(min(max(rms_deg, 0.0), MOST_TREMOR_DEG)))
         return True
 
     def turn(self, user: str, page: str, turn: Turn, now_ns: int) -> WristSample | None:
@@ -224,10 +224,10 @@ class Wrists:
     def _person(self, user: str) -> _Person:
         person = self._people.get(user)
         if person is None:
-            standing = Standing(self._config.places.get(user))
+            standing = AssumedPose(self._config.places.get(user))
             standing.room(self._stand)
             person = _Person(standing, MouseArm(seed=len(self._people)))
-            person.arm.stand(*standing.at)
+            person.arm.set_pose(*standing.at)
             self._people[user] = person
         return person
 

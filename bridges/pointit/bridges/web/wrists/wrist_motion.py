@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from pointit.bridges.web.model.people import People
-from pointit.bridges.web.wrists.wrist_control import Wrists
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.clock import Clock
 
 
@@ -12,7 +12,7 @@ class WristMotion:
     """Publishes what wrists do; rests while no page has one."""
 
     def __init__(
-        self, wrists: Wrists, people: People, clock: Clock, *, rate_hz: float, ended: Callable[[], None]
+        self, wrists: WristControl, people: People, clock: Clock, *, rate_hz: float, ended: Callable[[], None]
     ) -> None:
         """Rest.
 

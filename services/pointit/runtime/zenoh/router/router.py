@@ -20,10 +20,10 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.tcp_timeouts import cut, end_lingering, end_silence, unread
+from pointit.runtime.host.tcp_timeouts import cut, disable_linger, set_user_timeout, unread
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.zenoh.router.router_health import RouterAccount
+from pointit.runtime.zenoh.router.router_health import RouterHealthPublisher
 from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_session
 from pointit.schemas.table_types import NAME
 
@@ -47,7 +47,7 @@ Stamp = tuple[tuple[int, int, int], ...]
 
 
 @asynccontextmanager
-async def routing(listen: tuple[str, ...]) -> AsyncGenerator[None]:
+async def running_router(listen: tuple[str, ...]) -> AsyncGenerator[None]:
     """Route for every site at the addresses `listen` while inside.
 
     Raises:
@@ -60,7 +60,7 @@ async def routing(listen: tuple[str, ...]) -> AsyncGenerator[None]:
         await close_session(session)
 
 
-def parsed(text: str, folder: Path) -> zenoh.Config:
+def parse_config(text: str, folder: Path) -> zenoh.Config:
     """Return Zenoh's configuration from JSON5 whose files are named as seen from `folder`.
 
     Raises:
@@ -102,7 +102,7 @@ class Router:
         self._session: zenoh.Session | None = None
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
-        self._accounts: dict[str, RouterAccount] = {}
+        self._accounts: dict[str, RouterHealthPublisher] = {}
         """By site."""
 
     @property
@@ -150,11 +150,11 @@ class Router:
         waiting = unread() if peers else {}
         return {address: waiting[peer] for address, peer in peers.items() if peer in waiting}
 
-    async def follow(self) -> None:
+    async def reload_on_change(self) -> None:
         """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
         while True:
             await asyncio.sleep(LOOK_S)
-            end_lingering(ports_of(self._listens))
+            disable_linger(ports_of(self._listens))
             stamp = self._look()
             if stamp == self._stamp:
                 continue
@@ -192,11 +192,12 @@ class Router:
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
         self._accounts = {
-            site: RouterAccount(session, site, joins_another=self._joins_another) for site in self._sites
+            site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
+            for site in self._sites
         }
 
     def _read(self) -> zenoh.Config:
-        config = parsed(self._make(), self._folder)
+        config = parse_config(self._make(), self._folder)
         endpoints = _endpoints(config, "listen/endpoints")
         self._listens = tuple(re.split("[?#]", each)[0] for each in endpoints)
         self._joins_another = bool(_endpoints(config, "connect/endpoints"))
@@ -240,7 +241,7 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise ListenError(f"the router cannot be opened: {_reason(error)}") from error
-    end_silence(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
+    set_user_timeout(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
     return session
 
 

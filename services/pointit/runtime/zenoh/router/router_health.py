@@ -19,7 +19,7 @@ NO_NAME = re.compile(r"[^A-Za-z0-9_-]")
 LONGEST_HOST = 48
 
 
-class RouterAccount:
+class RouterHealthPublisher:
     """What `pointit doctor` and the page show of a router; access rules let nobody else write it."""
 
     def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:

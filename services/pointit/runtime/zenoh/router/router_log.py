@@ -20,7 +20,7 @@ waits until its log is read, and with it everybody whose messages it carries."""
 
 
 @contextlib.contextmanager
-def listening(wanted: str, take: Callable[[str], None], marks: Sequence[bytes] = ()) -> Generator[None]:
+def captured_log(wanted: str, take: Callable[[str], None], marks: Sequence[bytes] = ()) -> Generator[None]:
     """Give each line of Zenoh's log to `take`, in another thread; what else is printed goes where it did.
 
     In colours, whatever NO_COLOR says: the rest of a key that holds a line break is told by having none.

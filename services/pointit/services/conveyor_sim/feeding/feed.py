@@ -8,7 +8,7 @@ from pointit.services.conveyor_sim.config import ConveyorSimConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class Supply:
+class FeedSpec:
     """What a feeder has to give, and how often."""
 
     sequence: tuple[str, ...] = ()
@@ -29,7 +29,7 @@ class Feeder:
     `due_s` alone.
     """
 
-    def __init__(self, name: str, belts: Sequence[str], supply: Supply, *, seed: int) -> None:
+    def __init__(self, name: str, belts: Sequence[str], supply: FeedSpec, *, seed: int) -> None:
         """Feed `belts`, at least one; the first package comes after what intervals may differ by."""
         self.name = name
         self.belts = tuple(belts)
@@ -57,7 +57,7 @@ class Feeder:
         """Return the belt that gets the next package."""
         return self.belts[self.taken % len(self.belts)]
 
-    def pass_time(self, elapsed_s: float) -> None:
+    def tick(self, elapsed_s: float) -> None:
         """Let time go by; a package that waits for room does not pile up others behind it."""
         self.due_s = max(0.0, self.due_s - elapsed_s)
 
@@ -97,7 +97,7 @@ def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> 
             Feeder(
                 name,
                 (feeder.belt,),
-                Supply(
+                FeedSpec(
                     sequence=feeder.sequence,
                     probabilities=feeder.probabilities,
                     min_interval_s=feeder.min_interval_s,
@@ -110,7 +110,7 @@ def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> 
             for name, feeder in config.feeders.items()
         ]
     feeder = config.feeder
-    supply = Supply(
+    supply = FeedSpec(
         sequence=feeder.sequence,
         min_interval_s=feeder.interval_s,
         max_interval_s=feeder.interval_s,

@@ -40,7 +40,7 @@ class Feeders:
         return self._configured if self.schedule is None else self.schedule.feeders
 
     @property
-    def at_work(self) -> Sequence[Feeder]:
+    def active(self) -> Sequence[Feeder]:
         """Return those that do not rest."""
         return self.all if self.is_on else ()
 
@@ -51,7 +51,7 @@ class Feeders:
         if self.schedule is not None:
             self.schedule.restart()
 
-    def kept(self) -> dict[str, Any]:
+    def to_state(self) -> dict[str, Any]:
         """Return where they are, as what JSON can hold."""
         schedule = self.schedule
         return {

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from pointit.services.conveyor_sim.feeding.feed import Feeder
-from pointit.services.conveyor_sim.network.network import Piece
+from pointit.services.conveyor_sim.network.network import NetworkEdge
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import TOLERANCE_M, Traffic
 
@@ -20,7 +20,7 @@ class UnknownLaneError(Exception):
     """There is no such belt; its text lists those there are."""
 
 
-class Intake:
+class Infeed:
     """Puts packages on at the starts of belts; at the ends of those without links that run backwards."""
 
     def __init__(self, traffic: Traffic, send: Callable[[Package], None], *, prefix: str) -> None:
@@ -138,12 +138,12 @@ class Intake:
         self.fed += 1
         return Package(f"{self.prefix}-{self.ids}", kind, length_m)
 
-    def _put(self, package: Package, piece: Piece, offset_m: float) -> None:
+    def _put(self, package: Package, piece: NetworkEdge, offset_m: float) -> None:
         package.piece = piece.index
         self._send(package)
         self._traffic.put(package, piece, offset_m)
 
-    def _entry(self, belt: str) -> tuple[Piece, float]:
+    def _entry(self, belt: str) -> tuple[NetworkEdge, float]:
         """Return where packages enter `belt`."""
         sections = self._network.sections[belt]
         return (sections[-1], sections[-1].length_m) if self.is_reverse[belt] else (sections[0], 0.0)

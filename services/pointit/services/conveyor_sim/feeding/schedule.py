@@ -8,11 +8,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from pointit.runtime.config.validation_message import complaint
+from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.feeding.feed import Feeder, Supply
+from pointit.services.conveyor_sim.feeding.feed import Feeder, FeedSpec
 
 
 def _number_of_kind(value: object) -> object:
@@ -62,7 +62,7 @@ def read_schedule(path: Path) -> ScheduleFile:
     try:
         return ScheduleFile.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise ConfigError(f"{path}: {complaint(error, ScheduleFile)}") from error
+        raise ConfigError(f"{path}: {describe_validation_error(error, ScheduleFile)}") from error
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Schedule:
         """Return what feeds now."""
         return () if self.is_over else self.step.feeders
 
-    def pass_time(self, elapsed_s: float) -> bool:
+    def tick(self, elapsed_s: float) -> bool:
         """Let time go by, no more than is left of the step; return whether another step begins."""
         self.left_s -= elapsed_s
         if self.is_over or self.left_s > 0.5e-9:
@@ -194,7 +194,7 @@ def _belt(where: str, name: str, config: ConveyorSimConfig, belts: Mapping[str, 
     )
 
 
-def _supply(where: str, entry: FeederEntry, config: ConveyorSimConfig) -> Supply:
+def _supply(where: str, entry: FeederEntry, config: ConveyorSimConfig) -> FeedSpec:
     def kind(number: str) -> str:
         if number not in config.kinds:
             raise ConfigError(f"{where}: kind {number} has no name; set kinds: {{{number}: NAME}}")
@@ -206,7 +206,7 @@ def _supply(where: str, entry: FeederEntry, config: ConveyorSimConfig) -> Supply
         )
     if entry.random and not sum(entry.pack_proba.values()):
         raise ConfigError(f"{where}: it feeds at random, but pack_proba has no number above 0")
-    return Supply(
+    return FeedSpec(
         sequence=() if entry.random else tuple(kind(number) for number in entry.kind_sequence),
         probabilities={kind(n): p for n, p in entry.pack_proba.items()} if entry.random else None,
         min_interval_s=entry.min_interval,

@@ -22,7 +22,7 @@ SNAP_M = 1e-3
 
 
 @dataclass(slots=True)
-class Piece:
+class NetworkEdge:
     """A stretch that is passed from its start to its end: a section of a belt, or the bridge of a link."""
 
     index: int
@@ -34,9 +34,9 @@ class Piece:
     length_m: float
     target: str = ""
     """The belt that a bridge leads to; empty: it is a section."""
-    nexts: list[int] = field(default_factory=list[int])
+    successors: list[int] = field(default_factory=list[int])
     """Pieces that begin where it ends; straight on along the belt comes first."""
-    befores: list[int] = field(default_factory=list[int])
+    predecessors: list[int] = field(default_factory=list[int])
     """Pieces that end where it begins."""
     bay: str = ""
     """The bay at its end."""
@@ -93,8 +93,8 @@ class Network:
         self.bays = {bay: belt for bay, belt in (bays or {}).items() if belt in lines}
         self.linked = {name for link, _, _ in self.links for name in (link.source, link.target)}
         """Belts that pass objects on, or get some; backwards they do not run empty."""
-        self.pieces: list[Piece] = []
-        self.sections: dict[str, list[Piece]] = {}
+        self.pieces: list[NetworkEdge] = []
+        self.sections: dict[str, list[NetworkEdge]] = {}
         """Of each belt, from its start to its end."""
         for belt in lines:
             self._cut(belt)
@@ -103,11 +103,11 @@ class Network:
         for bay, belt in self.bays.items():
             self.sections[belt][-1].bay = bay
         for piece in self.pieces:
-            for following in piece.nexts:
-                self.pieces[following].befores.append(piece.index)
+            for following in piece.successors:
+                self.pieces[following].predecessors.append(piece.index)
         for piece in self.pieces:
-            for a in piece.nexts:
-                self.pieces[a].twins = [b for b in piece.nexts if b != a and self._are_twins(a, b)]
+            for a in piece.successors:
+                self.pieces[a].twins = [b for b in piece.successors if b != a and self._are_twins(a, b)]
         self.entries = [
             belt
             for belt in lines
@@ -117,7 +117,7 @@ class Network:
         self.front_first = self._front_first()
         """All pieces, what lies ahead before what leads there, but for rings."""
 
-    def at(self, belt: str, position_m: float) -> tuple[Piece, float]:
+    def at(self, belt: str, position_m: float) -> tuple[NetworkEdge, float]:
         """Return the section of `belt` at arc length `position_m`, and the offset on it."""
         for piece in self.sections[belt]:
             if position_m < piece.start_m + piece.length_m:
@@ -141,11 +141,11 @@ class Network:
             if cut_m - ends[-1] >= SNAP_M and line.length_m - cut_m >= SNAP_M:
                 ends.append(cut_m)
         ends.append(line.length_m)
-        sections: list[Piece] = []
+        sections: list[NetworkEdge] = []
         for start_m, end_m in pairwise(ends):
-            piece = Piece(len(self.pieces), belt, line, start_m, end_m - start_m)
+            piece = NetworkEdge(len(self.pieces), belt, line, start_m, end_m - start_m)
             if sections:
-                sections[-1].nexts.append(piece.index)
+                sections[-1].successors.append(piece.index)
             sections.append(piece)
             self.pieces.append(piece)
         self.sections[belt] = sections
@@ -157,22 +157,22 @@ class Network:
         start, end = leaving.point(leaving.length_m), entered.point(0.0)
         gap_m = math.dist(start, end)
         if gap_m < SNAP_M:
-            leaving.nexts.append(entered.index)
+            leaving.successors.append(entered.index)
             return
-        bridge = Piece(
+        bridge = NetworkEdge(
             index=len(self.pieces),
             belt=link.source,
             line=Polyline([start, end]),
             start_m=0.0,
             length_m=gap_m,
             target=link.target,
-            nexts=[entered.index],
+            successors=[entered.index],
             halves=(
                 leaving.start_m + leaving.length_m if leaving is sources[-1] else None,
                 0.0 if entered is targets[0] else None,
             ),
         )
-        leaving.nexts.append(bridge.index)
+        leaving.successors.append(bridge.index)
         self.pieces.append(bridge)
 
     def _are_twins(self, a: int, b: int) -> bool:
@@ -190,5 +190,5 @@ class Network:
                 elif index not in seen:
                     seen.add(index)
                     waiting.append((index, True))
-                    waiting += [(following, False) for following in self.pieces[index].nexts]
+                    waiting += [(following, False) for following in self.pieces[index].successors]
         return order

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pointit.services.conveyor_sim.network.network import Array, Piece
+from pointit.services.conveyor_sim.network.network import Array, NetworkEdge
 
 TINY = 1e-12
 
@@ -10,7 +10,7 @@ TINY = 1e-12
 class Path:
     """The vertices of a piece, as arrays."""
 
-    def __init__(self, piece: Piece) -> None:
+    def __init__(self, piece: NetworkEdge) -> None:
         line = piece.line
         end_m = piece.start_m + piece.length_m
         between = (line.starts_m > piece.start_m) & (line.starts_m < end_m)

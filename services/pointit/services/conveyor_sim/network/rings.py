@@ -23,7 +23,7 @@ class Rings:
         self.most: list[int] = []
         """By ring: so many packages may be on it when another one comes from outside."""
         for members in _connected(network):
-            if len(members) == 1 and members[0] not in network.pieces[members[0]].nexts:
+            if len(members) == 1 and members[0] not in network.pieces[members[0]].successors:
                 continue
             for index in members:
                 self.of[index] = len(self.pieces)
@@ -46,7 +46,7 @@ def _connected(network: Network) -> Iterator[tuple[int, ...]]:
             if index not in seen:
                 seen.add(index)
                 members.append(index)
-                waiting += network.pieces[index].befores
+                waiting += network.pieces[index].predecessors
         if members:
             yield tuple(sorted(members))
 

@@ -16,7 +16,7 @@ class Routes:
         self._network = network
         self._next: dict[str, list[int]] = {}
         self._length_m: dict[str, list[float]] = {}
-        straight = [piece.nexts[0] if piece.nexts else END for piece in network.pieces]
+        straight = [piece.successors[0] if piece.successors else END for piece in network.pieces]
         self._next[""] = straight
         for bay in network.bays:
             self._next[bay], self._length_m[bay] = self._towards(bay)
@@ -52,7 +52,7 @@ class Routes:
             so_far_m, index = heapq.heappop(heap)
             if so_far_m > lengths_m[index]:
                 continue
-            for before in pieces[index].befores:
+            for before in pieces[index].predecessors:
                 length_m = so_far_m + pieces[before].length_m
                 if length_m < lengths_m[before]:
                     lengths_m[before], following[before] = length_m, index

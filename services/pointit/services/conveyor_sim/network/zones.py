@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointit.services.conveyor_sim.network.network import APART, Array, Network, Piece
+from pointit.services.conveyor_sim.network.network import APART, Array, Network, NetworkEdge
 from pointit.services.conveyor_sim.network.piece_distance import Path
 
 CROSSING_M = 0.05
@@ -65,11 +65,11 @@ class Zones:
         pieces = self._network.pieces
         centres: list[Array] = []
         for piece in pieces:
-            ahead = [pieces[index].direction(0.0) for index in piece.nexts]
+            ahead = [pieces[index].direction(0.0) for index in piece.successors]
             along = piece.direction(piece.length_m)
             parts = any(float(a @ b) < APART for a in ahead for b in ahead)
             turns = any(float(along @ a) < SHARP for a in ahead)
-            meets = any(len(pieces[index].befores) > 1 for index in piece.nexts)
+            meets = any(len(pieces[index].predecessors) > 1 for index in piece.successors)
             if parts or turns or meets:
                 centres.append(self._paths[piece.index].points[-1])
         for bridge in pieces:
@@ -81,11 +81,11 @@ class Zones:
                 distinct.append(centre)
         return distinct
 
-    def _crossings(self, bridge: Piece) -> list[Array]:
+    def _crossings(self, bridge: NetworkEdge) -> list[Array]:
         pieces = self._network.pieces
-        near = {bridge.index, *bridge.nexts, *bridge.befores}
-        near |= {index for before in bridge.befores for index in pieces[before].nexts}
-        near |= {index for following in bridge.nexts for index in pieces[following].befores}
+        near = {bridge.index, *bridge.successors, *bridge.predecessors}
+        near |= {index for before in bridge.predecessors for index in pieces[before].successors}
+        near |= {index for following in bridge.successors for index in pieces[following].predecessors}
         found = [
             self._paths[bridge.index].crossing(self._paths[piece.index])
             for piece in pieces
@@ -108,10 +108,10 @@ class Zones:
             start_m, end_m = inside
             if start_m <= PAST_M:
                 start_m = -1.0
-                waiting += pieces[index].befores
+                waiting += pieces[index].predecessors
             if end_m >= pieces[index].length_m - PAST_M:
                 end_m = pieces[index].length_m + 1.0
-                waiting += pieces[index].nexts
+                waiting += pieces[index].successors
             spans[index] = (start_m, end_m)
         return spans
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from pointit.schemas import NS_PER_S, SelectionEvent
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.store.snapshot_store import Keeping, NotKeptError
+from pointit.services.conveyor_sim.store.snapshot_store import SnapshotError, SnapshotStore
 
 PERIOD_NS = NS_PER_S // 2
 """Places are kept so often, whatever happens or does not."""
@@ -14,7 +14,7 @@ BACK_S = 5.0
 """A clock that was set back by more is another run's."""
 
 
-class Memory:
+class PlantPersistence:
     """Keeps a plant on disk, before its events are told; a disk that fails is a problem, nothing more."""
 
     def __init__(self, config: ConveyorSimConfig, folder: Path) -> None:
@@ -23,7 +23,7 @@ class Memory:
         """What is wrong with keeping now, a sentence for a person; empty: nothing."""
         self._config = config
         self._folder = folder
-        self._file: Keeping | None = None
+        self._file: SnapshotStore | None = None
         self._kept_ns = 0
         self._changes = -1
         self._plant: Plant | None = None
@@ -41,8 +41,8 @@ class Memory:
         if not config.resume_within_s:
             return ()
         try:
-            self._file = Keeping(self._folder)
-        except NotKeptError as error:
+            self._file = SnapshotStore(self._folder)
+        except SnapshotError as error:
             self.problem = str(error)
             return ()
         kept = self._file.read()
@@ -59,7 +59,7 @@ class Memory:
         self._seq = kept.seq
         return kept.events
 
-    def keep(
+    def save(
         self, plant: Plant, mark: str, now_ns: int, events: Sequence[SelectionEvent] = ()
     ) -> list[SelectionEvent]:
         """Number `events`, and keep them and `plant` where that is due; return them, to be told now."""
@@ -72,19 +72,19 @@ class Memory:
             return numbered
         try:
             self._file.commit(now_ns, mark, plant.snapshot(), self._seq, numbered)
-        except NotKeptError as error:
+        except SnapshotError as error:
             self.problem = str(error)
         else:
             self.problem = ""
         self._plant, self._changes, self._kept_ns = plant, plant.changes, now_ns
         return numbered
 
-    def told(self) -> None:
-        """Take note that what `keep` returned has been told."""
+    def mark_published(self) -> None:
+        """Take note that what `save` returned has been told."""
         if self._file is not None:
             try:
-                self._file.told()
-            except NotKeptError as error:
+                self._file.mark_published()
+            except SnapshotError as error:
                 self.problem = str(error)
 
     def close(self) -> None:

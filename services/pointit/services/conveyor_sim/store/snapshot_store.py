@@ -21,12 +21,12 @@ CREATE TABLE IF NOT EXISTS outbox (seq INTEGER PRIMARY KEY, event TEXT);
 _SIDES = ("", "-wal", "-shm", "-journal")
 
 
-class NotKeptError(Exception):
+class SnapshotError(Exception):
     """Nothing can be kept now; its text is one sentence for a person."""
 
 
 @dataclass(frozen=True)
-class Kept:
+class StoredSnapshot:
     """What a conveyor left behind."""
 
     stamp_ns: int
@@ -49,8 +49,8 @@ def erase(folder: Path) -> bool:
     if not (folder / FILE).exists():
         return False
     try:
-        keeping = Keeping(folder)
-    except NotKeptError:
+        keeping = SnapshotStore(folder)
+    except SnapshotError:
         return False
     try:
         return keeping.clear()
@@ -69,7 +69,7 @@ def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class Keeping:
+class SnapshotStore:
     """The file while a conveyor has it; nobody else gets it meanwhile, and a killed one has it no longer.
 
     Written through to the operating system, not to the platter: it survives the death of the process, and is
@@ -88,7 +88,7 @@ class Keeping:
             self._file = self._opened()
         except sqlite3.OperationalError as error:
             if "locked" in str(error):
-                raise NotKeptError(
+                raise SnapshotError(
                     f"{self.path}: another conveyor of this site runs on this machine and keeps its packages "
                     "there; this one keeps nothing: stop one of the two"
                 ) from error
@@ -96,14 +96,14 @@ class Keeping:
         except (sqlite3.Error, OSError) as error:
             raise self._failure(error) from error
 
-    def read(self) -> Kept | None:
+    def read(self) -> StoredSnapshot | None:
         """Return what was kept last; none if there is nothing, or nothing that makes sense."""
         try:
             row = self._file.execute("SELECT stamp_ns, seq, fingerprint, snapshot FROM plant").fetchone()
             events = self._file.execute("SELECT event FROM outbox ORDER BY seq").fetchall()
             if row is None:
                 return None
-            return Kept(
+            return StoredSnapshot(
                 row[0],
                 row[1],
                 row[2],
@@ -133,7 +133,7 @@ class Keeping:
         except sqlite3.Error as error:
             raise self._failure(error) from error
 
-    def told(self) -> None:
+    def mark_published(self) -> None:
         """Take note that the events of the last commit have been told.
 
         Raises:
@@ -186,8 +186,8 @@ class Keeping:
             raise
         return file
 
-    def _failure(self, error: Exception) -> NotKeptError:
-        return NotKeptError(
+    def _failure(self, error: Exception) -> SnapshotError:
+        return SnapshotError(
             f"{self.path}: cannot be written ({error}); the conveyor goes on, but would not survive "
             "a restart: see to the disk"
         )

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from pointit.services.conveyor_sim.network.network import Network, Piece
+from pointit.services.conveyor_sim.network.network import Network, NetworkEdge
 from pointit.services.conveyor_sim.network.routes import END, Routes
 from pointit.services.conveyor_sim.traffic.package import Package
 
@@ -21,11 +21,11 @@ class Gaps:
         self._most_m = longest_m
         """The longest that ever was there."""
 
-    def heed(self, length_m: float) -> None:
+    def register_length(self, length_m: float) -> None:
         """Take note that a package of `length_m` is there."""
         self._most_m = max(self._most_m, length_m)
 
-    def ahead_m(self, piece: Piece, offset_m: float, length_m: float) -> float:
+    def ahead_m(self, piece: NetworkEdge, offset_m: float, length_m: float) -> float:
         """Return the room between a package there and the nearest ahead, whichever way it goes."""
         nearest_m = math.inf
         for start_m, index in self._reach(piece, -offset_m, 0.0, ahead=True):
@@ -39,7 +39,7 @@ class Gaps:
 
     def behind_m(
         self,
-        piece: Piece,
+        piece: NetworkEdge,
         offset_m: float,
         length_m: float,
         package: Package | None = None,
@@ -66,7 +66,7 @@ class Gaps:
                 break
         return nearest_m
 
-    def limit(self, package: Package, piece: Piece, wanted_m: float) -> tuple[float, float]:
+    def limit(self, package: Package, piece: NetworkEdge, wanted_m: float) -> tuple[float, float]:
         """Return how far the next package on its way lets `package` go, and the speed of that one.
 
         Args:
@@ -102,7 +102,7 @@ class Gaps:
         return math.inf, 0.0
 
     def _twin_limit(
-        self, package: Package, piece: Piece, beyond_m: float, start_m: float
+        self, package: Package, piece: NetworkEdge, beyond_m: float, start_m: float
     ) -> tuple[float, float] | None:
         """Return the limit by the nearest one beyond `beyond_m` of `piece`, `start_m` ahead, or its twins."""
         nearest: Package | None = None
@@ -118,7 +118,7 @@ class Gaps:
         return start_m + nearest.offset_m - apart_m, nearest.speed_mps
 
     def _reach(
-        self, piece: Piece, start_m: float, further_m: float, *, ahead: bool
+        self, piece: NetworkEdge, start_m: float, further_m: float, *, ahead: bool
     ) -> list[tuple[float, int]]:
         """Return the pieces that begin (or end) within reach of a place on `piece`, and how far from it.
 
@@ -132,7 +132,7 @@ class Gaps:
             far_m, index = waiting.pop()
             if far_m > reach_m:
                 continue
-            for other in self._pieces[index].nexts if ahead else self._pieces[index].befores:
+            for other in self._pieces[index].successors if ahead else self._pieces[index].predecessors:
                 if other not in seen:
                     seen.add(other)
                     found.append((far_m, other))

@@ -7,7 +7,7 @@ from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.routes import END, Routes
 from pointit.services.conveyor_sim.network.zones import Zones
 from pointit.services.conveyor_sim.traffic.package import NO_ZONE, Package
-from pointit.services.conveyor_sim.traffic.zone_interlock import CrossingGuard
+from pointit.services.conveyor_sim.traffic.zone_interlock import ZoneInterlock
 
 Legs = tuple[tuple[int, float], ...]
 """Pieces in order, each with the offset up to which it is passed, m."""
@@ -25,7 +25,7 @@ class LastWay:
         network: Network,
         routes: Routes,
         zones: Zones,
-        guard: CrossingGuard,
+        guard: ZoneInterlock,
         speeds: Mapping[str, float],
     ) -> None:
         """Look at the belts' `speeds`, which others change."""

@@ -40,7 +40,7 @@ class Package:
         """Be out of the zone."""
         self.zone, self.way, self.lane, self.is_exclusive = NO_ZONE, (), (), False
 
-    def kept(self) -> list[Any]:
+    def to_state(self) -> list[Any]:
         """Return all of it as what JSON can hold."""
         return [
             *(self.id, self.kind, self.length_m, self.piece, self.offset_m, self.speed_mps),
@@ -49,7 +49,7 @@ class Package:
         ]
 
     @classmethod
-    def again(cls, kept: Sequence[Any]) -> Self:
+    def from_state(cls, kept: Sequence[Any]) -> Self:
         """Return the package that `kept` was made of."""
         *others, zone, way, lane, is_exclusive = kept
         package = cls(*others)

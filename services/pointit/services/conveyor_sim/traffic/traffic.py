@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterable, Iterator
 
-from pointit.services.conveyor_sim.network.network import Network, Piece
+from pointit.services.conveyor_sim.network.network import Network, NetworkEdge
 from pointit.services.conveyor_sim.network.rings import Rings
 from pointit.services.conveyor_sim.network.routes import END, Routes
 from pointit.services.conveyor_sim.network.zones import Zones
 from pointit.services.conveyor_sim.traffic.gaps import Gaps
 from pointit.services.conveyor_sim.traffic.last_way import LastWay
 from pointit.services.conveyor_sim.traffic.package import NO_ZONE, Package
-from pointit.services.conveyor_sim.traffic.zone_interlock import CrossingGuard
+from pointit.services.conveyor_sim.traffic.zone_interlock import ZoneInterlock
 
 TOLERANCE_M = 1e-9
 """Packages that touch may overlap by this, the rounding of sums."""
@@ -37,7 +37,7 @@ class Traffic:
         self.zones = Zones(network, longest_m)
         self.speeds = dict.fromkeys(network.lines, 0.0)
         rings = Rings(network, self.zones, longest_m)
-        self.guard = CrossingGuard(network, routes, self.zones, rings, held=self.held, speeds=self.speeds)
+        self.guard = ZoneInterlock(network, routes, self.zones, rings, held=self.held, speeds=self.speeds)
         self.last_way = LastWay(network, routes, self.zones, self.guard, self.speeds)
         self._gaps = Gaps(network, routes, self.held, longest_m)
         self._order = list(network.front_first)
@@ -74,27 +74,29 @@ class Traffic:
             held.clear()
         self.guard.clear()
 
-    def put(self, package: Package, piece: Piece, offset_m: float) -> None:
+    def put(self, package: Package, piece: NetworkEdge, offset_m: float) -> None:
         """Put `package` at `offset_m` of `piece`, where `is_clear` has said that there is room."""
         package.piece, package.offset_m = piece.index, offset_m
         held = self.held[piece.index]
         behind = sum(1 for other in held if other.offset_m < offset_m)
         held.insert(behind, package)
-        self._gaps.heed(package.length_m)
+        self._gaps.register_length(package.length_m)
         gate = self.zones.at(piece.index, offset_m)
         if gate is not None and package.zone == NO_ZONE:
-            self.guard.take(package, gate)
+            self.guard.occupy(package, gate)
         package.speed_mps = max(0.0, self.speeds[piece.belt]) if piece.is_bridge else self.speeds[piece.belt]
 
     def restore(self, packages: Iterable[Package]) -> None:
         """Have `packages`, in the order in which `packages` yielded them, be where they say they are."""
         for package in packages:
             self.held[package.piece].append(package)
-            self._gaps.heed(package.length_m)
+            self._gaps.register_length(package.length_m)
             if package.zone != NO_ZONE:
                 self.guard.restore(package)
 
-    def wait_m(self, piece: Piece, offset_m: float, length_m: float, *, is_reverse: bool = False) -> float:
+    def wait_m(
+        self, piece: NetworkEdge, offset_m: float, length_m: float, *, is_reverse: bool = False
+    ) -> float:
         """Return how far the belt must move until a package of `length_m` fits there; 0: now."""
         missing_m = -self._gaps.behind_m(piece, offset_m, length_m)
         if not is_reverse:
@@ -105,7 +107,7 @@ class Traffic:
                 missing_m = max(missing_m, RETRY_M)
         return missing_m if missing_m > TOLERANCE_M else 0.0
 
-    def is_clear(self, piece: Piece, offset_m: float, length_m: float) -> bool:
+    def is_clear(self, piece: NetworkEdge, offset_m: float, length_m: float) -> bool:
         """Return whether a package of `length_m` may be put there: nothing near, no zone that is in use."""
         return self.wait_m(piece, offset_m, length_m) == 0.0
 
@@ -159,7 +161,7 @@ class Traffic:
             self.held[package.piece].remove(package)
             if following == END:
                 passed.append(package)
-                self.guard.leave(package)
+                self.guard.release(package)
                 return
             elapsed_s -= (piece.length_m - package.offset_m) / speed_mps
             package.piece, package.offset_m = following, 0.0
@@ -168,14 +170,14 @@ class Traffic:
                 if package.way:
                     package.way = package.way[1:]
                 else:
-                    self.guard.leave(package)
+                    self.guard.release(package)
 
-    def _gated(self, package: Package, piece: Piece, to_m: float) -> tuple[float, bool]:
+    def _gated(self, package: Package, piece: NetworkEdge, to_m: float) -> tuple[float, bool]:
         """Return how far zones let `package` go towards `to_m`, and whether one stops it."""
         for gate in self.zones.gates[piece.index]:
             if package.offset_m - TOLERANCE_M <= gate.start_m < to_m and gate.zone != package.zone:
                 self._leave_zone(package, gate.start_m)
-                if not self.guard.admits(package, gate, piece.index):
+                if not self.guard.may_enter(package, gate, piece.index):
                     return gate.start_m, True
         if to_m > piece.length_m:
             following = self._following(package)
@@ -183,7 +185,7 @@ class Traffic:
                 for gate in self.zones.gates[following]:
                     if gate.start_m < 0.0 and gate.zone != package.zone:
                         self._leave_zone(package, piece.length_m)
-                        if not self.guard.admits(package, gate, following):
+                        if not self.guard.may_enter(package, gate, following):
                             return piece.length_m, True
         return to_m, False
 
@@ -195,7 +197,7 @@ class Traffic:
         for gate in self.zones.gates[package.piece]:
             if gate.zone == package.zone and gate.start_m < at_m < gate.end_m:
                 return
-        self.guard.leave(package)
+        self.guard.release(package)
 
     def _following(self, package: Package) -> int:
         if package.zone != NO_ZONE and package.way:
@@ -237,17 +239,19 @@ class Traffic:
             package.piece, package.offset_m = before.index, before.length_m
             self.held[before.index].append(package)
 
-    def _gated_back(self, package: Package, piece: Piece, before: Piece | None, to_m: float) -> float:
+    def _gated_back(
+        self, package: Package, piece: NetworkEdge, before: NetworkEdge | None, to_m: float
+    ) -> float:
         """Return how far zones let `package` go back towards `to_m`."""
         for gate in reversed(self.zones.gates[piece.index]):
             if to_m < gate.end_m <= package.offset_m + TOLERANCE_M and gate.zone != package.zone:
                 self._leave_zone(package, gate.end_m)
-                if not self.guard.admits_back(package, gate):
+                if not self.guard.may_enter_reversed(package, gate):
                     return gate.end_m
         if to_m < 0.0 and before is not None:
             for gate in self.zones.gates[before.index]:
                 if gate.end_m > before.length_m and gate.zone != package.zone:
                     self._leave_zone(package, 0.0)
-                    if not self.guard.admits_back(package, gate):
+                    if not self.guard.may_enter_reversed(package, gate):
                         return 0.0
         return to_m

@@ -38,7 +38,7 @@ class _Passage:
     """Offset on the last piece of the way where the zone ends."""
 
 
-class CrossingGuard:
+class ZoneInterlock:
     """Lets packages into zones."""
 
     def __init__(
@@ -74,7 +74,7 @@ class CrossingGuard:
         """Have `package` be in the zone that it says."""
         self._inside[package.zone][package.id] = package
 
-    def leave(self, package: Package) -> None:
+    def release(self, package: Package) -> None:
         """Have `package` be out of its zone, if it is in one."""
         if package.zone >= 0:
             self._inside[package.zone].pop(package.id, None)
@@ -84,12 +84,12 @@ class CrossingGuard:
         """Return whether nobody is in `zone`."""
         return not self._inside[zone]
 
-    def take(self, package: Package, gate: Gate) -> None:
+    def occupy(self, package: Package, gate: Gate) -> None:
         """Have `package`, which has just been put on, be in the zone of `gate`, where nobody else is."""
         passage = self._passage(package, gate, package.piece)
         self._enter(package, gate.zone, passage)
 
-    def admits(self, package: Package, gate: Gate, piece: int) -> bool:
+    def may_enter(self, package: Package, gate: Gate, piece: int) -> bool:
         """Let `package` pass the zone of `gate` on `piece`, which it is about to enter, or not yet."""
         passage = self._passage(package, gate, piece)
         exit_piece = passage.way[-1] if passage.way else package.piece
@@ -98,7 +98,7 @@ class CrossingGuard:
         claims = exit_piece if is_taken else NOTHING  # who is on a ring must go on, whoever waits outside
         return self._decide(package, gate.zone, passage, is_ready=is_ready, claims=claims)
 
-    def admits_back(self, package: Package, gate: Gate) -> bool:
+    def may_enter_reversed(self, package: Package, gate: Gate) -> bool:
         """Let `package`, whose belt runs backwards, into the zone of `gate` on its piece, or not yet."""
         lane = ("belt", self._pieces[package.piece].belt)
         return self._decide(

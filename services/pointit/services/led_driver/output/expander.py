@@ -10,13 +10,13 @@ from typing import Protocol
 
 import serial
 
-from pointit.runtime.health.service_bus import Warnings
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.config import OutputConfig
 from pointit.services.led_driver.output import upxl_protocol
 from pointit.services.led_driver.output.power import Load, Power
-from pointit.services.led_driver.output.wiring import FRAME_RATE, Wiring, too_slow, wire, wire_time_s
+from pointit.services.led_driver.output.wiring import FRAME_RATE, Wiring, map_channels, too_slow, wire_time_s
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ DRAIN_POLL_S = 0.002
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ExpanderFrame:
     """What the board shows: (channel, order, rgb) of each strip."""
 
     channels: tuple[tuple[int, str, bytes], ...] = ()
@@ -51,9 +51,11 @@ class Picture:
     age_s: float = field(default=0.0, compare=False)
     """How old what it shows was by then."""
 
-    def dark(self) -> "Picture":
+    def dark(self) -> "ExpanderFrame":
         """Return the same channels, all black."""
-        return Picture(tuple((channel, order, bytes(len(rgb))) for channel, order, rgb in self.channels))
+        return ExpanderFrame(
+            tuple((channel, order, bytes(len(rgb))) for channel, order, rgb in self.channels)
+        )
 
     def data(self) -> bytes:
         """Return the bytes that show it."""
@@ -67,10 +69,10 @@ class Picture:
         return upxl_protocol.draw_time_s(max((len(rgb) // 3 for _, _, rgb in self.channels), default=0))
 
 
-class Account(Warnings, Protocol):
+class MetricSink(WarningSink, Protocol):
     """Where an output gives account of itself; `ServiceBus` is one."""
 
-    def figure(self, name: str, value: float | None, unit: str = "") -> None:
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         """Show a number of its own; none takes it away."""
         ...
 
@@ -82,14 +84,14 @@ class Account(Warnings, Protocol):
 class ExpanderOutput:
     """Sends frames to one expander from a thread of its own; unsent frames give way to newer ones."""
 
-    def __init__(self, config: OutputConfig, account: Account) -> None:
+    def __init__(self, config: OutputConfig, account: MetricSink) -> None:
         self._config = config
         self._account = account
         self._power = Power(config)
         self._limited_s = -LIMIT_SHOWN_S
         self._wirings: tuple[Wiring, ...] = ()
         self._change = threading.Condition()
-        self._newest: Picture | None = None
+        self._newest: ExpanderFrame | None = None
         self._thread = SerialThread(
             PortSettings(port=config.port, baud=config.baud), self._write, self._on_port_change, self._wake
         )
@@ -102,7 +104,7 @@ class ExpanderOutput:
 
     def set_strips(self, strips: Sequence[Strip]) -> None:
         """Take the map's strips; says in health what of them board and wire cannot show."""
-        self._wirings, problems = wire(self._config, strips)
+        self._wirings, problems = map_channels(self._config, strips)
         self._took_s.clear()
         self._busy_s.clear()
         if slow := too_slow(self._config, self._wirings):
@@ -119,7 +121,7 @@ class ExpanderOutput:
         shown = [wiring for wiring in self._wirings if wiring.strip_id in pixels]
         data, load = self._power.send([pixels[each.strip_id][: 3 * each.pixels] for each in shown])
         self._tell(load)
-        picture = Picture(
+        picture = ExpanderFrame(
             tuple((each.channel, each.order, rgb) for each, rgb in zip(shown, data, strict=True)),
             time.monotonic(),
             age_s,
@@ -129,7 +131,7 @@ class ExpanderOutput:
             self._change.notify()
 
     def _tell(self, load: Load) -> None:
-        self._account.figure(self._figure("current"), load.drawn_a, "A")
+        self._account.set_metric(self._figure("current"), load.drawn_a, "A")
         now_s = time.monotonic()
         if load.limited:
             self._limited_s = now_s
@@ -163,14 +165,14 @@ class ExpanderOutput:
             self._took_s.clear()
             self._busy_s.clear()
             self.light_s = 0.0
-            self._account.figure(self._figure(FRAME_RATE), None)
+            self._account.set_metric(self._figure(FRAME_RATE), None)
             self._account.clear(self._topic("link"))
         else:
             self._account.clear(self._topic("port"))
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
         """Send what is newest whenever wire and board are ready; in the port's thread."""
-        shown: Picture | None = None
+        shown: ExpanderFrame | None = None
         sent_s = 0.0
         while True:
             picture = self._next(shown, sent_s, stopping)
@@ -188,7 +190,9 @@ class ExpanderOutput:
         if shown is not None:
             self._send(port, shown.dark())
 
-    def _next(self, shown: Picture | None, sent_s: float, stopping: threading.Event) -> Picture | None:
+    def _next(
+        self, shown: ExpanderFrame | None, sent_s: float, stopping: threading.Event
+    ) -> ExpanderFrame | None:
         """Wait for a picture other than `shown`, or until it is time to send that one again."""
         with self._change:
             while not stopping.is_set():
@@ -199,7 +203,7 @@ class ExpanderOutput:
                 self._change.wait(left_s if newest is not None else KEEP_ALIVE_S)
         return None
 
-    def _send(self, port: serial.Serial, picture: Picture, *, is_new: bool = False) -> None:
+    def _send(self, port: serial.Serial, picture: ExpanderFrame, *, is_new: bool = False) -> None:
         """Write, and wait until wire and board are done: a buffer full of old frames would be latency."""
         began_s = time.monotonic()
         data = picture.data()
@@ -212,7 +216,7 @@ class ExpanderOutput:
         self._thread.post(self._on_sent, picture, wire_s, now_s - began_s, now_s if is_new else None)
         time.sleep(max(0.0, began_s + picture.draw_time_s() - time.monotonic()))
 
-    def _on_sent(self, picture: Picture, wire_s: float, took_s: float, new_s: float | None) -> None:
+    def _on_sent(self, picture: ExpanderFrame, wire_s: float, took_s: float, new_s: float | None) -> None:
         """Count a frame whose last byte has left, at `new_s` if its picture is new."""
         if new_s is not None:
             self.light_s = new_s - picture.shown_s
@@ -220,7 +224,7 @@ class ExpanderOutput:
         self._took_s.append(took_s)
         self._busy_s.append(max(took_s, picture.draw_time_s()))
         # not how often frames were sent: of a scene that stands still few are
-        self._account.figure(self._figure(FRAME_RATE), len(self._busy_s) / sum(self._busy_s), "Hz")
+        self._account.set_metric(self._figure(FRAME_RATE), len(self._busy_s) / sum(self._busy_s), "Hz")
         took_s = min(self._took_s)
         slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._config.wanted_rate_hz)
         if took_s <= slow_s:

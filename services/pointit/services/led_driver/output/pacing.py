@@ -1,7 +1,7 @@
 """When the next frame is drawn: fresh cursors at once, everything else with the next cursor or soon after."""
 
 
-class Pacer:
+class FrameLimiter:
     """Caps the rate of frames so that those there are show the freshest cursor.
 
     A cursor is drawn the moment it comes, unless the last frame is too young; then it waits, as everything
@@ -17,7 +17,7 @@ class Pacer:
         self._next_s = float("-inf")
         self._due_s: float | None = None
 
-    def wish(self, now_s: float, *, fresh: bool) -> float | None:
+    def request_frame(self, now_s: float, *, fresh: bool) -> float | None:
         """Return how long to wait until drawing, 0 for now; nothing when a frame is already due.
 
         Args:

@@ -26,7 +26,7 @@ class Wiring:
     """As many as are sent: not more than the board drives."""
 
 
-def wire(config: OutputConfig, strips: Sequence[Strip]) -> tuple[tuple[Wiring, ...], list[str]]:
+def map_channels(config: OutputConfig, strips: Sequence[Strip]) -> tuple[tuple[Wiring, ...], list[str]]:
     """Return which strips go to which channels, and sentences about what does not fit the board."""
     problems: list[str] = []
     wirings: list[Wiring] = []

@@ -28,7 +28,7 @@ WHITE: Rgb = (255, 255, 255)
 
 
 @dataclass(frozen=True, slots=True)
-class Looks:
+class Appearance:
     """Of n objects, as `Segments` has them."""
 
     palette: Bytes
@@ -47,7 +47,7 @@ class _State:
     hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
 
 
-class Wardrobe:
+class AppearanceTable:
     """Kinds and states of objects to their looks."""
 
     def __init__(self, style: StyleConfig) -> None:
@@ -72,9 +72,9 @@ class Wardrobe:
         hovers: Mapping[str, Hover],
         selection: Selection | None,
         profiles: Mapping[str, UserProfile],
-    ) -> Looks:
+    ) -> Appearance:
         """Return the looks of objects of `kinds` (numbers); `ids` has where they are, `hovers` is by user."""
-        looks = Looks(
+        looks = Appearance(
             self._plain[kinds],
             np.zeros(len(kinds)),
             np.zeros(len(kinds), dtype=np.intp),
@@ -87,7 +87,7 @@ class Wardrobe:
         return looks
 
     def _dress(
-        self, looks: Looks, index: int, kind: int, state: _State, profiles: Mapping[str, UserProfile]
+        self, looks: Appearance, index: int, kind: int, state: _State, profiles: Mapping[str, UserProfile]
     ) -> None:
         selected = state.owner is not None
         palette = looks.palette[index]

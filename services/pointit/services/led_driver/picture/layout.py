@@ -219,7 +219,7 @@ def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]
     for run, places_m in strips:
         near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))
         at_m, apart_m = line.nearest_to(places_m[near])
-        beside = (apart_m <= reach_m) & ~line.are_beyond(places_m[near], at_m, END_M)
+        beside = (apart_m <= reach_m) & ~line.is_beyond_ends(places_m[near], at_m, END_M)
         order = np.argsort(at_m[beside], kind="stable")
         pixels, along_m = run.pixels[near[beside][order]], at_m[beside][order]
         gaps = np.flatnonzero(np.diff(along_m) > 2.0 * run.pitch_m) + 1

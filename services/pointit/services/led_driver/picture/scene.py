@@ -22,7 +22,7 @@ from pointit.schemas import (
 from pointit.schemas.base import Rgb
 from pointit.schemas.pointing import LINES
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.picture.appearance import NOBODY, Looks, Wardrobe
+from pointit.services.led_driver.picture.appearance import NOBODY, Appearance, AppearanceTable
 from pointit.services.led_driver.picture.layout import Array, Indices, Layout
 from pointit.services.led_driver.picture.render import CursorMark, Segments, tails
 
@@ -58,7 +58,7 @@ class Scene:
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
         self._style = config.style
-        self._wardrobe = Wardrobe(config.style)
+        self._wardrobe = AppearanceTable(config.style)
         self._layout = Layout(())
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._hovers: dict[str, tuple[int, Hover]] = {}
@@ -69,7 +69,7 @@ class Scene:
         self._blink_ns: int | None = None
         """When a pixel nearest to who points past changes next."""
         self._placed: _Placed | None = None
-        self._looks: Looks | None = None
+        self._looks: Appearance | None = None
 
     def set_layout(self, layout: Layout) -> None:
         """Draw on `layout` from now on."""
@@ -133,7 +133,7 @@ class Scene:
             ends.append(self._blink_ns)
         return min(ends, default=None)
 
-    def take_new_ns(self) -> int | None:
+    def pop_newest_capture_ns(self) -> int | None:
         """Return the newest capture time of the cursors on lines that came since the last call."""
         new_ns, self._new_ns = self._new_ns, None
         return new_ns

@@ -14,7 +14,7 @@ NEAREST_M = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sight:
+class AnchorMeasurement:
     """One pointing at a known place."""
 
     stamp_ns: int
@@ -29,7 +29,7 @@ class Sight:
     spread_rad: float
 
 
-def seen(mean: Array, sight: Sight) -> tuple[Array, Array, float]:
+def predicted_bearing(mean: Array, sight: AnchorMeasurement) -> tuple[Array, Array, float]:
     """Return how a person would see the target.
 
     Args:
@@ -59,7 +59,9 @@ def seen(mean: Array, sight: Sight) -> tuple[Array, Array, float]:
     return np.array([azimuth, math.atan2(up, away)]), slope, away
 
 
-def measured(mean: Array, sight: Sight, late_s: float, settings: DriftSettings) -> tuple[Array, Array, Array]:
+def innovation_terms(
+    mean: Array, sight: AnchorMeasurement, late_s: float, settings: DriftSettings
+) -> tuple[Array, Array, Array]:
     """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation.
 
     Args:
@@ -70,7 +72,7 @@ def measured(mean: Array, sight: Sight, late_s: float, settings: DriftSettings) 
     """
     mean = mean.copy()
     mean[YAW] -= late_s * mean[RATE]
-    expected, slope, _ = seen(mean, sight)
+    expected, slope, _ = predicted_bearing(mean, sight)
     slope[:, RATE] = -late_s * slope[:, YAW]
     innovation = np.array(
         [
@@ -88,13 +90,15 @@ def measured(mean: Array, sight: Sight, late_s: float, settings: DriftSettings) 
     return innovation, slope, noise
 
 
-def unusable(mean: Array, sight: Sight, direction_h: Vec3, samples: int, settings: DriftSettings) -> str:
+def rejection_reason(
+    mean: Array, sight: AnchorMeasurement, direction_h: Vec3, samples: int, settings: DriftSettings
+) -> str:
     """Return why a pointing tells nothing, one sentence; empty when it does."""
     values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
     if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
         return "no usable ray came while the person pointed; see the IMU"
     if abs(sight.elevation_rad) > settings.max_elevation_rad:
         return "the target is too steeply above or below; choose one farther away"
-    if seen(mean, sight)[2] < NEAREST_M:
+    if predicted_bearing(mean, sight)[2] < NEAREST_M:
         return "the person would stand on the target; choose one farther away"
     return ""

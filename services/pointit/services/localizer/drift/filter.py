@@ -1,8 +1,9 @@
 """Where {H} is in {W} while the IMU's yaw drifts: an extended Kalman filter on x, y, yaw and the yaw's rate.
 
 What the person does with a visible cursor tells nothing: they steer it onto the target, whatever the drift.
-What tells: pointing at a known place without one (`anchor`), pointing in a known direction (`heading`), an
-arm that rests (`still`) and a new localization (`reset`). Pointing.md §3, §4.
+What tells: pointing at a known place without one (`update_anchor`), pointing in a known direction
+(`update_heading`), an arm that rests (`update_rest_rate`), and a new localization (`reset`).
+Pointing.md §3, §4.
 """
 
 import math
@@ -14,7 +15,11 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift import innovation_gate
-from pointit.services.localizer.drift.anchor_measurement import Sight, measured, unusable
+from pointit.services.localizer.drift.anchor_measurement import (
+    AnchorMeasurement,
+    innovation_terms,
+    rejection_reason,
+)
 from pointit.services.localizer.drift.innovation_gate import AGREED, DRIFTED, Rejected
 from pointit.services.localizer.drift.model import (
     RATE,
@@ -59,7 +64,7 @@ class DriftFilter:
         """Return what it was made with."""
         return self._settings
 
-    def heed(self, now_ns: int | None) -> None:
+    def set_time(self, now_ns: int | None) -> None:
         """Take the time: a clock that was set back is followed, as far as it is beyond late measurements.
 
         Every other entry takes the time, too, and does this first; without it a clock that was set back looks
@@ -89,33 +94,33 @@ class DriftFilter:
 
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
-            now_ns: the time, see `heed`.
+            now_ns: the time, see `set_time`.
         """
-        self.heed(now_ns)
+        self.set_time(now_ns)
         since_ns = fix.since_ns if fix.since_ns is not None else fix.stamp_ns
         is_new = since_ns > self._fixed_ns
         fits = self._state.move_to(fix, keeps_yaw=is_new, keeps_rate=self._is_confirmed)
         self._took(fix, fits=fits and is_new)
 
-    def lose_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
+    def reset_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
         """Take that the IMU's yaw origin is another one from `stamp_ns` on: only the yaw is unknown.
 
         Args:
             stamp_ns: when.
             is_restarted: the device was restarted, so that its drift is unknown, too.
         """
-        self.heed(stamp_ns)
+        self.set_time(stamp_ns)
         self._state.advance(stamp_ns)
-        self._state.forget_yaw()
+        self._state.reset_yaw()
         self._other = None
         if is_restarted:
-            self._state.forget_rate()
+            self._state.reset_rate()
             self._agreed = 0
         self._rejected.clear()
 
     def predict(self, now_ns: int) -> DriftPose:
         """Go on to `now_ns` and return the pose there; a clock that was set back is followed."""
-        self.heed(now_ns)
+        self.set_time(now_ns)
         self._state.advance(now_ns)
         return self.at(now_ns)
 
@@ -123,7 +128,7 @@ class DriftFilter:
         """Return the pose at `now_ns`, or at the last prediction if that is later; changes nothing."""
         return self._state.at(now_ns, self._anchored_ns)
 
-    def anchor(
+    def update_anchor(
         self,
         stamp_ns: int,
         target_m: Vec3,
@@ -151,10 +156,10 @@ class DriftFilter:
             elevation_bias_rad: of the pose: the rays lie higher than the targets by it.
             spread_rad: rms of the rays about their mean.
             samples: rays in the mean.
-            now_ns: the time, see `heed`.
+            now_ns: the time, see `set_time`.
         """
-        self.heed(now_ns)
-        sight = Sight(
+        self.set_time(now_ns)
+        sight = AnchorMeasurement(
             stamp_ns=stamp_ns,
             target_m=(target_m[0], target_m[1], target_m[2] - self._floor_m),
             origin_m=origin_m,
@@ -162,7 +167,7 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        wrong = self._untimely(stamp_ns) or unusable(
+        wrong = self._untimely(stamp_ns) or rejection_reason(
             self._state.mean, sight, direction_h, samples, self._settings
         )
         if wrong:
@@ -187,7 +192,7 @@ class DriftFilter:
             )
         return self._doubted(Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed)
 
-    def heading(
+    def update_heading(
         self,
         stamp_ns: int,
         azimuth_w_rad: float,
@@ -205,9 +210,9 @@ class DriftFilter:
             azimuth_w_rad: of that direction, {W}.
             direction_h: of the ray, the person's offset taken out, {H}; any length but 0.
             sigma_rad: how exactly people do that, > 0.
-            now_ns: the time, see `heed`.
+            now_ns: the time, see `set_time`.
         """
-        self.heed(now_ns)
+        self.set_time(now_ns)
         settings = self._settings
         wrong = self._untimely(stamp_ns)
         if not wrong and abs(vector.elevation(direction_h)) > settings.max_elevation_rad:
@@ -226,7 +231,7 @@ class DriftFilter:
         note = ""
         if away**2 > settings.gate**2 * (float((slope @ self._state.covariance @ slope.T)[0, 0]) + noise):
             note = f"the yaw was off by {math.degrees(away):+.0f}° and was set anew"
-            self._state.doubt(away**2, 0.0)
+            self._state.inflate_covariance(away**2, 0.0)
             self._contradict_rate()
         self._state.update(np.array([away]), slope, np.array([[noise]]))
         self._rejected.clear()
@@ -234,7 +239,7 @@ class DriftFilter:
         self._agree(stamp_ns)
         return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
 
-    def still(
+    def update_rest_rate(
         self,
         stamp_ns: int,
         yaw_rate_radps: float,
@@ -252,9 +257,9 @@ class DriftFilter:
             yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
             sigma_radps: its one sigma, > 0.
             creep_sigma_radps: one sigma of an error that all such rests of this person share.
-            now_ns: the time, see `heed`.
+            now_ns: the time, see `set_time`.
         """
-        self.heed(now_ns)
+        self.set_time(now_ns)
         settings = self._settings
         sigma = max(math.hypot(sigma_radps, creep_sigma_radps), LEAST_SIGMA)
         usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma)
@@ -296,13 +301,15 @@ class DriftFilter:
     def _contradict_rate(self) -> None:
         """Forget the rate unless it was confirmed: an IMU that is turned drifts as before."""
         if not self._is_confirmed:
-            self._state.forget_rate()
+            self._state.reset_rate()
             self._agreed = 0
 
-    def _fits_without_rate(self, sight: Sight) -> bool:
+    def _fits_without_rate(self, sight: AnchorMeasurement) -> bool:
         """Update the state with `sight` and without the rate, where it fits so; return whether it does."""
         state = self._state.without_rate(self._agreed_ns)
-        innovation, slope, noise = measured(state.mean, sight, state.late_s(sight.stamp_ns), self._settings)
+        innovation, slope, noise = innovation_terms(
+            state.mean, sight, state.late_s(sight.stamp_ns), self._settings
+        )
         variances = np.diag(slope @ state.covariance @ slope.T) + noise
         if np.any(innovation**2 > self._settings.gate**2 * variances):
             return False
@@ -311,7 +318,7 @@ class DriftFilter:
         self._state = state
         return True
 
-    def _decide(self, sight: Sight) -> None:
+    def _decide(self, sight: AnchorMeasurement) -> None:
         """Return to the state without the anchor against the rate, where `sight` is likelier there."""
         if self._other is None:
             return
@@ -336,21 +343,21 @@ class DriftFilter:
             return ""
         return f"the pointing is {late_s:.0f} s old; see the IMU's radio and the clocks, and point again"
 
-    def _sighted(self, sight: Sight) -> tuple[Array, Array, Array]:
+    def _sighted(self, sight: AnchorMeasurement) -> tuple[Array, Array, Array]:
         """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation."""
-        return measured(self._state.mean, sight, self._state.late_s(sight.stamp_ns), self._settings)
+        return innovation_terms(self._state.mean, sight, self._state.late_s(sight.stamp_ns), self._settings)
 
     def _doubted(self, doubt: Rejected, allowed: Array) -> AnchorResult:
         """Return what becomes of an anchor beyond the gate."""
         settings = self._settings
         self._rejected.append(doubt)
-        verdict = innovation_gate.verdict(
+        verdict = innovation_gate.judge_rejected(
             self._rejected,
             settings.gate,
             self._state.rate_sigma_radps,
             since_ns=self._anchored_ns,
-            believe_after=settings.believe_after,
-            despair_after=settings.despair_after,
+            believe_after=settings.accept_after,
+            despair_after=settings.reset_after,
         )
         result = AnchorResult(
             accepted=False,
@@ -359,13 +366,13 @@ class DriftFilter:
             reason=innovation_gate.sentence(doubt, allowed, verdict),
         )
         if verdict in {AGREED, DRIFTED}:
-            believed = self._rejected[-settings.believe_after :]
+            believed = self._rejected[-settings.accept_after :]
             self._rejected.clear()
             if verdict == AGREED:
-                self._state.doubt(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+                self._state.inflate_covariance(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
                 self._contradict_rate()
             else:
-                self._state.doubt_rate(settings.max_rate_radps)
+                self._state.inflate_rate_variance(settings.max_rate_radps)
             for one in believed:
                 innovation, slope, noise = self._sighted(one.sight)
                 self._state.update(innovation, slope, np.diag(noise))
@@ -373,12 +380,12 @@ class DriftFilter:
             return replace(result, accepted=True, reason="", note=result.reason)
         if verdict:
             self._rejected.clear()
-            self._state.doubt(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
+            self._state.inflate_covariance(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
         return result
 
 
-def _unlikeliness(state: DriftState, sight: Sight, settings: DriftSettings) -> float:
+def _unlikeliness(state: DriftState, sight: AnchorMeasurement, settings: DriftSettings) -> float:
     """Return minus twice the logarithm of the likelihood of `sight`, but for a constant."""
-    innovation, slope, noise = measured(state.mean, sight, state.late_s(sight.stamp_ns), settings)
+    innovation, slope, noise = innovation_terms(state.mean, sight, state.late_s(sight.stamp_ns), settings)
     variances = np.diag(slope @ state.covariance @ slope.T) + noise
     return float(np.sum(innovation**2 / variances + np.log(variances)))

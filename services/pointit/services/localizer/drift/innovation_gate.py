@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.anchor_measurement import Sight
+from pointit.services.localizer.drift.anchor_measurement import AnchorMeasurement
 from pointit.services.localizer.drift.model import Array
 
 AGREED: Literal["agreed"] = "agreed"
@@ -23,7 +23,7 @@ Verdict = Literal["agreed", "drifted", "scattered", ""]
 class Rejected:
     """A pointing beyond the gate."""
 
-    sight: Sight
+    sight: AnchorMeasurement
     azimuth_error_rad: float
     """Target less ray."""
     elevation_error_rad: float
@@ -31,7 +31,7 @@ class Rejected:
     elevation_variance: float
 
 
-def verdict(
+def judge_rejected(
     doubts: Sequence[Rejected],
     gate: float,
     rate_sigma_radps: float,

@@ -32,13 +32,13 @@ class DriftSettings:
     """The same upwards: scatter within a person and what is not known of their bias."""
     gate: float = 3.0
     """Measurements farther off are rejected, sigmas."""
-    believe_after: int = 2
+    accept_after: int = 2
     """So many rejected anchors in a row that say the same are believed."""
     confirmed_after: int = 3
     """A yaw rate is confirmed by so many yaws in a row: two tell it, even if the IMU jumped."""
     confirming_s: float = 15.0
     """Yaws closer together in time tell too little of the rate to confirm it."""
-    despair_after: int = 3
+    reset_after: int = 3
     """After so many in a row that contradict each other the pose is no longer trusted."""
     moved_sigma_m: float = 0.5
     """How far a person may have moved when anchors do not fit any more, one sigma."""
@@ -120,11 +120,13 @@ def predicted(
     mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
 ) -> tuple[Array, Array]:
     """Return mean (4) and covariance (4 x 4) after `passed_s`, bounded; copies."""
-    mean, covariance = grown(mean, covariance, passed_s, settings)
+    mean, covariance = propagate_unbounded(mean, covariance, passed_s, settings)
     return mean, bounded(covariance, settings) if passed_s > 0.0 else covariance
 
 
-def grown(mean: Array, covariance: Array, passed_s: float, settings: DriftSettings) -> tuple[Array, Array]:
+def propagate_unbounded(
+    mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
+) -> tuple[Array, Array]:
     """Return mean (4) and covariance (4 x 4) after `passed_s`, however large; copies."""
     mean = mean.copy()
     if passed_s <= 0.0:
@@ -155,7 +157,7 @@ def bounded(covariance: Array, settings: DriftSettings) -> Array:
     return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))
 
 
-def positive(covariance: Array) -> Array:
+def nearest_psd(covariance: Array) -> Array:
     """Return the nearest symmetric positive semidefinite 3 x 3 matrix.
 
     Raises:

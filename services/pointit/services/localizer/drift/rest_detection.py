@@ -54,8 +54,8 @@ class StillnessSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StillRate:
-    """What one rest told; goes to `DriftFilter.still` as it is."""
+class RestYawRate:
+    """What one rest told; goes to `DriftFilter.update_rest_rate` as it is."""
 
     stamp_ns: int
     """The middle of the rest."""
@@ -72,7 +72,7 @@ _Turn = tuple[int, float, float, float]
 """Time in ns; turned by then about x, y, z of {H}, averaged over a bin."""
 
 
-class Stillness:
+class RestDetector:
     """Finds rests in a stream of orientations; constant work a sample."""
 
     def __init__(self, settings: StillnessSettings | None = None) -> None:
@@ -92,14 +92,14 @@ class Stillness:
         self._kept: list[_Turn] = []
         self._to_settle = self._delay
 
-    def end(self) -> StillRate | None:
+    def end(self) -> RestYawRate | None:
         """Return the rate if the rest until now tells one, and begin anew: as when a cursor appears."""
         told = self._finish()
         self._last_ns = -1
         self._begin()
         return told
 
-    def add(self, orientation_xyzw: Quaternion, stamp_ns: int) -> StillRate | None:
+    def add(self, orientation_xyzw: Quaternion, stamp_ns: int) -> RestYawRate | None:
         """Take a sample; return a rate when it ends a rest, or when the rest has lasted long enough.
 
         Args:
@@ -145,7 +145,7 @@ class Stillness:
         self._kept.clear()
         self._to_settle = self._delay
 
-    def _close(self) -> StillRate | None:
+    def _close(self) -> RestYawRate | None:
         """Take the bin that is full."""
         n = self._count
         newest = (
@@ -174,7 +174,7 @@ class Stillness:
         self._kept.clear()
         return told
 
-    def _finish(self) -> StillRate | None:
+    def _finish(self) -> RestYawRate | None:
         """Return what the rest told, if it was one."""
         settings, kept = self._settings, self._kept
         if len(kept) < 3:
@@ -197,7 +197,7 @@ class Stillness:
         sigma = share * max(settings.hold_sigma_rad, spreads[2])
         x, y, z, w = self._last
         hangs = 2.0 * (x * z - w * y) < math.sin(settings.hanging_rad)  # height of the arm's x axis
-        return StillRate(
+        return RestYawRate(
             stamp_ns=start_ns + round(span_s / 2 * NS_PER_S),
             yaw_rate_radps=-rates[2],
             sigma_radps=math.hypot(sigma, settings.turn_sigma_radps),

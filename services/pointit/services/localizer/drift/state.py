@@ -16,9 +16,9 @@ from pointit.services.localizer.drift.model import (
     X,
     Y,
     bounded,
-    grown,
-    positive,
+    nearest_psd,
     predicted,
+    propagate_unbounded,
 )
 
 
@@ -30,13 +30,13 @@ class DriftState:
         self._settings = settings
         self.mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0])
         self.covariance = np.zeros((4, 4))
-        self.covariance[:3, :3] = positive(fix.covariance)
+        self.covariance[:3, :3] = nearest_psd(fix.covariance)
         self.covariance[RATE, RATE] = settings.rate_sigma_radps**2
         self.stamp_ns = fix.stamp_ns
         self._bound()
 
     @property
-    def is_blank(self) -> bool:
+    def is_yaw_unknown(self) -> bool:
         """Return whether the yaw is so uncertain that it says nothing."""
         return float(self.covariance[YAW, YAW]) >= self._blank_variance
 
@@ -104,7 +104,7 @@ class DriftState:
         rate, rate_variance = float(self.mean[RATE]), float(self.covariance[RATE, RATE])
         mean, covariance = self._brought(fix, rate, rate_variance, late_s)
         fits = True
-        if keeps_yaw and not self.is_blank:
+        if keeps_yaw and not self.is_yaw_unknown:
             yaw, shared = float(self.mean[YAW]), float(self.covariance[YAW, RATE])
             joint = np.zeros((5, 5))
             """Of the fix brought to now with the rate, and of the old yaw."""
@@ -128,15 +128,15 @@ class DriftState:
         self._bound()
         return fits
 
-    def doubt(self, yaw_variance: float, position_variance: float) -> None:
+    def inflate_covariance(self, yaw_variance: float, position_variance: float) -> None:
         """Make the pose less certain, its parts for themselves, and forget what is known of the rate."""
         covariance = self.covariance
         covariance[YAW, :2] = covariance[:2, YAW] = 0.0
         covariance[YAW, YAW] += yaw_variance
         covariance[[X, Y], [X, Y]] += position_variance
-        self.doubt_rate(self._settings.rate_sigma_radps)
+        self.inflate_rate_variance(self._settings.rate_sigma_radps)
 
-    def doubt_rate(self, sigma_radps: float) -> None:
+    def inflate_rate_variance(self, sigma_radps: float) -> None:
         """Believe the rate only so far."""
         self.covariance[RATE, :3] = self.covariance[:3, RATE] = 0.0
         self.covariance[RATE, RATE] = sigma_radps**2
@@ -150,20 +150,20 @@ class DriftState:
         back[YAW, RATE] = -passed_s
         other.mean, other.covariance = back @ self.mean, back @ self.covariance @ back.T
         other.covariance[YAW, YAW] += (passed_s * self._settings.rate_sigma_radps) ** 2
-        other.forget_rate()
+        other.reset_rate()
         return other
 
-    def forget_yaw(self) -> None:
+    def reset_yaw(self) -> None:
         """Make the yaw unknown; place and rate stay."""
         covariance = self.covariance
         blank = max(self._blank_variance, float(covariance[YAW, YAW]))
         covariance[YAW, :] = covariance[:, YAW] = 0.0
         covariance[YAW, YAW] = blank
 
-    def forget_rate(self) -> None:
+    def reset_rate(self) -> None:
         """Take another IMU, of which nothing is known."""
         self.mean[RATE] = 0.0
-        self.doubt_rate(self._settings.rate_sigma_radps)
+        self.inflate_rate_variance(self._settings.rate_sigma_radps)
 
     @property
     def _blank_variance(self) -> float:
@@ -176,9 +176,9 @@ class DriftState:
         """
         mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), rate])
         covariance = np.zeros((4, 4))
-        covariance[:3, :3] = bounded(positive(fix.covariance), self._settings)
+        covariance[:3, :3] = bounded(nearest_psd(fix.covariance), self._settings)
         covariance[RATE, RATE] = rate_variance
-        return grown(mean, covariance, late_s, self._settings)
+        return propagate_unbounded(mean, covariance, late_s, self._settings)
 
     def _predicted(self, passed_s: float) -> tuple[Array, Array]:
         return predicted(self.mean, self.covariance, passed_s, self._settings)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import Rays
-from pointit.services.localizer.estimation.solution import Refusal, Solution, Trust
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 AMBIGUOUS_COST = 2.0
 """Two refined minima whose costs differ by less (a factor e² in likelihood) cannot be told apart."""
@@ -26,8 +26,8 @@ LEVEL_M = 0.1
 """Targets within this of the height of the eyes are seen level."""
 
 
-def accepted(
-    solution: Solution, place_m: tuple[float, float], rays: Rays, trust: Trust, limit_rad: float
+def check_solution(
+    solution: Solution, place_m: tuple[float, float], rays: Rays, trust: SolverSettings, limit_rad: float
 ) -> Solution | Refusal:
     """Return `solution`, or why it is not good enough."""
     residual_rad = solution.residual_rad
@@ -48,7 +48,7 @@ def accepted(
     return solution
 
 
-def untimely(solution: Solution, trust: Trust) -> str:
+def untimely(solution: Solution, trust: SolverSettings) -> str:
     """Return what to do about a pose that is uncertain only because of the tracker's latency."""
     return (
         f"{_stated(solution, trust)}: the latency of what tracks the target is uncertain "
@@ -67,19 +67,19 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     )
 
 
-def _unsure(solution: Solution, rays: Rays, trust: Trust) -> str:
+def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
     """Return why the pose is not certain enough, and what would make it so."""
     stated = _stated(solution, trust)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
     if float(np.max(np.abs(rays.heights))) < LEVEL_M:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
-    if solution.rival > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
+    if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 
 
-def _stated(solution: Solution, trust: Trust) -> str:
+def _stated(solution: Solution, trust: SolverSettings) -> str:
     return (
         f"the pose is uncertain by {min(solution.position_sigma_m, 99.0):.2f} m and "
         f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
@@ -89,6 +89,6 @@ def _stated(solution: Solution, trust: Trust) -> str:
 
 def _is_one_view(rays: Rays) -> bool:
     """Return whether all rays have one direction."""
-    turned = np.angle(rays.back * np.conj(rays.back[0]))
-    spread = float(np.ptp(turned)) * float(np.min(rays.tilt.real))
+    turned = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
+    spread = float(np.ptp(turned)) * float(np.min(rays.elevation_phasor.real))
     return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD

@@ -46,13 +46,13 @@ class Rays:
         return cls(origins_m, azimuths, elevations, targets_m)
 
     @cached_property
-    def back(self) -> Complex:
+    def inverse_azimuth(self) -> Complex:
         """Return the turn of each ray into the forward direction, n."""
         turn: Complex = np.exp(-1j * self.azimuths_rad)
         return turn
 
     @cached_property
-    def tilt(self) -> Complex:
+    def elevation_phasor(self) -> Complex:
         """Return cos + i sin of each elevation, n."""
         turn: Complex = np.exp(1j * self.elevations_rad)
         return turn
@@ -65,7 +65,7 @@ class Rays:
     @cached_property
     def origins(self) -> Complex:
         """Return the origins in the horizontal plane, each with its ray turned forward, n."""
-        return np.asarray((self.origins_m[:, 0] + 1j * self.origins_m[:, 1]) * self.back)
+        return np.asarray((self.origins_m[:, 0] + 1j * self.origins_m[:, 1]) * self.inverse_azimuth)
 
     @cached_property
     def heights(self) -> Array:
@@ -73,12 +73,12 @@ class Rays:
         return np.asarray(self.targets_m[:, 2] - self.origins_m[:, 2], dtype=np.float64)
 
 
-def misses(rays: Rays, poses: Array) -> tuple[Array, Array]:
+def angular_errors(rays: Rays, poses: Array) -> tuple[Array, Array]:
     """Return the angles of `residuals` alone: to the left of the rays and above them, k x n each."""
-    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.back
+    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.inverse_azimuth
     flat = (rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None]) * turn - rays.origins
     up = rays.heights - poses[:, 4, None]
-    tilt = rays.tilt * np.exp(-1j * poses[:, 3])[:, None]
+    tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
     ahead, left = flat.real, flat.imag
     along = tilt.real * ahead + tilt.imag * up
     above = tilt.real * up - tilt.imag * ahead
@@ -101,12 +101,12 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
         k x 2 x n angles, rad (to the left of the ray, above it), and their k x 5 x 2 x n derivatives.
     """
     place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
-    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.back
+    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.inverse_azimuth
     seen = (rays.targets - place) * turn
     flat = seen - rays.origins
     ahead, left = flat.real, flat.imag
     up = rays.heights - poses[:, 4, None]
-    tilt = rays.tilt * np.exp(-1j * poses[:, 3])[:, None]
+    tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
     cos_el, sin_el = tilt.real, tilt.imag
     along = cos_el * ahead + sin_el * up
     above = cos_el * up - sin_el * ahead

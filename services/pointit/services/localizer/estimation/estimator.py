@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pointit.services.localizer.estimation.acceptance import AMBIGUOUS_COST, NOWHERE, accepted, untimely
-from pointit.services.localizer.estimation.angular_residuals import Array, Rays, misses
-from pointit.services.localizer.estimation.levenberg_marquardt import costs_of, descend, starts
+from pointit.services.localizer.estimation.acceptance import AMBIGUOUS_COST, NOWHERE, check_solution, untimely
+from pointit.services.localizer.estimation.angular_residuals import Array, Rays, angular_errors
+from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks
-from pointit.services.localizer.estimation.solution import Refusal, Solution, Trust
-from pointit.services.localizer.estimation.uncertainty import covariance, independent
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.uncertainty import covariance, effective_samples
 
-__all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "Trust", "solve"]
+__all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
 NEGLIGIBLE = 1e-3
 """A place less probable than this is left out of the uncertainty."""
@@ -39,7 +39,7 @@ SAME_PLACE_M = 0.05
 
 def solve(
     pointings: Pointings,
-    trust: Trust | None = None,
+    trust: SolverSettings | None = None,
     *,
     floor_m: float = 0.0,
     start: Solution | None = None,
@@ -55,7 +55,7 @@ def solve(
         floor_m: height in {W} of the floor on which the person stands.
         start: a pose found before, to begin from besides.
     """
-    trust = trust if trust is not None else Trust()
+    trust = trust if trust is not None else SolverSettings()
     count = len(pointings)
     if count < trust.min_samples:
         return Refusal(f"only {count} rays were gathered and {trust.min_samples} are needed; see the IMU")
@@ -70,10 +70,10 @@ def solve(
     centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # numbers stay small wherever the origin is
     rays = Rays.of(means.origins_m, means.directions, means.targets_m - centre)
     weights = trust.weights()
-    first = starts(rays, weights)
+    first = initial_poses(rays, weights)
     if start is not None:
         first = np.vstack([first, _pose_of(start, centre)])
-    poses = _out_of_reach(rays, descend(rays, first, weights).poses)
+    poses = _out_of_reach(rays, minimize(rays, first, weights).poses)
     if not len(poses):
         return Refusal(NOWHERE)
     solution = _solution(rays, summary, poses, trust)
@@ -93,27 +93,27 @@ def solve(
         samples=count,
     )
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
-    result = accepted(solution, place_m, rays, trust, limit_rad)
+    result = check_solution(solution, place_m, rays, trust, limit_rad)
     if isinstance(result, Refusal) and solution.late.any():
         timely = replace(solution, covariance=solution.covariance - solution.late)
-        if isinstance(accepted(timely, place_m, rays, trust, limit_rad), Solution):
+        if isinstance(check_solution(timely, place_m, rays, trust, limit_rad), Solution):
             return Refusal(untimely(solution, trust), result.residual_rad)
     return result
 
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
     """Return those of `poses` (k x 5) with no target nearer to the eyes than a straight arm allows."""
-    turned = np.exp(1j * poses[:, 2])[:, None] * (rays.origins * np.conj(rays.back))
+    turned = np.exp(1j * poses[:, 2])[:, None] * (rays.origins * np.conj(rays.inverse_azimuth))
     level = np.abs(rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None] - turned)
     nearest = np.hypot(level, rays.heights - poses[:, 4, None]).min(axis=1)
     return np.asarray(poses[nearest >= NEAREST_M], dtype=np.float64)
 
 
-def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Solution:
+def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) -> Solution:
     """Return the likeliest of `poses`, about the centre; the others that fit, too, are in its covariance."""
-    weights, doubt = trust.weights(), trust.doubt(is_still=summary.is_still)
-    worth = independent(summary, doubt.independent_hz)
-    costs = costs_of(rays, poses, replace(weights, sigma_rad=doubt.sigma_rad), worth)
+    weights, doubt = trust.weights(), trust.noise_model(is_still=summary.is_still)
+    worth = effective_samples(summary, doubt.independent_hz)
+    costs = evaluate_costs(rays, poses, replace(weights, sigma_rad=doubt.sigma_rad), worth)
     odds: Array = np.exp(costs.min() - costs)
     odds /= odds.sum()
     best = poses[0]
@@ -138,14 +138,14 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: Trust) -> Soluti
         z_m=float(best[4]),
         z_sigma_m=float(sigma[4]),
         bias_sigma_rad=float(sigma[3]),
-        rival=float(1.0 - odds[0]),
+        alternative=float(1.0 - odds[0]),
         late=late[:3, :3],
     )
 
 
 def _missed_rad(rays: Rays, pose: Array) -> Array:
     """Return the angles (n) between `rays` and the targets as `pose` (5) would see them."""
-    left, above = misses(rays, pose[None])
+    left, above = angular_errors(rays, pose[None])
     return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 
 

@@ -14,7 +14,7 @@ from pointit.services.localizer.estimation.angular_residuals import (
     Array,
     Complex,
     Rays,
-    misses,
+    angular_errors,
     residuals,
 )
 
@@ -74,7 +74,7 @@ class Minima:
     """k: half the sum of squares, Huber's beyond `HUBER`, and of the priors."""
 
 
-def starts(rays: Rays, weights: Weights) -> Array:
+def initial_poses(rays: Rays, weights: Weights) -> Array:
     """Return a pose (k x 5) for each promising yaw: the place nearest to all rays, which is linear.
 
     In {H} turned to the yaw, the place τ minimises Σ |(I - v vᵀ)(p - τ - o)|². Each yaw is looked at with
@@ -88,7 +88,7 @@ def starts(rays: Rays, weights: Weights) -> Array:
     )
     across = np.eye(3)[None, :, :, None] - directions[:, :, None] * directions[:, None, :]  # b x 3 x 3 x n
     # counted from the ray that has an azimuth most of all: an IMU turned otherwise takes the very same ways
-    first = float(rays.azimuths_rad[np.argmax(rays.tilt.real)])
+    first = float(rays.azimuths_rad[np.argmax(rays.elevation_phasor.real)])
     yaws = np.arange(STARTS) * (math.tau / STARTS) - first
     turned = np.exp(-1j * yaws)[:, None] * rays.targets
     seen = np.empty((STARTS, 3, len(rays.heights)))
@@ -102,7 +102,7 @@ def starts(rays: Rays, weights: Weights) -> Array:
     spot: Complex = (place[..., 0] + 1j * place[..., 1]) * np.exp(1j * yaws)
     poses = np.zeros((len(biases), STARTS, PARAMETERS))
     poses[..., 0], poses[..., 1], poses[..., 2], poses[..., 3] = spot.real, spot.imag, yaws, biases[:, None]
-    costs = costs_of(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
+    costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
     best = np.argmin(costs, axis=0)
     column = np.arange(STARTS)
     lowest = costs[best, column]
@@ -112,7 +112,7 @@ def starts(rays: Rays, weights: Weights) -> Array:
     return np.asarray(poses[best[chosen], chosen], dtype=np.float64)
 
 
-def descend(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERATIONS) -> Minima:
+def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERATIONS) -> Minima:
     """Return the minima below `poses` (k x 5), the lowest first, those that matter.
 
     Ways that after a few steps are still far above the lowest, or have come to where another one is, are
@@ -163,7 +163,7 @@ def _apart(poses: Array, costs: Array) -> list[int]:
     return kept
 
 
-def pull(sizes: Array) -> Array:
+def huber_weight(sizes: Array) -> Array:
     """Return how much of a residual of `sizes` sigma counts (Huber): 1 up to `HUBER`, less beyond."""
     return np.asarray(HUBER / np.maximum(sizes, HUBER), dtype=np.float64)
 
@@ -174,7 +174,7 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     angles /= weights.sigma_rad
     jacobian /= weights.sigma_rad
     squares = angles[:, 0] ** 2 + angles[:, 1] ** 2
-    weight = pull(np.sqrt(squares))
+    weight = huber_weight(np.sqrt(squares))
     flat = jacobian.reshape(len(poses), PARAMETERS, -1)
     weighted = (jacobian * weight[:, None, None]).reshape(flat.shape)
     hessian = weighted @ flat.transpose(0, 2, 1)
@@ -184,11 +184,11 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     return _loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
 
 
-def costs_of(rays: Rays, poses: Array, weights: Weights, worth: Array | float = 1.0) -> Array:
+def evaluate_costs(rays: Rays, poses: Array, weights: Weights, worth: Array | float = 1.0) -> Array:
     """Return the costs (k) of `poses` (k x 5), samples counting by `worth` (n)."""
-    left, above = misses(rays, poses)
+    left, above = angular_errors(rays, poses)
     squares = (left / weights.sigma_rad[0]) ** 2 + (above / weights.sigma_rad[1]) ** 2
-    losses = worth * _loss(squares, pull(np.sqrt(squares)))
+    losses = worth * _loss(squares, huber_weight(np.sqrt(squares)))
     return np.asarray(losses.sum(axis=1) + _prior_cost(poses, weights), dtype=np.float64)
 
 

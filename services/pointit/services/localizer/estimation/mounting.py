@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pointit.services.localizer.estimation.angular_residuals import Array, Complex, Rays, misses
+from pointit.services.localizer.estimation.angular_residuals import Array, Complex, Rays, angular_errors
 from pointit.services.localizer.estimation.estimator import solve
-from pointit.services.localizer.estimation.levenberg_marquardt import descend
+from pointit.services.localizer.estimation.levenberg_marquardt import minimize
 from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks
-from pointit.services.localizer.estimation.solution import Refusal, Solution, Trust
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 LEAST_SLOPE = 0.5
 """Halfway between a sensor along the arm and one across."""
@@ -64,7 +64,7 @@ class Slope:
         """Return True if the sensor is not along the arm for sure; few pointings need a wider margin."""
         return self.value + (1.0 + 6.0 / self.freedom) * self.sigma < LEAST_SLOPE
 
-    def follows(self, trust: Trust) -> bool:
+    def follows(self, trust: SolverSettings) -> bool:
         """Return True if the azimuths show by themselves that the arm follows the robot."""
         return self.freedom >= FOLLOWS_FREEDOM and self.sideways_rad <= FOLLOWS * trust.ray_sigma_rad
 
@@ -74,7 +74,9 @@ class Slope:
         return self.value - DOUBT_SIGMAS * self.sigma < LEAST_SLOPE and self.sigma < LARGEST_SIGMA
 
 
-def mounting_fault(pointings: Pointings, result: Solution | Refusal, trust: Trust, floor_m: float) -> str:
+def mounting_fault(
+    pointings: Pointings, result: Solution | Refusal, trust: SolverSettings, floor_m: float
+) -> str:
     """Return what is wrong with the sensor's mounting, one sentence, or "" if nothing can be told.
 
     A wrong mounting may also be why the rays miss, so rays that were refused are examined too if their
@@ -116,7 +118,9 @@ def mounting_fault(pointings: Pointings, result: Solution | Refusal, trust: Trus
     return ""
 
 
-def mounting_slope(pointings: Pointings, solution: Solution, trust: Trust, floor_m: float) -> Slope | None:
+def mounting_slope(
+    pointings: Pointings, solution: Solution, trust: SolverSettings, floor_m: float
+) -> Slope | None:
     """Return the slope by least squares, or None if the target's elevation hardly changes or is not known.
 
     Args:
@@ -134,8 +138,8 @@ def mounting_slope(pointings: Pointings, solution: Solution, trust: Trust, floor
     weights = trust.weights()
     weights = replace(weights, sigma_rad=weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]]))
     start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad, solution.z_m]])
-    pose = descend(rays, start, weights).poses[0]
-    turned: Complex = np.exp(1j * float(pose[2])) * rays.origins * np.conj(rays.back)
+    pose = minimize(rays, start, weights).poses[0]
+    turned: Complex = np.exp(1j * float(pose[2])) * rays.origins * np.conj(rays.inverse_azimuth)
     eyes = complex(float(pose[0]), float(pose[1])) + turned
     seen: Array = np.arctan2(rays.heights - pose[4], np.abs(rays.targets - eyes))
     seen -= seen.mean()
@@ -145,7 +149,7 @@ def mounting_slope(pointings: Pointings, solution: Solution, trust: Trust, floor
     measured: Array = rays.elevations_rad - rays.elevations_rad.mean()
     value = float(np.mean(seen * measured)) / spread_rad**2
     scatter_rad = float(np.sqrt(np.mean((measured - value * seen) ** 2)))
-    left, _ = misses(rays, pose[None])
+    left, _ = angular_errors(rays, pose[None])
     return Slope(
         value,
         scatter_rad / (spread_rad * math.sqrt(freedom)),

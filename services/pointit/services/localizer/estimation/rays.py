@@ -13,7 +13,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, PointingRay
 from pointit.services.localizer.estimation.angular_residuals import Array
-from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation.estimator import SolverSettings
 
 LEAST_BIAS_SIGMA_RAD = math.radians(1.0)
 """Nobody's elevation is known better, whatever a calibration says: people scatter by it (pointing.md §3)."""
@@ -42,7 +42,7 @@ def origins(rays: Sequence[PointingRay]) -> Array:
     return np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3)
 
 
-def believed(trust: Trust, rays: Iterable[PointingRay]) -> Trust:
+def believed(trust: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
     """Return `trust` with what the calibration of the person says about their elevation.
 
     Only where every ray is of a calibrated person; the largest sigma counts.

@@ -7,11 +7,11 @@ import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array
 from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE, Weights
-from pointit.services.localizer.estimation.uncertainty import Doubt
+from pointit.services.localizer.estimation.uncertainty import NoiseModel
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trust:
+class SolverSettings:
     """What is believed before, and demanded after."""
 
     ray_sigma_rad: float = math.radians(2.0)
@@ -44,7 +44,7 @@ class Trust:
     trims: bool = True
     """Whether rays that miss by more may be tried again without the worst of them."""
 
-    def trimmed(self, share: float) -> "Trust":
+    def trimmed(self, share: float) -> "SolverSettings":
         """Return what is demanded of rays without the worst, whose rms is `share` of that of all."""
         return replace(
             self,
@@ -59,10 +59,10 @@ class Trust:
         prior[3], prior[4] = self.bias_sigma_rad**-2, max(self.height_sigma_m, 1e-4) ** -2
         return Weights(sigma_rad=np.array([[self.ray_sigma_rad], [self.elevation_sigma_rad]]), prior=prior)
 
-    def doubt(self, *, is_still: bool) -> Doubt:
+    def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return what is believed about errors, the targets standing still or not."""
         sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
-        return Doubt(
+        return NoiseModel(
             sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
             independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
             body_sigma_m=self.body_sigma_m,
@@ -97,7 +97,7 @@ class Solution:
     """How much higher the eyes are than the body measures say; the floor's height if that was left free."""
     z_sigma_m: float = 0.0
     bias_sigma_rad: float = 0.0
-    rival: float = 0.0
+    alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     late: Array = field(default_factory=lambda: np.zeros((3, 3)))
     """3 x 3: the part of `covariance` that comes from the uncertain latency of what tracks the target."""

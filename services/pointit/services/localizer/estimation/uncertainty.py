@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays, residuals
-from pointit.services.localizer.estimation.levenberg_marquardt import Weights, pull
+from pointit.services.localizer.estimation.levenberg_marquardt import Weights, huber_weight
 from pointit.services.localizer.estimation.sample_blocks import Blocks
 
 BELIEF = 4.0
@@ -34,7 +34,7 @@ VAGUE = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Doubt:
+class NoiseModel:
     """What is believed about the errors of pointing."""
 
     sigma_rad: Array
@@ -49,7 +49,7 @@ class Doubt:
     """Standard deviation of the delay between rays and target reports that have equal stamps, s."""
 
 
-def independent(blocks: Blocks, rate_hz: float) -> Array:
+def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
     """Return how many independent pointings each block is worth, m; a hold is worth one at least."""
     worth = np.maximum(1.0, rate_hz * blocks.held_s)
     hold = blocks.hold.astype(np.intp)
@@ -57,7 +57,7 @@ def independent(blocks: Blocks, rate_hz: float) -> Array:
 
 
 def covariance(
-    rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: Doubt, *, velocities_mps: Array
+    rays: Rays, pose: Array, worth: Array, weights: Weights, doubt: NoiseModel, *, velocities_mps: Array
 ) -> tuple[Array, Array]:
     """Return the covariance (5 x 5) of `pose`, `VAGUE` where nothing is known, and the latency's part of it.
 
@@ -67,7 +67,7 @@ def covariance(
     Args:
         rays: m blocks.
         pose: where the descent ended, 5.
-        worth: of each block, see `independent`.
+        worth: of each block, see `effective_samples`.
         weights: for the priors.
         doubt: about the errors of pointing.
         velocities_mps: of the targets, m x 3.
@@ -76,7 +76,7 @@ def covariance(
     flat = jacobian.reshape(PARAMETERS, -1)
     # what the descent did with an error of a ray, and how large such errors are
     sizes = np.hypot(*(angles / weights.sigma_rad))
-    weighted = flat * (pull(sizes) / weights.sigma_rad**2).ravel()
+    weighted = flat * (huber_weight(sizes) / weights.sigma_rad**2).ravel()
     answer, untold = _inverse(weighted @ flat.T + np.diag(weights.prior))
     told = max(float(worth.sum()) - 2.0, 0.0)  # two of the four that are sought are told by each angle
     squares = (worth * np.minimum(angles**2, (GROSS * doubt.sigma_rad[:, None]) ** 2)).sum(axis=1)
@@ -85,8 +85,8 @@ def covariance(
     variance = np.maximum(variance, (LEAST * doubt.sigma_rad) ** 2)
     scattered = (weighted * (variance[:, None] / worth).ravel()) @ weighted.T
     out = answer @ (scattered + np.diag(weights.prior)) @ answer
-    cos_az, sin_az = rays.back.real, -rays.back.imag
-    cos_el, sin_el = rays.tilt.real, rays.tilt.imag
+    cos_az, sin_az = rays.inverse_azimuth.real, -rays.inverse_azimuth.imag
+    cos_el, sin_el = rays.elevation_phasor.real, rays.elevation_phasor.imag
     # a constant shift of the finger forwards, or to the left, turns each ray by so much
     turned = np.stack([-sin_az, cos_az])
     lifted = -sin_el * np.stack([cos_az, sin_az])

@@ -11,13 +11,13 @@ from typing import ClassVar, Literal
 from pointit.schemas import Lamp
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.outputs import Judged, Output
+from pointit.services.localizer.outputs import AnchorOutcome, Output
 from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 
 
 @dataclass(frozen=True, kw_only=True)
-class Steadiness:
+class SteadinessLimits:
     """What makes a hold an anchor."""
 
     max_spread_rad: float = math.radians(3.0)
@@ -33,9 +33,9 @@ class Anchoring(LampProcedure):
     def __init__(
         self,
         lamp: Lamp,
-        judge: Callable[[Lamp, Mean, str, int], Judged],
+        judge: Callable[[Lamp, Mean, str, int], AnchorOutcome],
         timing: Timing | None = None,
-        steadiness: Steadiness | None = None,
+        steadiness: SteadinessLimits | None = None,
         *,
         occupies: Iterable[str] = (),
     ) -> None:
@@ -49,7 +49,7 @@ class Anchoring(LampProcedure):
             steadiness: what is demanded.
             occupies: ids of the lamps that nobody else may use meanwhile, besides `lamp`.
         """
-        self._steadiness = steadiness if steadiness is not None else Steadiness()
+        self._steadiness = steadiness if steadiness is not None else SteadinessLimits()
         super().__init__((lamp.id, *occupies), timing, self._steadiness.min_samples, "ask again")
         self._target = lamp
         self._judge = judge
@@ -88,4 +88,4 @@ class Anchoring(LampProcedure):
         ]
 
     def _share(self, now_ns: int) -> float:
-        return self._hold.share(now_ns)
+        return self._hold.progress(now_ns)

@@ -6,7 +6,7 @@ BACK_NS = NS_PER_S
 """Steps back that are smaller are waited for."""
 
 
-class SetBack:
+class ClockStepDetector:
     """Sees the time pass."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ FRESH_S = 2.0
 """A tracker that was heard no longer ago than this gives the pose."""
 
 
-class OutsidePose:
+class ExternalPose:
     """What an external tracker says of the person, and when it came here."""
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class OutsidePose:
         """Return whether the tracker gives the pose."""
         return self.pose is not None and self.age_s(now_ns) <= FRESH_S
 
-    def busy(self, user: str, now_ns: int) -> str:
+    def busy_reason(self, user: str, now_ns: int) -> str:
         """Return why the localizer does not do anything; empty when it may."""
         if not self.is_fresh(now_ns):
             return ""
@@ -48,7 +48,7 @@ class OutsidePose:
         )
 
 
-def stands_back(user: str) -> str:
+def external_pose_message(user: str) -> str:
     """Return why the localizer has stopped."""
     return (
         f"a tracker gives the pose of {user} now and the localizer stands back; stop the tracker to localize"

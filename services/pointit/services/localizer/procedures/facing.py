@@ -26,7 +26,7 @@ STEEPEST_RAD = math.radians(60.0)
 """A steeper arm does not tell a direction."""
 
 
-class Facing:
+class HeadingWindow:
     """Keeps the newest rays."""
 
     def __init__(self, max_spread_rad: float = math.radians(2.0)) -> None:

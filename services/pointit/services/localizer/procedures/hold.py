@@ -81,11 +81,11 @@ class Hold:
         """Return whether it has lasted long enough and `enough` rays came."""
         return self.is_settled and now_ns >= self._end_ns and len(self.rays) >= enough
 
-    def is_hopeless(self, now_ns: int) -> bool:
+    def has_timed_out(self, now_ns: int) -> bool:
         """Return whether waiting for more makes no sense."""
         return now_ns >= self._end_ns + round(self._timing.patience_s * NS_PER_S)
 
-    def share(self, now_ns: int) -> float:
+    def progress(self, now_ns: int) -> float:
         """Return how far it is, 0 to 1."""
         if not self.is_settled:
             return 0.0

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp, Localization, PointingRay
 from pointit.services.localizer.outputs import LampSwitch, Output, Phase
-from pointit.services.localizer.procedures.clock_step import SetBack
+from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.hold import Hold, Timing
 
 
@@ -39,7 +39,7 @@ class LampProcedure(ABC):
         self._holds: list[tuple[Hold, Lamp]] = []
         """Since it was started; the last one goes on."""
         self._told: tuple[str, int] | None = None
-        self._clock = SetBack()
+        self._clock = ClockStepDetector()
 
     @property
     def running(self) -> bool:
@@ -81,7 +81,7 @@ class LampProcedure(ABC):
         hold = self._hold
         if hold.is_over(now_ns, self._fewest):
             return self._held(now_ns)
-        if not hold.is_hopeless(now_ns):
+        if not hold.has_timed_out(now_ns):
             return self._progress(now_ns)
         return self._end(
             now_ns,
@@ -100,14 +100,14 @@ class LampProcedure(ABC):
         """Stop, lamps off, because it cannot go on: the rays are worth nothing."""
         return self._end(now_ns, reason) if self._running else []
 
-    def withdraw(self) -> list[Output]:
+    def stop_silently(self) -> list[Output]:
         """Stop, lamps off, without a word: somebody else has them, and it will begin anew."""
         if not self._running:
             return []
         self._running = False
         return [self._switch(on=False)]
 
-    def again(self, now_ns: int) -> list[Output]:
+    def republish(self, now_ns: int) -> list[Output]:
         """Return what is to be seen and where it stands once more: the lamp may have been switched off."""
         self._told = None
         return [self._switch(on=True), *self._progress(now_ns)] if self._running else []
@@ -177,7 +177,7 @@ class LampProcedure(ABC):
     def _light(self, now_ns: int) -> list[Output]:
         """Begin a hold at the next lamp."""
         self._holds.append((Hold(now_ns, self._timing), self._next_lamp()))
-        return self.again(now_ns)
+        return self.republish(now_ns)
 
     def _set_back(self, by_ns: int, now_ns: int) -> None:
         """Begin the hold anew that goes on; those before stay."""

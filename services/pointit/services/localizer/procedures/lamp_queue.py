@@ -40,7 +40,7 @@ class _Heard:
     """Whether they wait or point; else it is over."""
 
 
-class Turns:
+class LampQueue:
     """What is heard of other people's localizations."""
 
     def __init__(self, user: str = "") -> None:
@@ -48,7 +48,7 @@ class Turns:
         self._heard: dict[str, _Heard] = {}
         """The longest unheard first."""
 
-    def hear(self, user: str, news: Localization, now_ns: int) -> bool:
+    def on_localization(self, user: str, news: Localization, now_ns: int) -> bool:
         """Take what `user`'s localizer says; return whether a localization of theirs has ended with it."""
         before = self._heard.pop(user, None)
         if news.phase == "idle":  # a new localizer: what the old one did is over
@@ -88,7 +88,9 @@ class Turns:
         pointing = [user for _, user in self.pointing(lamps, now_ns)]
         return (*pointing, *(user for _, user in self._waiting(lamps, since_ns, now_ns)))
 
-    def first(self, lamps: Collection[str], since_ns: int, begun_ns: int, now_ns: int) -> tuple[str, ...]:
+    def must_yield_to(
+        self, lamps: Collection[str], since_ns: int, begun_ns: int, now_ns: int
+    ) -> tuple[str, ...]:
         """Return to whom our person must leave `lamps`, at which they point since `begun_ns`; mostly nobody.
 
         They are wanted since `since_ns`. Of two who point, who asked later yields; and who has only just
@@ -126,7 +128,7 @@ class Turns:
         return any(lamp in lamps for other in others if other is not None for lamp in other.lamps)
 
 
-def too_long(user: str, ahead: Collection[str], limit_s: float) -> str:
+def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> str:
     """Return why `user` waits no longer."""
     who = ", ".join(ahead) or "nobody"
     return (

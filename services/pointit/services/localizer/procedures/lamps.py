@@ -7,13 +7,13 @@ import numpy as np
 
 from pointit.schemas import Environment, Lamp
 from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 MOST_NAMED = 4
 """Of more lamps a sentence names the first ones."""
 
 
-def usable(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Refusal:
+def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Refusal:
     """Return the lamps called `wanted`, in that order, or all when none are named; or why that cannot be."""
     if room is None:
         return Refusal("there is no map yet; start pui, which publishes it")
@@ -27,8 +27,8 @@ def usable(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Re
     return [known[lamp_id] for lamp_id in wanted] if wanted else list(known.values())
 
 
-def for_a_pose(
-    room: Environment | None, wanted: tuple[str, ...], choice: Choice | None = None
+def lamps_for_pose(
+    room: Environment | None, wanted: tuple[str, ...], choice: TargetPlan | None = None
 ) -> list[Lamp] | Refusal:
     """Return lamps of which those that are lit can tell a pose, or why there are none.
 
@@ -37,10 +37,10 @@ def for_a_pose(
         wanted: ids; empty: all of the map.
         choice: which of them are lit; none: all.
     """
-    lamps = usable(room, wanted)
+    lamps = select_lamps(room, wanted)
     if isinstance(lamps, Refusal):
         return lamps
-    used = choice.used(lamps) if choice is not None else lamps
+    used = choice.usable(lamps) if choice is not None else lamps
     needs = "pointing at lamps needs two at different places"
     if len(used) < 2:
         name = "" if room is None else room.name
@@ -56,7 +56,7 @@ def for_a_pose(
     return lamps
 
 
-def change(lamps: Sequence[Lamp], room: Environment) -> str:
+def map_change_reason(lamps: Sequence[Lamp], room: Environment) -> str:
     """Return what became of `lamps` on a new map, as in `lamp a left`; empty when all are where they were."""
     places = {lamp.id: lamp.position_m for lamp in room.lamps}
     for lamp in lamps:
@@ -76,9 +76,9 @@ def _named(lamps: Sequence[Lamp]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def for_an_anchor(room: Environment | None, wanted: tuple[str, ...], asked: str) -> list[Lamp] | Refusal:
+def lamp_for_anchor(room: Environment | None, wanted: tuple[str, ...], asked: str) -> list[Lamp] | Refusal:
     """Return the lamp that was `asked` for, or those to choose from; or why there is none."""
-    lamps = usable(room, (asked,) if asked else wanted)
+    lamps = select_lamps(room, (asked,) if asked else wanted)
     if isinstance(lamps, Refusal):
         return (
             Refusal(lamps.reason.replace("; correct `lamps`", "; ask for one of those")) if asked else lamps

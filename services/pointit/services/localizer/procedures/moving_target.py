@@ -7,11 +7,15 @@ import math
 from dataclasses import dataclass, replace
 
 from pointit.schemas import NS_PER_S, Candidate, Localization, PointingRay, TrackedObjects
-from pointit.services.localizer.estimation.estimator import Refusal, Solution, Trust, solve
+from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings, solve
 from pointit.services.localizer.estimation.mounting import mounting_fault
-from pointit.services.localizer.outputs import Floor, Output, Phase, extent, pose_message
-from pointit.services.localizer.procedures.clock_step import SetBack
-from pointit.services.localizer.procedures.target_disambiguation import Fit, Meant, probable
+from pointit.services.localizer.outputs import Floor, Output, Phase, finite_or_none, pose_message
+from pointit.services.localizer.procedures.clock_step import ClockStepDetector
+from pointit.services.localizer.procedures.target_disambiguation import (
+    Fit,
+    TargetDisambiguator,
+    rank_by_posterior,
+)
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
 
 ROBOT = "robot"
@@ -67,7 +71,7 @@ class MovingTarget:
     _rays: RayWindow
     _tracks: dict[tuple[str, str], Track]
     """By tracker and id, those that were reported last at the end."""
-    _meant: Meant
+    _meant: TargetDisambiguator
     _fits: list[Fit]
     """Of the last try, the best first."""
     _solution: Solution | None
@@ -87,13 +91,17 @@ class MovingTarget:
     """Time of pointing in the window at the last try."""
 
     def __init__(
-        self, following: Following | None = None, trust: Trust | None = None, *, floor: Floor | None = None
+        self,
+        following: Following | None = None,
+        trust: SolverSettings | None = None,
+        *,
+        floor: Floor | None = None,
     ) -> None:
         self._following = following if following is not None else Following()
-        self._trust = trust if trust is not None else Trust()
+        self._trust = trust if trust is not None else SolverSettings()
         self._floor = floor if floor is not None else Floor()
         self._running = False
-        self._clock = SetBack()
+        self._clock = ClockStepDetector()
         self._clear(0)
 
     @property
@@ -176,7 +184,7 @@ class MovingTarget:
         self._clock.begin(now_ns)
         self._rays = RayWindow(self._following.window_s)
         self._tracks = {}
-        self._meant = Meant(self._following.target_id)
+        self._meant = TargetDisambiguator(self._following.target_id)
         self._fits = []
         self._solution = None
         self._heard_ns = self._tried_ns = -1
@@ -200,7 +208,7 @@ class MovingTarget:
             return Refusal("the robot is not tracked any more; see what tracks it")
         independent = 1.0 + trust.independent_hz * self._span_s
         results = [(object_id, each) for object_id, _, each in solved]
-        self._fits = probable(results, independent, trust.ray_sigma_rad)
+        self._fits = rank_by_posterior(results, independent, trust.ray_sigma_rad)
         result = self._meant.choose(self._fits)
         if self._surest is not None:  # who points elsewhere now has no other mounting than before
             return result
@@ -218,7 +226,7 @@ class MovingTarget:
             if is_left and track.newest_ns < oldest_ns:
                 del self._tracks[key]
 
-    def _solve(self, key: tuple[str, str], track: Track, trust: Trust) -> Solution | Refusal:
+    def _solve(self, key: tuple[str, str], track: Track, trust: SolverSettings) -> Solution | Refusal:
         tracker, robot = key
         fault = track.fault(robot, tracker, self._heard_ns)
         track.is_reported = False
@@ -279,8 +287,8 @@ class MovingTarget:
             progress=share if progress is None else progress,
             residual_rad=residual_rad,
             reason=reason,
-            position_sigma_m=None if solution is None else extent(solution.position_sigma_m),
-            yaw_sigma_rad=None if solution is None else extent(solution.yaw_sigma_rad),
+            position_sigma_m=None if solution is None else finite_or_none(solution.position_sigma_m),
+            yaw_sigma_rad=None if solution is None else finite_or_none(solution.yaw_sigma_rad),
             candidates=tuple(
                 Candidate(object_id=fit.object_id, probability=fit.probability)
                 for fit in sorted(several, key=lambda fit: -fit.probability)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.angular_residuals import Array
-from pointit.services.localizer.estimation.estimator import Trust
+from pointit.services.localizer.estimation.estimator import SolverSettings
 
 EYES_M = 1.64
 """Height of the eyes over the floor before a ray has told it."""
@@ -34,11 +34,11 @@ VAGUE_M = 10.0
 VAGUE_RAD = math.pi
 """One sigma of a pose that nothing has told yet."""
 
-_TRUST = Trust()
+_TRUST = SolverSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Acuity:
+class ObservationModel:
     """How well a hold tells where a target is seen."""
 
     ray_sigma_rad: float = _TRUST.act_sigma_rad
@@ -55,7 +55,7 @@ class Acuity:
     """Over the floor."""
 
 
-def information(targets_m: Array, eyes_m: Array, acuity: Acuity) -> Array:
+def fisher_information(targets_m: Array, eyes_m: Array, acuity: ObservationModel) -> Array:
     """Return what one hold at each target tells about (x, y, yaw, bias).
 
     Args:
@@ -84,7 +84,7 @@ def information(targets_m: Array, eyes_m: Array, acuity: Acuity) -> Array:
     return told
 
 
-def knowledge(information_of_pose: Array) -> Array:
+def log_det_information(information_of_pose: Array) -> Array:
     """Return -log det of the covariance of (x, y, yaw), the elevation bias being unknown too.
 
     Args:
@@ -97,7 +97,7 @@ def knowledge(information_of_pose: Array) -> Array:
 def next_target(
     lamps_m: Sequence[Vec3],
     visits: Sequence[int],
-    acuity: Acuity,
+    acuity: ObservationModel,
     *,
     floor_m: float = 0.0,
     place_m: tuple[float, float] | None = None,
@@ -116,21 +116,21 @@ def next_target(
     lamps, counts = np.array(lamps_m, dtype=np.float64), np.array(visits)
     places = _room(lamps) if place_m is None else np.array([place_m])
     eyes = np.column_stack([places, np.full(len(places), floor_m + acuity.eyes_m)])
-    told = information(lamps, eyes, acuity)
+    told = fisher_information(lamps, eyes, acuity)
     sofar = np.einsum("n,pnij->pij", counts, told) + prior(acuity)
     after = sofar[:, None] + told  # places x lamps
     if not counts.any():  # of the best pair, the one that tells more by itself
-        pairs = knowledge(after[:, :, None] + told[:, None, :]).mean(axis=0)
+        pairs = log_det_information(after[:, :, None] + told[:, None, :]).mean(axis=0)
         np.fill_diagonal(pairs, -np.inf)
         best = np.unravel_index(int(np.argmax(pairs)), pairs.shape) if len(lamps) > 1 else (0, 0)
-        alone = knowledge(after).mean(axis=0)
+        alone = log_det_information(after).mean(axis=0)
         return int(max(sorted(int(index) for index in best), key=lambda index: float(alone[index])))
-    worth = knowledge(after).mean(axis=0)
+    worth = log_det_information(after).mean(axis=0)
     fewest = counts == counts.min()
     return int(np.argmax(np.where(fewest, worth, -np.inf)))
 
 
-def prior(acuity: Acuity) -> Array:
+def prior(acuity: ObservationModel) -> Array:
     """Return what is known of (x, y, yaw, bias) before any pointing, as information (4 x 4)."""
     return np.diag([VAGUE_M**-2, VAGUE_M**-2, VAGUE_RAD**-2, acuity.bias_sigma_rad**-2])
 
@@ -149,7 +149,7 @@ def best_for_yaw(
     lamps_m: Sequence[Vec3],
     place_m: tuple[float, float],
     covariance: Array,
-    acuity: Acuity,
+    acuity: ObservationModel,
     *,
     floor_m: float = 0.0,
 ) -> int:
@@ -167,7 +167,7 @@ def best_for_yaw(
     """
     lamps = np.array(lamps_m, dtype=np.float64)
     eyes = np.array([[*place_m, floor_m + acuity.eyes_m]])
-    told: Array = information(lamps, eyes, acuity)[0][:, :3, :3]
+    told: Array = fisher_information(lamps, eyes, acuity)[0][:, :3, :3]
     left = np.linalg.solve(np.eye(3) + covariance @ told, np.broadcast_to(covariance, told.shape))
     near: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
     return (

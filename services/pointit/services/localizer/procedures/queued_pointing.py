@@ -10,7 +10,7 @@ from typing import Literal
 from pointit.schemas import NS_PER_S, Localization
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Phase
-from pointit.services.localizer.procedures.clock_step import SetBack
+from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 
 Make = Callable[[int], LampProcedure | Refusal]
@@ -19,7 +19,7 @@ cannot be."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class PointingRequest:
     """To point at lamps."""
 
     make: Make
@@ -27,24 +27,24 @@ class Wish:
     """When it was asked for: the order of the queue."""
 
 
-class Waiting:
+class QueuedPointing:
     """A place in the queue; it lights nothing."""
 
-    def __init__(self, wish: Wish, procedure: LampProcedure, now_ns: int, limit_s: float) -> None:
+    def __init__(self, wish: PointingRequest, procedure: LampProcedure, now_ns: int, limit_s: float) -> None:
         self.wish = wish
         self.lamp_ids = procedure.lamp_ids
         self.ahead: tuple[str, ...] = ()
         """Who was before them when that was said last."""
         self.purpose: Literal["pose", "anchor"] = procedure.PURPOSE
         self._until_ns = now_ns + round(limit_s * NS_PER_S)
-        self._clock = SetBack()
+        self._clock = ClockStepDetector()
         self._clock.begin(now_ns)
 
     def is_too_long(self, now_ns: int) -> bool:
         """Return whether the limit is reached; call it often, as clocks may be set back."""
         if back_ns := self._clock.by_ns(now_ns):
             self._until_ns -= back_ns
-            self.wish = Wish(self.wish.make, max(0, self.wish.since_ns - back_ns))
+            self.wish = PointingRequest(self.wish.make, max(0, self.wish.since_ns - back_ns))
         return now_ns >= self._until_ns
 
     def say(self, ahead: tuple[str, ...], now_ns: int) -> Localization:

@@ -13,12 +13,18 @@ import numpy as np
 
 from pointit.schemas import NS_PER_S, Lamp, PointingRay
 from pointit.services.localizer.estimation import rays as ray_math
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, Trust, solve
-from pointit.services.localizer.outputs import Floor, Output, extent, pose_message
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
+from pointit.services.localizer.outputs import Floor, Output, finite_or_none, pose_message
 from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
-from pointit.services.localizer.procedures.next_target import EYES_M, Acuity, next_target
-from pointit.services.localizer.procedures.target_plan import Choice
+from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
+from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 FEWEST = 2
 """Lamps before a pose can be tried."""
@@ -34,17 +40,17 @@ class StaticTargets(LampProcedure):
         self,
         lamps: Sequence[Lamp],
         timing: Timing | None = None,
-        trust: Trust | None = None,
-        choice: Choice | None = None,
+        trust: SolverSettings | None = None,
+        choice: TargetPlan | None = None,
         *,
         floor: Floor | None = None,
     ) -> None:
         """Take the lamps in the order in which they are lit, at least one."""
         self._lamps = tuple(lamps)
-        self._trust = trust if trust is not None else Trust()
-        self._choice = choice if choice is not None else Choice()
+        self._trust = trust if trust is not None else SolverSettings()
+        self._choice = choice if choice is not None else TargetPlan()
         self._floor = floor if floor is not None else Floor()
-        self._most = self._choice.most(len(self._lamps))
+        self._most = self._choice.max_holds(len(self._lamps))
         shared = self._most if self._choice.order == "given" or self._choice.targets else FEWEST
         super().__init__(
             (lamp.id for lamp in lamps), timing, -(-self._trust.min_samples // shared), "start again"
@@ -54,7 +60,7 @@ class StaticTargets(LampProcedure):
     @property
     def targets(self) -> Sequence[Lamp]:
         """Return the lamps that are, were or may be pointed at."""
-        return self._choice.used(self._lamps)
+        return self._choice.usable(self._lamps)
 
     @property
     def times_ns(self) -> tuple[int, int]:
@@ -77,7 +83,7 @@ class StaticTargets(LampProcedure):
         if self._choice.order == "given":
             return self._lamps[len(self._holds)]
         trust, rays, solution = self._trust, self._rays, self._solution
-        acuity = Acuity(
+        acuity = ObservationModel(
             ray_sigma_rad=trust.act_sigma_rad,
             elevation_sigma_rad=trust.elevation_sigma_rad,
             bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
@@ -105,7 +111,7 @@ class StaticTargets(LampProcedure):
         result = self._solve(self._trust) if count >= FEWEST else None
         sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
-        before, self._lacking = self._lacking, self._choice.lack(self._solution)
+        before, self._lacking = self._lacking, self._choice.uncertainty_ratio(self._solution)
         if result is None or (count < self._most and self._goes_on(result, before)):
             return [off, *self._light(now_ns)]
         return self._finish(now_ns, result)
@@ -121,7 +127,7 @@ class StaticTargets(LampProcedure):
         is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
         return self._lacking > 1.0 and (is_new or self._lacking < WORTHWHILE * before)
 
-    def _solve(self, trust: Trust) -> Solution | Refusal:
+    def _solve(self, trust: SolverSettings) -> Solution | Refusal:
         rays = self._rays
         targets = [lamp.position_m for hold, lamp in self._holds for _ in hold.rays]
         stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
@@ -144,20 +150,20 @@ class StaticTargets(LampProcedure):
         ]
 
     def _share(self, now_ns: int) -> float:
-        return (len(self._holds) - 1 + self._hold.share(now_ns)) / self._count
+        return (len(self._holds) - 1 + self._hold.progress(now_ns)) / self._count
 
     @property
     def _count(self) -> int:
-        return max(len(self._holds), self._choice.planned(len(self._lamps)))
+        return max(len(self._holds), self._choice.expected_holds(len(self._lamps)))
 
     @property
     def _sigmas(self) -> tuple[float | None, float | None]:
         solution = self._solution
         if solution is None:
             return None, None
-        return extent(solution.position_sigma_m), extent(solution.yaw_sigma_rad)
+        return finite_or_none(solution.position_sigma_m), finite_or_none(solution.yaw_sigma_rad)
 
 
-def _lax(trust: Trust) -> Trust:
+def _lax(trust: SolverSettings) -> SolverSettings:
     """Return `trust` for a pose so far: how uncertain it is does not matter."""
     return replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)

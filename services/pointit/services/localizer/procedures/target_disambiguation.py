@@ -23,7 +23,7 @@ class Fit:
     """That this one is meant, of all there are."""
 
 
-def probable(
+def rank_by_posterior(
     results: Sequence[tuple[str, Solution | Refusal]], independent: float, ray_sigma_rad: float
 ) -> list[Fit]:
     """Return the fits with their probabilities, the best first; none is likelier beforehand.
@@ -55,7 +55,7 @@ def probable(
     return sorted(fits, key=_worth)
 
 
-class Meant:
+class TargetDisambiguator:
     """Decides, and keeps to what was decided until another robot is clearly meant."""
 
     def __init__(self, object_id: str = "") -> None:

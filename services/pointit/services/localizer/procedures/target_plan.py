@@ -13,7 +13,7 @@ ROUNDS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class TargetPlan:
     """Which lamps are lit, in which order, and when it is enough."""
 
     order: Literal["given", "informative"] = "given"
@@ -23,21 +23,21 @@ class Choice:
     yaw_sigma_rad: float = math.radians(7.0)
     """In informative order without a number it ends when the pose is as certain as this, 1 sigma."""
 
-    def most(self, lamps: int) -> int:
+    def max_holds(self, lamps: int) -> int:
         """Return how many holds there are at most with so many lamps."""
         if self.order == "given":
             return min(self.targets, lamps) if self.targets else lamps
         return self.targets or ROUNDS * lamps
 
-    def used(self, lamps: Sequence[Lamp]) -> Sequence[Lamp]:
+    def usable(self, lamps: Sequence[Lamp]) -> Sequence[Lamp]:
         """Return those of `lamps` that may be lit."""
-        return lamps[: self.most(len(lamps))] if self.order == "given" else lamps
+        return lamps[: self.max_holds(len(lamps))] if self.order == "given" else lamps
 
-    def planned(self, lamps: int) -> int:
+    def expected_holds(self, lamps: int) -> int:
         """Return how many holds a person should expect."""
-        return self.targets or lamps if self.order == "informative" else self.most(lamps)
+        return self.targets or lamps if self.order == "informative" else self.max_holds(lamps)
 
-    def lack(self, solution: Solution | None) -> float:
+    def uncertainty_ratio(self, solution: Solution | None) -> float:
         """Return how many times too uncertain a pose is: 1 is sure enough, infinite is none."""
         if solution is None:
             return math.inf

@@ -9,7 +9,7 @@ from pointit.schemas import NS_PER_S, PointingRay
 from pointit.schemas.base import Vec3
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.angular_residuals import Array
-from pointit.services.localizer.estimation.estimator import Pointings, Trust
+from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings
 
 Stamps = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -63,7 +63,7 @@ class RayWindow:
         rays = self._rays
         return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
 
-    def believed(self, trust: Trust) -> Trust:
+    def believed(self, trust: SolverSettings) -> SolverSettings:
         """Return `trust` with what a calibration of the person says; see `rays.believed`."""
         return ray_math.believed(trust, self._rays)
 

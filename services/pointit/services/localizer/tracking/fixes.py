@@ -21,7 +21,7 @@ def is_exact(pose: UserPose) -> bool:
     return pose.method == "fixed" and not any(pose.covariance)
 
 
-def fix_of(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
+def to_fix(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
     """Return `pose` as it was at `stamp_ns`, with the `covariance` (3 x 3) that it is believed to have."""
     return Fix(
         x_m=pose.position_m[0],

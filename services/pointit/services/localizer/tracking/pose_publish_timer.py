@@ -22,7 +22,7 @@ AHEAD_NS = NS_PER_S
 """Who published a pose further ahead of the time did so before the clock was set back."""
 
 
-class Pace:
+class PosePublishTimer:
     """Remembers what was published."""
 
     def __init__(self) -> None:

@@ -14,15 +14,15 @@ from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftSettings
 from pointit.services.localizer.drift.model import bounded as bounded_covariance
-from pointit.services.localizer.drift.model import positive
-from pointit.services.localizer.drift.rest_detection import Stillness, StillRate
+from pointit.services.localizer.drift.model import nearest_psd
+from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.outputs import Judged, anchor_message, covariance_of, followed
+from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed
 from pointit.services.localizer.tracking.bias import Bias
-from pointit.services.localizer.tracking.fixes import DOUBT, fix_of, is_exact
+from pointit.services.localizer.tracking.fixes import DOUBT, is_exact, to_fix
 from pointit.services.localizer.tracking.health_metrics import figures
-from pointit.services.localizer.tracking.pose_publish_timer import Pace
+from pointit.services.localizer.tracking.pose_publish_timer import PosePublishTimer
 
 HEADING_SIGMA_RAD = math.radians(3.0)
 """One sigma of pointing in a known direction."""
@@ -33,7 +33,7 @@ MEASURED = "a tracker gives the pose, so the anchor tells only how the person po
 """Why an anchor that is well does not set the pose right."""
 
 
-class Tracking:
+class PoseTracker:
     """Knows the pose, from whom it is, and how it changes."""
 
     def __init__(self, settings: DriftSettings | None = None, *, follow: bool | None = None) -> None:
@@ -45,8 +45,8 @@ class Tracking:
         """
         self._settings = settings if settings is not None else DriftSettings()
         self._may_follow = follow
-        self._still = Stillness()
-        self._pace = Pace()
+        self._still = RestDetector()
+        self._pace = PosePublishTimer()
         self._base: UserPose | None = None
         """As it was found or given."""
         self._filter: DriftFilter | None = None
@@ -67,7 +67,7 @@ class Tracking:
         """Return whether the pose changes with time by itself."""
         return self._follows
 
-    def found(self, pose: UserPose, since_ns: int, middle_ns: int, now_ns: int) -> UserPose:
+    def set_localized(self, pose: UserPose, since_ns: int, middle_ns: int, now_ns: int) -> UserPose:
         """Take the pose of a localization; return it as it is to be published.
 
         Args:
@@ -81,7 +81,7 @@ class Tracking:
         self._bias.found(pose.elevation_bias_rad)
         if not self._follows:
             return self._pace.stamped(pose, now_ns)
-        fix = fix_of(pose, covariance_of(pose), middle_ns)
+        fix = to_fix(pose, covariance_of(pose), middle_ns)
         fix = replace(fix, since_ns=since_ns, until_ns=pose.stamp_ns)
         if known is None:
             known = DriftFilter(fix, self._settings)
@@ -90,7 +90,7 @@ class Tracking:
         self._filter, self._is_told = known, True
         return self._message(pose.stamp_ns, now_ns)
 
-    def given_back(self, pose: UserPose, now_ns: int) -> UserPose:
+    def restore(self, pose: UserPose, now_ns: int) -> UserPose:
         """Take a pose that was found once, with its covariance; return it as it is to be published.
 
         Nothing is known of the drift, nor when something told the pose; what was known before is forgotten,
@@ -102,20 +102,20 @@ class Tracking:
         else:
             self._bias.found(pose.elevation_bias_rad)
         if self._follows:
-            fix = replace(fix_of(pose, covariance_of(pose), now_ns), is_anchored=False)
+            fix = replace(to_fix(pose, covariance_of(pose), now_ns), is_anchored=False)
             self._filter, self._is_told = DriftFilter(fix, self._settings), True
         return self._message(now_ns, now_ns)
 
-    def given(self, pose: UserPose, now_ns: int) -> UserPose:
+    def set_exact(self, pose: UserPose, now_ns: int) -> UserPose:
         """Take a pose that is exact because somebody says so; return it as it is to be published."""
         self._take(pose, follow=self._may_follow is True)
         self._bias.given()
         if self._follows:
-            self._filter = DriftFilter(fix_of(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
+            self._filter = DriftFilter(to_fix(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
             self._is_told = True
         return self._pace.stamped(pose, now_ns)
 
-    def outside(self, pose: UserPose) -> None:
+    def set_external(self, pose: UserPose) -> None:
         """Take the pose of a tracker, which is the tracker's to publish."""
         if not self._is_outside:
             self._take(pose, follow=False)
@@ -138,11 +138,11 @@ class Tracking:
             return
         self._rested(self._still.add(orientation_xyzw, stamp_ns), now_ns)
 
-    def disturb(self) -> None:
+    def end_rest(self) -> None:
         """End the present rest, which counts until now: the arm follows something from now on."""
         self._rested(self._still.end())
 
-    def lose_yaw(self, now_ns: int, *, is_restarted: bool) -> UserPose | None:
+    def on_yaw_origin_changed(self, now_ns: int, *, is_restarted: bool) -> UserPose | None:
         """Take that the IMU's yaw origin is another one; return the pose to publish, its yaw unknown.
 
         None where it does not matter: no pose is known, a tracker has it, or it is exact because somebody
@@ -153,15 +153,15 @@ class Tracking:
             is_restarted: the device was switched on anew, so that its drift is unknown, too.
         """
         if is_restarted:
-            self._still = Stillness()
+            self._still = RestDetector()
         else:
-            self.disturb()
+            self.end_rest()
         base = self._base
         if base is None or self._is_outside or (is_exact(base) and not self._follows):
             return None
         if self._filter is None:
-            self._filter = DriftFilter(fix_of(base, covariance_of(base), now_ns), self._settings)
-        self._filter.lose_yaw(now_ns, is_restarted=is_restarted)
+            self._filter = DriftFilter(to_fix(base, covariance_of(base), now_ns), self._settings)
+        self._filter.reset_yaw(now_ns, is_restarted=is_restarted)
         self._is_told = self._has_lost_yaw = True
         return self._message(now_ns, now_ns)
 
@@ -170,28 +170,28 @@ class Tracking:
         """Return whether nothing has told the yaw since the IMU's origin changed."""
         return self._has_lost_yaw
 
-    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "", now_ns: int | None = None) -> Judged:
+    def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "", now_ns: int | None = None) -> AnchorOutcome:
         """Take one pointing at `lamp` and return what became of it.
 
         Args:
             lamp: what was pointed at.
             mean: of the rays.
             wrong: why it must not be taken; empty when it may.
-            now_ns: the time, see `DriftFilter.heed`.
+            now_ns: the time, see `DriftFilter.set_time`.
         """
         if self._filter is not None:
-            self._filter.heed(now_ns)
+            self._filter.set_time(now_ns)
         base = self._base
         if base is None:
             nowhere = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
             result = AnchorResult(accepted=False, reason=NO_POSE)
-            return Judged(anchor_message(lamp, mean, nowhere, result), is_done=False)
+            return AnchorOutcome(anchor_message(lamp, mean, nowhere, result), is_done=False)
         before = self._at(base, mean.stamp_ns)
         is_only_measured = self._is_outside and not wrong
         wrong = MEASURED if is_only_measured else wrong
         # what must not be taken is only measured
         told = self._doubtful(before, mean.stamp_ns) if wrong else self._believing(base, mean.stamp_ns)
-        result = told.anchor(
+        result = told.update_anchor(
             mean.stamp_ns,
             lamp.position_m,
             mean.origin_m,
@@ -205,7 +205,9 @@ class Tracking:
             result = replace(result, accepted=False, reason=wrong)
         elif result.accepted:
             self._believe()
-        return Judged(anchor_message(lamp, mean, before, result), is_done=result.accepted or is_only_measured)
+        return AnchorOutcome(
+            anchor_message(lamp, mean, before, result), is_done=result.accepted or is_only_measured
+        )
 
     def heading(self, mean: Mean, azimuth_rad: float, now_ns: int | None = None) -> AnchorResult:
         """Take that the person points towards `azimuth_rad` in {W}; the time as for an anchor."""
@@ -213,7 +215,9 @@ class Tracking:
         if base is None or self._is_outside:
             return AnchorResult(accepted=False, reason=NO_POSE)
         told = self._believing(base, mean.stamp_ns)
-        result = told.heading(mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD, now_ns=now_ns)
+        result = told.update_heading(
+            mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD, now_ns=now_ns
+        )
         if result.accepted:
             self._believe()
         return result
@@ -243,7 +247,7 @@ class Tracking:
         if self._base is None:
             raise ValueError(NO_POSE)
         now = self._at(self._base, now_ns)
-        covariance = positive(covariance_of(now)) + (0.0 if self._is_told else DOUBT)
+        covariance = nearest_psd(covariance_of(now)) + (0.0 if self._is_told else DOUBT)
         return now.position_m[:2], bounded_covariance(covariance, self._settings)
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
@@ -259,11 +263,11 @@ class Tracking:
         self._filter = None
         self._is_told = self._is_outside = self._has_lost_yaw = False
         self._follows = follow
-        self._still = Stillness()
+        self._still = RestDetector()
 
-    def _rested(self, told: StillRate | None, now_ns: int | None = None) -> None:
+    def _rested(self, told: RestYawRate | None, now_ns: int | None = None) -> None:
         if told is not None and self._filter is not None and self._follows:
-            self._filter.still(
+            self._filter.update_rest_rate(
                 told.stamp_ns,
                 told.yaw_rate_radps,
                 told.sigma_radps,
@@ -279,7 +283,7 @@ class Tracking:
 
     def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
         """Return a filter that believes `pose` only so far."""
-        return DriftFilter(fix_of(pose, covariance_of(pose) + DOUBT, stamp_ns), self._settings)
+        return DriftFilter(to_fix(pose, covariance_of(pose) + DOUBT, stamp_ns), self._settings)
 
     def _believe(self) -> None:
         self._is_told = True
@@ -297,6 +301,6 @@ class Tracking:
         if base is None:
             raise ValueError(NO_POSE)
         if self._filter is not None:
-            self._filter.heed(now_ns)
+            self._filter.set_time(now_ns)
         pose = self._at(base, stamp_ns)
         return self._pace.stamped(pose.model_copy(update={"stamp_ns": max(stamp_ns, 0)}), now_ns)

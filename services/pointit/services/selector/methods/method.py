@@ -8,7 +8,7 @@ LONGEST_S = 10.0
 """To stay on an object, by any method."""
 
 
-def changed(
+def apply_method(
     configured: SelectorConfig, in_use: SelectorConfig, method: Method | None, dwell_s: float | None
 ) -> SelectorConfig:
     """Return what is to be used from now on.

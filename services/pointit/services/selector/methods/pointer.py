@@ -9,7 +9,7 @@ from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.dwell import Dwell
 from pointit.services.selector.methods.gauge import Gauges
-from pointit.services.selector.methods.ray_speed import Steadiness
+from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
 from pointit.services.selector.objects.view import View
 
 SET_BACK_NS = 2 * NS_PER_S
@@ -20,7 +20,7 @@ HISTORY_NS = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class Pointed:
+class PointerResult:
     """What came of one cursor."""
 
     object_id: str | None
@@ -33,7 +33,7 @@ class Pointed:
     """Whether it is enough to be shown: from then on the object is reserved."""
 
 
-class Pointer:
+class PersonPointer:
     """Follows one person's cursors with the configured method."""
 
     def __init__(self, config: SelectorConfig) -> None:
@@ -42,7 +42,7 @@ class Pointer:
         self._sparse_rad = math.radians(gauge.sparse_deg)
         self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
-        self._steadiness = Steadiness(gauge.speed_window_s)
+        self._steadiness = RaySpeedEstimator(gauge.speed_window_s)
         self._set_method(config)
         self.hovered: str | None = None
         """With the last cursor."""
@@ -73,7 +73,7 @@ class Pointer:
 
     def step(
         self, cursor: Cursor, view: View | None, under: str | None, acts: Callable[[str], bool]
-    ) -> Pointed:
+    ) -> PointerResult:
         """Take a timely cursor.
 
         Args:
@@ -95,7 +95,7 @@ class Pointer:
         if pointed.object_id != self._ready:
             self._ready = None
         elif self._ready is not None:
-            pointed = Pointed(pointed.object_id, None, 1.0, is_shown=True)
+            pointed = PointerResult(pointed.object_id, None, 1.0, is_shown=True)
         self._remember(stamp_ns, pointed.object_id)
         return pointed
 
@@ -152,7 +152,7 @@ class Pointer:
 
     def _fill(
         self, cursor: Cursor, view: View | None, under: str | None, acts: Callable[[str], bool]
-    ) -> Pointed:
+    ) -> PointerResult:
         gauge = self._config.gauge
         gauges = self._gauges
         hovered, fills, full_s, near = under, True, gauge.full_s, set[str]()
@@ -168,24 +168,26 @@ class Pointer:
         if hovered is not None and view is not None:
             rate = self._steadiness.rate()
             fills = rate is not None and view.relative_rate(hovered, rate) < self._steady_rad_s
-            if gauge.sparse_full_s != full_s and view.is_lone(self._sparse_rad):
+            if gauge.sparse_full_s != full_s and view.is_isolated(self._sparse_rad):
                 full_s = gauge.sparse_full_s
         fills = fills and hovered is not None and acts(hovered)
         fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, near=near)
         self.hovered = hovered
         if hovered is None:
-            return Pointed(None, fired, 0.0, is_shown=False)
+            return PointerResult(None, fired, 0.0, is_shown=False)
         is_shown = gauges.filled_s(hovered) >= self._config.show_after_s
-        return Pointed(hovered, fired, gauges.fill(hovered) if is_shown else 0.0, is_shown)
+        return PointerResult(hovered, fired, gauges.fill(hovered) if is_shown else 0.0, is_shown)
 
-    def _stay(self, dwell: Dwell, stamp_ns: int, under: str | None, acts: Callable[[str], bool]) -> Pointed:
+    def _stay(
+        self, dwell: Dwell, stamp_ns: int, under: str | None, acts: Callable[[str], bool]
+    ) -> PointerResult:
         fired = dwell.step(stamp_ns, under)
         self.hovered = under
         if under is None or not acts(under):
-            return Pointed(under, fired, 0.0, is_shown=False)
+            return PointerResult(under, fired, 0.0, is_shown=False)
         progress = dwell.progress(under)
         is_shown = progress > 0.0 and progress * self._config.window_s >= self._config.show_after_s
-        return Pointed(under, fired, progress if is_shown else 0.0, is_shown)
+        return PointerResult(under, fired, progress if is_shown else 0.0, is_shown)
 
     def _remember(self, stamp_ns: int, object_id: str | None) -> None:
         history = self._history

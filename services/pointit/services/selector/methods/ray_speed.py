@@ -11,7 +11,7 @@ FEWEST = 2
 """Rays without which there is no speed."""
 
 
-class Steadiness:
+class RaySpeedEstimator:
     """Keeps the last directions of one person's ray and says how fast it turns.
 
     The rays of the window are cut in two halves; the speed is the way from the median direction of the

@@ -22,7 +22,7 @@ class Departures:
         self._missed: dict[str, tuple[int, dict[str, int]]] = {}
         """By object: how long it is waited for, ns, and since when it is missed on each clock."""
 
-    def await_(self, object_ids: Iterable[str], now_ns: int) -> None:
+    def expect(self, object_ids: Iterable[str], now_ns: int) -> None:
         """Wait for `object_ids` to be seen for the first time; `now_ns` is on our own clock."""
         for object_id in object_ids:
             self._missed[object_id] = (self._unseen_ns, {OWN: now_ns})

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-class Lines:
+class LineTable:
     """Polylines one behind the other, each addressed by its number and arc length.
 
     Beyond an end a line goes straight on.

@@ -61,7 +61,7 @@ class _Listing:
         self.free = _InSpace(free, margin_m) if free else None
 
 
-class Whereabouts:
+class ObjectPositions:
     """Knows where every tracker's objects are and which of them a cursor is on."""
 
     def __init__(
@@ -145,7 +145,7 @@ class Whereabouts:
             self._list_objects()
         return ended
 
-    def under(self, cursor: Cursor) -> TrackedObject | None:
+    def hit_test(self, cursor: Cursor) -> TrackedObject | None:
         """Return the object whose centre is nearest to `cursor`, within half its length and the margin.
 
         Objects are moved on with their speed to where they are seen at the cursor's stamp. Those on a strip

@@ -12,8 +12,8 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
-from pointit.services.selector.objects.lines import Lines
-from pointit.services.selector.objects.view import OnLine, Seen, View
+from pointit.services.selector.objects.lines import LineTable
+from pointit.services.selector.objects.view import OnLine, View, VisibleObject
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Scene:
         self._reach_rad = reach_rad
         self._leave_factor = leave_factor
         self._aims_at_cursor = aim == "cursor"
-        self._lines = Lines({})
+        self._lines = LineTable({})
         self._listings: dict[str, TrackedObjects] = {}
         self._set([], [])
 
@@ -75,7 +75,7 @@ class Scene:
                     lines[surface, item.id] = Polyline(item.line_m)
                 except ValueError:
                     continue  # whoever publishes the map complains about it; its objects move straight on
-        self._lines = Lines(lines)
+        self._lines = LineTable(lines)
         self._relist()
 
     def update(self, tracker: str, message: TrackedObjects) -> None:
@@ -88,7 +88,7 @@ class Scene:
         if self._listings.pop(tracker, None) is not None:
             self._relist()
 
-    def look(self, cursor: Cursor) -> View | None:
+    def view_from(self, cursor: Cursor) -> View | None:
         """Return how the objects lie about the ray of `cursor`; none when it has none or nothing is there."""
         direction = cursor.direction
         if cursor.origin_m is None or direction is None or not self._tracked:
@@ -121,7 +121,9 @@ class Scene:
         ]
         return View(direction, seen)
 
-    def _seen(self, index: int, cursor: Cursor, centers_m: Array, angle_rad: float, range_m: float) -> Seen:
+    def _seen(
+        self, index: int, cursor: Cursor, centers_m: Array, angle_rad: float, range_m: float
+    ) -> VisibleObject:
         tracked = self._tracked[index]
         x, y, z = centers_m[index].tolist()
         center_m = (x, y, z)
@@ -142,7 +144,7 @@ class Scene:
             reach = vector.subtract(center_m, cursor.origin_m or center_m)
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
-        return Seen(
+        return VisibleObject(
             tracked.id,
             angle_rad,
             math.atan(half_m * across / range_m),

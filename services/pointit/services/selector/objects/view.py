@@ -24,7 +24,7 @@ class OnLine(NamedTuple):
     line: Polyline
 
 
-class Seen(NamedTuple):
+class VisibleObject(NamedTuple):
     """An object as it is seen along a ray."""
 
     id: str
@@ -45,7 +45,7 @@ class Seen(NamedTuple):
 class View:
     """The objects that are not far from one ray."""
 
-    def __init__(self, direction: Vec3, seen: Sequence[Seen]) -> None:
+    def __init__(self, direction: Vec3, seen: Sequence[VisibleObject]) -> None:
         """Take what is seen along the unit `direction` in {W}."""
         self._direction = direction
         self._seen = {one.id: one for one in seen}
@@ -55,7 +55,7 @@ class View:
 
         `kept` is preferred until another one's angle is smaller by the share `hysteresis`.
         """
-        best: Seen | None = None
+        best: VisibleObject | None = None
         for one in self._seen.values():
             if one.angle_rad <= one.half_rad + snap_rad and (best is None or one.angle_rad < best.angle_rad):
                 best = one
@@ -76,7 +76,7 @@ class View:
             and seen[object_id].angle_rad <= leave_factor * (seen[object_id].half_rad + snap_rad)
         }
 
-    def is_lone(self, within_rad: float) -> bool:
+    def is_isolated(self, within_rad: float) -> bool:
         """Return whether at most one object is within `within_rad` of the ray."""
         return sum(one.angle_rad - one.half_rad < within_rad for one in self._seen.values()) <= 1
 
@@ -143,7 +143,7 @@ class View:
 
 
 def _drawn_along(
-    one: Seen, cursor: Cursor, origin_m: Vec3, snap_rad: float
+    one: VisibleObject, cursor: Cursor, origin_m: Vec3, snap_rad: float
 ) -> tuple[Vec3, float | None] | None:
     place = one.place
     if place is None or cursor.point_m is None:

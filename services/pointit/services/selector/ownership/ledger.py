@@ -67,7 +67,7 @@ class Ledger:
             for object_id, entry in self._entries.items()
         )
 
-    def keeper(self, object_id: str, user: str, now_ns: int) -> str:
+    def blocking_owner(self, object_id: str, user: str, now_ns: int) -> str:
         """Return who keeps `user` from changing `object_id`; empty: nobody."""
         entry = self._entries.get(object_id)
         if entry is None or entry.user == user or self._is_gone(entry.user, now_ns):
@@ -90,7 +90,7 @@ class Ledger:
     ) -> Record:
         """Select or deselect `object_id` for `user`; refused when it is somebody else's who is there."""
         entry = self._entries.get(object_id)
-        keeper = self.keeper(object_id, user, now_ns)
+        keeper = self.blocking_owner(object_id, user, now_ns)
         if entry is not None and keeper:
             reason = f"{entry.kind or 'object'} is selected by {keeper}; only {keeper} can deselect it"
             return self._refuse(

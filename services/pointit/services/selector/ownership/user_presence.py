@@ -6,7 +6,7 @@ AHEAD_NS = NS_PER_S
 """Who was heard of later in the future than this was heard of by a clock that has been set back since."""
 
 
-class Presences:
+class UserPresence:
     """Knows when a person has gone: neither announced nor heard of for some time."""
 
     def __init__(self, ownerless_after_s: float) -> None:
@@ -14,7 +14,7 @@ class Presences:
         self._present: set[str] = set()
         self._heard_ns: dict[str, int] = {}
 
-    def hear(self, user: str, stamp_ns: int) -> None:
+    def on_activity(self, user: str, stamp_ns: int) -> None:
         """Take note that `user` did something."""
         self._heard_ns[user] = stamp_ns
 

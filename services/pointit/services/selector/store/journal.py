@@ -29,7 +29,7 @@ from pointit.services.selector.store.journal_table import (
     record_of,
     row_of,
 )
-from pointit.services.selector.store.writer_lock import SoleWriter
+from pointit.services.selector.store.writer_lock import WriterLock
 
 NS_PER_DAY = 86_400 * NS_PER_S
 ASIDE = "journal.corrupt-"
@@ -47,14 +47,14 @@ RETRY_EVERY_NS = 5 * NS_PER_S
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kept:
+class JournalContents:
     """What a journal holds at the start."""
 
     entries: dict[str, Owned] = field(default_factory=dict[str, Owned])
     """What was selected, by object."""
     events: int = 0
     """Number of the last event that was told or was to be told."""
-    untold: Sequence[Record] = ()
+    unpublished: Sequence[Record] = ()
     """Events of which it is not sure that they were told, the oldest first."""
 
 
@@ -75,7 +75,7 @@ class Journal:
         """What happened at the start; it stays to be seen."""
         self._keep_ns = int(keep_days * NS_PER_DAY)
         self._within_ns = int(restore_within_s * NS_PER_S)
-        self._sole = SoleWriter(folder / "writer.lock")
+        self._sole = WriterLock(folder / "writer.lock")
         self._db: sqlite3.Connection | None = None
         self._pending: list[Record] = []
         self._told = self._told_there = 0
@@ -89,26 +89,26 @@ class Journal:
         """Return what is wrong and what to do, one sentence; empty: nothing."""
         return self._trouble or self._notice
 
-    def begin(self, now_ns: int) -> Kept:
+    def begin(self, now_ns: int) -> JournalContents:
         """Open the file and return what it holds; nothing, with a problem, when that fails."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if not self._sole.take():
+            if not self._sole.acquire():
                 self._notice = (
                     f"another selector writes {self.path}; selections are kept in memory only: "
                     "end one of the two, then restart this one"
                 )
-                return Kept()
+                return JournalContents()
             kept = self._open_or_replace(now_ns)
             self._note_set_aside(now_ns)
         except (OSError, sqlite3.Error) as error:
-            path = self.path if self._sole.is_taken else self._sole.path
+            path = self.path if self._sole.is_held else self._sole.path
             self._notice = (
                 f"{path} cannot be used ({error}); selections are kept in memory only: make room there, or "
                 "make it writable, then restart this one"
             )
             self.close()
-            return Kept()
+            return JournalContents()
         return kept
 
     def add(self, record: Record) -> None:
@@ -122,11 +122,11 @@ class Journal:
             self._write(now_ns, self._pending)
         del self._pending[:-MOST_PENDING]
 
-    def tell(self, seq: int) -> None:
+    def mark_published(self, seq: int) -> None:
         """Take note that the event `seq` was published."""
         self._told = max(self._told, seq)
 
-    def mind(self, now_ns: int, *, is_selected: bool) -> None:
+    def maintain(self, now_ns: int, *, is_selected: bool) -> None:
         """Write down what was published, that we live, and drop what is old; called now and then."""
         lives = is_selected and (self._alive_ns is None or abs(now_ns - self._alive_ns) >= ALIVE_EVERY_NS)
         if (self._pending or lives or self._told != self._told_there) and self._may_write(now_ns):
@@ -137,13 +137,13 @@ class Journal:
         if self._db is not None:
             self._db.close()
             self._db = None
-        self._sole.give_up()
+        self._sole.release()
 
     def _may_write(self, now_ns: int) -> bool:
         """Return whether it is worth trying: not too soon after it failed."""
         return not self._trouble or not 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS
 
-    def _open_or_replace(self, now_ns: int) -> Kept:
+    def _open_or_replace(self, now_ns: int) -> JournalContents:
         try:
             return self._open(now_ns)
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
@@ -168,7 +168,7 @@ class Journal:
                     "the disk"
                 )
 
-    def _open(self, now_ns: int) -> Kept:
+    def _open(self, now_ns: int) -> JournalContents:
         # nobody waits for us yet, and what is not read now is not taken up
         db = self._db = sqlite3.connect(self.path, timeout=READ_BUSY_S, isolation_level=None)
         layout = int(db.execute("PRAGMA user_version").fetchone()[0])
@@ -179,7 +179,7 @@ class Journal:
                 f"{self.path} was written by a newer version; selections are kept in memory only: "
                 "update, or move the file away"
             )
-            return Kept()
+            return JournalContents()
         if db.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
             raise sqlite3.DatabaseError("damaged")
         db.execute("PRAGMA journal_mode = WAL")
@@ -191,7 +191,7 @@ class Journal:
         db.execute(f"PRAGMA busy_timeout = {round(BUSY_S * 1000)}")
         return kept
 
-    def _read(self, db: sqlite3.Connection, now_ns: int) -> Kept:
+    def _read(self, db: sqlite3.Connection, now_ns: int) -> JournalContents:
         life = db.execute("SELECT told, alive_ns FROM life").fetchone()
         told, alive_ns = (0, now_ns) if life is None else life
         if life is None:
@@ -204,13 +204,13 @@ class Journal:
         if abs(now_ns - alive_ns) > self._within_ns:
             self._told = events  # too old to be news
             self._write(now_ns, [_closed(record, now_ns) for record in opened])
-            return Kept(events=events)
+            return JournalContents(events=events)
         untold = [record_of(row) for row in db.execute(UNTOLD, (told,))]
         entries = {
             record.object_id: Owned(record.owner, record.kind, record.since_ns, record.confidence)
             for record in opened
         }
-        return Kept(entries=entries, events=events, untold=untold)
+        return JournalContents(entries=entries, events=events, unpublished=untold)
 
     def _write(self, now_ns: int, records: list[Record]) -> None:
         """Write `records`, what was told and when this was, and empty the list."""

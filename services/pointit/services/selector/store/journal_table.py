@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-from pointit.runtime.config.validation_message import shown
+from pointit.runtime.config.validation_message import format_value
 from pointit.services.selector.outputs import Cause, Record
 
 FILE = "journal.sqlite"
@@ -95,7 +95,7 @@ def record_of(row: tuple[Any, ...]) -> Record:
         or not all(is_count(count) for count in (stamp_ns, since_ns, 0 if seq is None else seq))
         or not (confidence is None or (isinstance(confidence, float) and 0.0 <= confidence <= 1.0))
     ):
-        raise sqlite3.DatabaseError(f"a row is damaged, {shown(row)}")
+        raise sqlite3.DatabaseError(f"a row is damaged, {format_value(row)}")
     return Record(**dict(zip(COLUMNS.split(", "), row, strict=True)))
 
 

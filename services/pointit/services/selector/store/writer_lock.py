@@ -4,7 +4,7 @@ import sqlite3
 from pathlib import Path
 
 
-class SoleWriter:
+class WriterLock:
     """An SQLite file of its own, held in an exclusive transaction: the system frees it with the process.
 
     The journal itself cannot be held so: then nobody could read it.
@@ -15,11 +15,11 @@ class SoleWriter:
         self._db: sqlite3.Connection | None = None
 
     @property
-    def is_taken(self) -> bool:
+    def is_held(self) -> bool:
         """Return whether we hold it."""
         return self._db is not None
 
-    def take(self) -> bool:
+    def acquire(self) -> bool:
         """Take it; return whether that was possible, as nobody else has it.
 
         Raises:
@@ -36,7 +36,7 @@ class SoleWriter:
         self._db = db
         return True
 
-    def give_up(self) -> None:
+    def release(self) -> None:
         """Let others have it."""
         if self._db is not None:
             self._db.close()

@@ -7,7 +7,7 @@ import numpy as np
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.body.postural_noise import Unrest
+from pointit.services.user_sim.body.postural_noise import PosturalNoise
 from pointit.services.user_sim.config import ArmConfig
 from pointit.sim.aim import Aim
 
@@ -15,7 +15,7 @@ State = tuple[float, float, float]
 """Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
 
 
-def fading(start: State, duration_s: float, elapsed_s: float) -> State:
+def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> State:
     """Return the state `elapsed_s` after `start` on the minimum-jerk way to rest at 0.
 
     The quintic that meets position, rate and acceleration at both ends (Hoff and Arbib 1993): a reach may
@@ -58,7 +58,7 @@ class Arm:
         """When `_at` is."""
         self._at = self._start
         self._duration_s = config.reach_base_s
-        self._unrest = Unrest(config, rng, skill)
+        self._unrest = PosturalNoise(config, rng, skill)
 
     @property
     def reached_ns(self) -> int:
@@ -125,7 +125,7 @@ class Arm:
             elapsed_s = (now_ns - self._began_ns) / NS_PER_S
             self._at_ns = now_ns
             self._at = (
-                fading(self._start[0], self._duration_s, elapsed_s),
-                fading(self._start[1], self._duration_s, elapsed_s),
+                minimum_jerk_to_rest(self._start[0], self._duration_s, elapsed_s),
+                minimum_jerk_to_rest(self._start[1], self._duration_s, elapsed_s),
             )
         return self._at

@@ -16,7 +16,7 @@ EASING_S = 0.5
 """How long it takes to become steadier, or less so."""
 
 
-class Unrest:
+class PosturalNoise:
     """Wandering of two axes (noise through two poles) with tremor (tones of 6 to 12 Hz).
 
     With poles of 0.3 and 0.1 s, 62 % of the wandering's variance lie below 0.5 Hz, 23 % up to 1 Hz, 11 % up

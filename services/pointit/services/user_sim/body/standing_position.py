@@ -5,13 +5,13 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.body.arm import fading
+from pointit.services.user_sim.body.arm import minimum_jerk_to_rest
 
 STEP_S = 1.0
 """How long a shift of the weight, or a small step, takes."""
 
 
-class Feet:
+class StandingPosition:
     """Stand about a place: from time to time, at random, a step to another spot near it."""
 
     def __init__(self, place_m: Vec3, sd_m: float, every_s: float, rng: np.random.Generator) -> None:
@@ -37,7 +37,7 @@ class Feet:
             self._began_ns = now_ns
             self._next_ns = self._after(now_ns)
         elapsed_s = max(0, now_ns - self._began_ns) / NS_PER_S
-        left = fading((1.0, 0.0, 0.0), STEP_S, elapsed_s)[0]
+        left = minimum_jerk_to_rest((1.0, 0.0, 0.0), STEP_S, elapsed_s)[0]
         x, y = (spot + left * (old - spot) for old, spot in zip(self._from, self._spot, strict=True))
         return vector.add(self._place_m, (x, y, 0.0))
 

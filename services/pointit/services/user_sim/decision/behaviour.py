@@ -12,10 +12,10 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.belief import Belief
-from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, Goal, on_object
 from pointit.services.user_sim.decision.selecting import Selecting
-from pointit.services.user_sim.sight.object_beliefs import Things
+from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.pixels import Kind
 from pointit.services.user_sim.sight.sight import Sight
 
@@ -29,7 +29,7 @@ FIND_S = 1.0
 """From choosing a lamp or thing until the hand is there, usually."""
 
 
-class Wish(Protocol):
+class Behaviour(Protocol):
     """What a person does while they may point."""
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
@@ -87,10 +87,12 @@ class AlongStrips:
         )
 
 
-class OneAfterTheOther:
+class SequentialTargets:
     """Points at places of its choice, at each for a while."""
 
-    def __init__(self, choose: Callable[[str, int, Sight], Goal | None], hold_s: float, pace: Pace) -> None:
+    def __init__(
+        self, choose: Callable[[str, int, Sight], Goal | None], hold_s: float, pace: DecisionTimes
+    ) -> None:
         """`choose` gives the next goal after the one of the given key at a time."""
         self._choose = choose
         self._hold_s = hold_s
@@ -160,19 +162,21 @@ class Sending:
         return Goal(key=f"place {self._step}", point_m=vector.add(self._place_m, (0.0, 0.0, up_m)))
 
 
-def wish_of(config: UserSimConfig, things: Things, pace: Pace, rng: np.random.Generator) -> Wish:
+def make_behaviour(
+    config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes, rng: np.random.Generator
+) -> Behaviour:
     """Return the wish that `config.behaviour` names."""
     match config.behaviour:
         case "rest":
             return Resting()
         case "lamps":
-            return OneAfterTheOther(next_lamp, config.lamp_hold_s, pace)
+            return SequentialTargets(next_lamp, config.lamp_hold_s, pace)
         case "strips":
             return AlongStrips(config.strip_speed_mps)
         case "random":
-            return OneAfterTheOther(Anything(rng), config.lamp_hold_s, pace)
+            return SequentialTargets(Anything(rng), config.lamp_hold_s, pace)
         case "send":
-            return OneAfterTheOther(Sending(config.position_m, rng), config.lamp_hold_s, pace)
+            return SequentialTargets(Sending(config.position_m, rng), config.lamp_hold_s, pace)
         case "select":
             return Selecting(config, things, pace)
 

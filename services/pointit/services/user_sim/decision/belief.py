@@ -48,7 +48,7 @@ class Belief:
             case _:
                 pass
 
-    def doubt(self, now_ns: int) -> None:
+    def reset(self, now_ns: int) -> None:
         """Take nothing for granted any more: no cursor has been seen for long."""
         self._back = "idle"
         self._enter("idle", now_ns)

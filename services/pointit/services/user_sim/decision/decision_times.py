@@ -10,7 +10,7 @@ UNSKILLED_SHARE = 0.3
 """By which part times shrink from no skill to all of it."""
 
 
-class Pace:
+class DecisionTimes:
     """The times of one person's mind, log-normal about what is usual, and their lapses.
 
     Visual search: a base and a slope per item (Wolfe 1998: 5 to 10 ms where a colour pops out, 20 to 30 ms

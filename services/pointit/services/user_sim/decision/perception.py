@@ -7,7 +7,7 @@ from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.correction import Correction
 from pointit.services.user_sim.decision.goal import Goal
 from pointit.services.user_sim.sight.eyes import SeenCursor, Span
-from pointit.services.user_sim.sight.object_beliefs import Things
+from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 ROUND = 4
@@ -18,7 +18,7 @@ STILL_S = 0.5
 """A frame that has stood so long still shows what it shows, but no cursor that moves."""
 
 
-class Mind:
+class Perception:
     """Draws what is believed from what is seen and felt."""
 
     def __init__(self, sight: Sight, correction: Correction, period_s: float) -> None:
@@ -30,12 +30,12 @@ class Mind:
         self._looks = 0
         self._frame_ns: int | None = None
         self.belief = Belief()
-        self.things = Things()
+        self.things = ObjectBeliefs()
         self.cursor: SeenCursor | None = None
         """One's own, as last looked for."""
         self._cursor_ns = 0
 
-    def think(self, now_ns: int, goal: Goal) -> None:
+    def update(self, now_ns: int, goal: Goal) -> None:
         """Take in cues, and look at the strips if it is time to."""
         for cue in self._sight.cues:
             self.belief.hear(cue, now_ns)

@@ -17,7 +17,7 @@ GREETING_S = 3.0
 Gesture = Literal["press", "double"]
 
 
-class Press:
+class ButtonModel:
     """The thumb on the button."""
 
     def __init__(self, config: UserSimConfig) -> None:
@@ -93,7 +93,7 @@ class Press:
             return None
         self._in_vain_ns = 0
         self._pressed_ns = now_ns
-        belief.doubt(now_ns)
+        belief.reset(now_ns)
         return self._event(now_ns, "press")
 
     def _anchor(self, now_ns: int, belief: Belief, off_rad: float) -> ButtonEvent | None:

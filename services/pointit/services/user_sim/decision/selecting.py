@@ -5,9 +5,9 @@ import math
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.decision_times import Pace
+from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, Goal, on_object
-from pointit.services.user_sim.sight.object_beliefs import Things
+from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 DWELL_S = 0.8
@@ -23,7 +23,7 @@ class Selecting:
     nearest to the last one. What somebody else has, or is about to have, is left to them.
     """
 
-    def __init__(self, config: UserSimConfig, things: Things, pace: Pace) -> None:
+    def __init__(self, config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes) -> None:
         """Know what is what by `things`."""
         self._kinds = frozenset(config.target_kinds)
         self._things = things

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment, StripsFrame, UserProfile
 from pointit.services.user_sim.sight.colors import DARKEST, OwnColor
-from pointit.services.user_sim.sight.observed_appearance import Looks, UsualLooks
+from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance, UsualLooks
 from pointit.services.user_sim.sight.pixels import Key, Kind, Pixels, ShownLine
 
 LEVEL_SHARE = 0.8
@@ -184,7 +184,7 @@ class Eyes:
                 found = "body"
         return found
 
-    def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> Looks | None:
+    def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> ObservedAppearance | None:
         """Return how a thing of `kind` looks whose middle is at `position_m` of line `key`.
 
         None when the strips do not show enough of it.

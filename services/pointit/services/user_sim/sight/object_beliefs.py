@@ -3,7 +3,7 @@
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.sight.observed_appearance import Looks
+from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance
 
 Status = Literal["free", "mine", "theirs", "taken"]
 
@@ -18,7 +18,7 @@ MOST = 10_000
 """Things that are remembered."""
 
 
-class Things:
+class ObjectBeliefs:
     """Remembers; what is felt counts at once, what is seen once it is sure."""
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Things:
         self._felt_ns[object_id] = now_ns
         self._maybe.pop(object_id, None)
 
-    def see(self, object_id: str, looks: Looks | None, now_ns: int) -> None:
+    def see(self, object_id: str, looks: ObservedAppearance | None, now_ns: int) -> None:
         """Take in how a thing looks; none: it cannot be made out."""
         if looks is None:
             return
@@ -65,7 +65,7 @@ class Things:
             self._status[object_id] = seems
 
 
-def _seems(looks: Looks, before: Status) -> Status:
+def _seems(looks: ObservedAppearance, before: Status) -> Status:
     if not looks.marked:
         return "free"
     if not looks.full:

@@ -14,7 +14,7 @@ UNKNOWN_DIM = 105.0
 """Brightness of things of a kind that was never seen unmarked."""
 
 
-class Looks(NamedTuple):
+class ObservedAppearance(NamedTuple):
     """How a thing looks."""
 
     marked: bool
@@ -36,7 +36,9 @@ class UsualLooks:
         self._dim: dict[str, tuple[int, int]] = {}
         """By kind: colour and brightness of things that nobody selected."""
 
-    def judge(self, kind: str, shown: Sequence[int], own_color: OwnColor, cursor_brightness: float) -> Looks:
+    def judge(
+        self, kind: str, shown: Sequence[int], own_color: OwnColor, cursor_brightness: float
+    ) -> ObservedAppearance:
         """Return how a thing looks, and learn from one that is unmarked.
 
         Args:
@@ -52,17 +54,17 @@ class UsualLooks:
         if is_plain[0] and is_plain[-1] and not any(own_color.share(code) > 0.0 for code in shown[:2]):
             usual = _commonest(bodies)
             self._dim[kind] = (usual, brightness(usual))
-            return Looks(marked=False, full=False, hidden=False, own=False, foreign=False)
+            return ObservedAppearance(marked=False, full=False, hidden=False, own=False, foreign=False)
         ends = [code for code in (shown[0], shown[-1]) if not is_same_hue(code, body)]
         is_own = [own_color.share(code) > 0.0 for code in ends]
         own, foreign = any(is_own), not all(is_own)
         if not bodies:  # covered, or something else has come to lie there
-            return Looks(marked=True, full=False, hidden=True, own=own, foreign=foreign)
+            return ObservedAppearance(marked=True, full=False, hidden=True, own=own, foreign=foreign)
         dim = known[1] if known is not None else UNKNOWN_DIM * cursor_brightness
         middle = (len(shown) - 1) / 2.0
         nearest = min((k for k, is_it in enumerate(is_plain) if is_it), key=lambda k: abs(k - middle))
         level = brightness(shown[nearest])
-        return Looks(
+        return ObservedAppearance(
             marked=True,
             full=level > FULL * dim or (known is not None and level < GAP * dim),
             hidden=abs(nearest - middle) > len(shown) / 6.0,

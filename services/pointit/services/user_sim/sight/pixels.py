@@ -91,7 +91,7 @@ class Pixels:
         low, high = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
         near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
         arcs, gaps = line.nearest_to(points[near])
-        there = np.flatnonzero((gaps <= reach_m) & ~line.are_beyond(points[near], arcs))
+        there = np.flatnonzero((gaps <= reach_m) & ~line.is_beyond_ends(points[near], arcs))
         order = there[np.argsort(arcs[there], kind="stable")]
         if not len(order):
             return

@@ -22,7 +22,11 @@ from unittest import mock
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime import BusClosedError, Exchange, Launch, MemoryBus, Subscription, run_services
+from pointit.runtime.bus.contract import Subscription
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.errors import BusClosedError
+from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, HEALTH, TOPICS, Delivery, Topic
 from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
@@ -54,7 +58,7 @@ class Session:
     """Further services for all."""
     restarts: bool = False
     """Every service but the simulated person is restarted once, one after the other."""
-    link: Callable[[Exchange], MemoryBus] = MemoryBus
+    link: Callable[[LocalBroker], MemoryBus] = MemoryBus
 
 
 class BadLink(MemoryBus):
@@ -67,7 +71,7 @@ class BadLink(MemoryBus):
     LATE_S = 0.1
     JITTER_S = 0.05
 
-    def __init__(self, exchange: Exchange) -> None:
+    def __init__(self, exchange: LocalBroker) -> None:
         super().__init__(exchange)
         self._random = random.Random(1)
 
@@ -241,7 +245,7 @@ async def _play(session: Session) -> Record:
     launches = site_launches(plan, session.choices)
     for index, user in enumerate(session.users):
         launches += user_launches(plan, session.choices, user, index)
-    exchange = Exchange()
+    exchange = LocalBroker()
     onlooker, bus = MemoryBus(exchange), session.link(exchange)
     record = Record(onlooker)
     lives = [asyncio.create_task(_live(launch, bus)) for launch in launches]

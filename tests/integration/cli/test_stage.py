@@ -270,7 +270,7 @@ async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
 
 
 async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.cli.onlookers.SILENT_S", 1.2)
+    monkeypatch.setattr("pointit.launch.plan.page.SILENT_S", 1.2)
     monkeypatch.setattr(
         "pointit.runtime.service.service.HEALTH_PERIOD_S", 0.2
     )  # a late report is no silence yet

@@ -2,10 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pointit.runtime import Bus
 from pointit.schemas import Message
@@ -78,9 +78,9 @@ def _plain(value: Any, texts: list[str] | None) -> Any:
         case float():
             return round(value, DECIMALS) + 0.0  # 0.0 instead of -0.0
         case dict():
-            return {key: _plain(item, texts) for key, item in value.items()}
+            return {key: _plain(item, texts) for key, item in cast("dict[str, Any]", value).items()}
         case list() | tuple():
-            return [_plain(item, texts) for item in value]
+            return [_plain(item, texts) for item in cast("Sequence[Any]", value)]
         case bytes():
             return value.hex()
         case str() if texts is not None and " " in value:

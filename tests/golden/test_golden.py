@@ -16,12 +16,13 @@ say why. An entry `(sentences)` holds the texts of a key: where only such entrie
 """
 
 import asyncio
+from typing import Any
 
 import pytest
 
 from pointit.runtime import MemoryBus
 from pointit.schemas import Feedback, UserPose
-from pointit.schemas.topics import FEEDBACK, POSE
+from pointit.schemas.topics import FEEDBACK, POSE, Topic
 from tests.golden.record import SENTENCES, Record, difference, read_hashes
 from tests.golden.sessions import SESSIONS, play
 
@@ -46,8 +47,8 @@ def hashes_of(*messages: Feedback | UserPose) -> dict[str, str]:
         bus = MemoryBus()
         recorded = Record(bus)
         for message in messages:
-            topic = FEEDBACK if isinstance(message, Feedback) else POSE
-            bus.publisher(topic, "anna").put(message)  # type: ignore[arg-type]
+            topic: Topic[Any] = FEEDBACK if isinstance(message, Feedback) else POSE
+            bus.publisher(topic, "anna").put(message)
         await asyncio.sleep(0.01)
         await bus.close()
         return recorded.hashes()

@@ -1,21 +1,14 @@
-"""Golden sessions: what they are, how one is played, and how its messages are hashed.
+"""The golden sessions, and how one is played: real services on a bus in memory, in virtual time."""
 
-`python -m tests.golden.sessions` rewrites hashes.json; with `--dump FOLDER` it writes the messages instead.
-"""
-
-import argparse
 import asyncio
 import contextlib
 import csv
-import hashlib
-import json
 import math
 import os
 import random
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 from unittest import mock
@@ -27,21 +20,15 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.service.service import Launch, run_services
-from pointit.schemas import Message
-from pointit.schemas.topics import ANY, HEALTH, TOPICS, Delivery, Topic
+from pointit.schemas import NS_PER_S, Message
+from pointit.schemas.topics import ANY, Delivery, Topic
+from tests.golden.record import Record
 from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
 
 M = TypeVar("M", bound=Message)
 
-HASHES = Path(__file__).with_name("hashes.json")
-
-HASHED: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic is not HEALTH)
-"""Health reports the load and delays of this machine: wall time."""
-
-DECIMALS = 6
-"""Numbers are hashed after rounding to so many: micrometres, microradians, shares of a million."""
-
 ROBOT = "robot.csv"
+"""A recording that `play` writes into the folder it runs in."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,20 +38,20 @@ class Session:
     scenario: str
     duration_s: float
     happens: tuple[str, ...]
-    """Keys on which something must have been said, and `key=value`: with that event, state, cue or method."""
+    """What must be recorded: `key`, or `key=value` for a message that has this value in a field."""
     choices: Choices = field(default_factory=lambda: Choices(seed=1))
     users: tuple[str, ...] = ("anna",)
     site: Mapping[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
-    """Further services for all."""
+    """Parameters of further site services, by service."""
     restarts: bool = False
-    """Every service but the simulated person is restarted once, one after the other."""
+    """Restart every service but the simulated person, one after the other."""
     link: Callable[[LocalBroker], MemoryBus] = MemoryBus
 
 
 class BadLink(MemoryBus):
-    """A bus on which every reader loses a tenth of the messages of *latest* topics and gets the others late.
+    """A bus on which every reader gets messages late, and loses a tenth of those of *latest* topics.
 
-    Events and states, which are delivered reliably, are late and in order.
+    Messages of *latest* topics may overtake each other; events and states are reliable and keep their order.
     """
 
     LOST = 0.1
@@ -104,15 +91,15 @@ SESSIONS: dict[str, Session] = {
         scenario="scenario_1", duration_s=15.0, happens=("leds/led_1/color", "users/anna/cursor=lamp")
     ),
     "scenario 2": Session(scenario="scenario_2", duration_s=15.0, happens=("users/anna/cursor=strip",)),
-    "scenario 3, by fraction": Session(
+    "scenario 3, fraction": Session(
         scenario="scenario_3", duration_s=30.0, happens=("selection/events=selected",)
     ),
-    "scenario 4, by gauge": Session(
+    "scenario 4, gauge": Session(
         scenario="scenario_4",
         duration_s=40.0,
         happens=("selection/events=selected", "selection/events=dispatched"),
     ),
-    "scenario 3, by hold": Session(
+    "scenario 3, hold": Session(
         scenario="scenario_3",
         duration_s=20.0,
         choices=_choices(method="hold"),
@@ -160,67 +147,8 @@ SESSIONS: dict[str, Session] = {
 }
 
 
-class Record:
-    """The messages of a session by key, in the order of the topic table."""
-
-    def __init__(self, bus: MemoryBus) -> None:
-        """Read everything on `bus` but health, as events: of those no message replaces the one before."""
-        self._messages: dict[str, dict[str, list[Message]]] = {topic.key: {} for topic in HASHED}
-        for topic in HASHED:
-            bus.subscribe(replace(topic, delivery=Delivery.EVENT), self._reader(topic))
-
-    def _reader(self, topic: Topic[Any]) -> Callable[[Message, str], None]:
-        messages = self._messages[topic.key]
-        return lambda message, name: messages.setdefault(name, []).append(message)
-
-    def messages(self) -> Iterator[tuple[str, list[Message]]]:
-        """Yield each key on which something was said, with its messages."""
-        for topic in HASHED:
-            for name in sorted(self._messages[topic.key]):
-                yield topic.at(name), self._messages[topic.key][name]
-
-    def hashes(self) -> dict[str, str]:
-        """Return `count hash` by key."""
-        found: dict[str, str] = {}
-        for key, messages in self.messages():
-            digest = hashlib.sha256()
-            for message in messages:
-                digest.update(canonical(message).encode() + b"\n")
-            found[key] = f"{len(messages)} {digest.hexdigest()[:16]}"
-        return found
-
-    def has(self, what: str) -> bool:
-        """Return whether something was said on the key `what`, or on the key of `key=value` with that value."""
-        key, _, value = what.partition("=")
-        return any(
-            not value or value in vars(message).values()
-            for its_key, messages in self.messages()
-            if its_key == key
-            for message in messages
-        )
-
-
-def canonical(message: Message) -> str:
-    """Return one line with the message's name, version and fields, the same wherever it is computed."""
-    return f"{message.schema_name()} {json.dumps(_rounded(message.model_dump()), sort_keys=True)}"
-
-
-def _rounded(value: Any) -> Any:
-    match value:
-        case float():
-            return round(value, DECIMALS) + 0.0  # never -0.0
-        case dict():
-            return {key: _rounded(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_rounded(item) for item in value]
-        case bytes():
-            return value.hex()
-        case _:
-            return value
-
-
 def play(session: Session) -> Record:
-    """Play `session` in virtual time, on nothing kept before and whatever the environment says."""
+    """Return what the services of `session` publish, without stored state and `POINTIT_*` variables."""
     others = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         _write_robot(Path(ROBOT))
@@ -229,7 +157,7 @@ def play(session: Session) -> Record:
 
 
 def _write_robot(path: Path) -> None:
-    """Write the recording of a robot that drives a figure of eight about the place where people stand."""
+    """Write the recording of a robot that drives a figure of eight around the place where people stand."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(["t", "qw", "qx", "qy", "qz", "robot_x", "robot_y", "robot_z"])
@@ -251,12 +179,11 @@ async def _play(session: Session) -> Record:
     lives = [asyncio.create_task(_live(launch, bus)) for launch in launches]
     if session.restarts:
         await _restart_each(launches, lives, bus, session.duration_s)
-    await asyncio.wait(lives, timeout=session.duration_s - (VirtualClock().now_ns() - START_NS) / 1e9)
+    await asyncio.wait(lives, timeout=session.duration_s - (VirtualClock().now_ns() - START_NS) / NS_PER_S)
     for life in lives:
         life.cancel()
     for result in await asyncio.gather(*lives, return_exceptions=True):
-        if not isinstance(result, asyncio.CancelledError):
-            raise AssertionError("a service ended by itself") from result
+        assert isinstance(result, asyncio.CancelledError), f"a service ended by itself: {result!r}"
     await asyncio.sleep(1.0)
     await bus.close()
     await onlooker.close()
@@ -280,31 +207,3 @@ async def _restart_each(
         await asyncio.sleep(0.2)
         lives[index] = asyncio.create_task(_live(launch, bus))
         await asyncio.sleep(pause_s - 0.2)
-
-
-def main() -> None:
-    """Rewrite the hashes, or dump messages."""
-    parser = argparse.ArgumentParser(prog="python -m tests.golden.sessions", description=__doc__)
-    parser.add_argument("sessions", nargs="*", help="all unless named: " + "; ".join(SESSIONS))
-    parser.add_argument("--dump", type=Path, metavar="FOLDER", help="one file of lines for each key")
-    chosen = parser.parse_args()
-    known: dict[str, dict[str, str]] = json.loads(HASHES.read_text()) if HASHES.exists() else {}
-    for name in chosen.sessions or SESSIONS:
-        began_s = time.process_time()
-        record = play(SESSIONS[name])
-        if chosen.dump:
-            for key, messages in record.messages():
-                path = chosen.dump / name / f"{key.replace('/', '.')}.jsonl"
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text("".join(f"{canonical(message)}\n" for message in messages), encoding="utf-8")
-        else:
-            known[name] = record.hashes()
-        lacks = [what for what in SESSIONS[name].happens if not record.has(what)]
-        print(f"{name}: {time.process_time() - began_s:.1f} s of CPU, lacks {lacks}")  # noqa: T201
-    if not chosen.dump:
-        kept = {name: known[name] for name in SESSIONS if name in known}
-        HASHES.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -39,9 +39,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return self._virtual.passed_s
 
     def run_in_executor(
-        self, executor: Any, func: Callable[[Unpack[Ts]], T], *args: Unpack[Ts]
+        self, executor: Any, func: Callable[[Unpack[Ts]], T], *args: *Ts
     ) -> asyncio.Future[T]:
-        """Call `func` at once: how long a thread takes, in which virtual time passes, differs from run to run."""
+        """Call `func` at once: a thread would take another share of virtual time in each run."""
         del executor
         done: asyncio.Future[T] = self.create_future()
         try:

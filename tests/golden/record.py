@@ -1,0 +1,116 @@
+"""Messages of a session as hashes: one per key, the same on every machine and supported version."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+from pointit.runtime import Bus
+from pointit.schemas import Message
+from pointit.schemas.topics import HEALTH, TOPICS, Delivery, Topic
+
+TOPICS_HASHED: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic is not HEALTH)
+"""All but health, which reports load and delays of this machine in wall time."""
+
+DECIMALS = 6
+"""Floats are rounded before hashing: last digits differ between versions of Python and NumPy, and CPUs."""
+
+HASHES = Path(__file__).with_name("hashes.json")
+
+SENTENCES = " (sentences)"
+"""Suffix of the entry for the texts of a key: a change of wording alone shows there alone."""
+
+
+class Record:
+    """All messages of a session, by key."""
+
+    def __init__(self, bus: Bus) -> None:
+        """Subscribe to every hashed topic of `bus`, as events: no message replaces an earlier one."""
+        self._messages: dict[str, dict[str, list[Message]]] = {topic.key: {} for topic in TOPICS_HASHED}
+        for topic in TOPICS_HASHED:
+            bus.subscribe(replace(topic, delivery=Delivery.EVENT), self._reader(topic))
+
+    def _reader(self, topic: Topic[Any]) -> Callable[[Message, str], None]:
+        messages = self._messages[topic.key]
+        return lambda message, name: messages.setdefault(name, []).append(message)
+
+    def __iter__(self) -> Iterator[tuple[str, list[Message]]]:
+        """Yield each key that has messages, in the order of the topic table, with its messages."""
+        for topic in TOPICS_HASHED:
+            for name in sorted(self._messages[topic.key]):
+                yield topic.at(name), self._messages[topic.key][name]
+
+    def has(self, wanted: str) -> bool:
+        """Return whether there is a message on the key `wanted`, for `key=value` one with that value."""
+        key, _, value = wanted.partition("=")
+        messages = dict(self).get(key, [])
+        return any(not value or value in vars(message).values() for message in messages)
+
+    def hashes(self) -> dict[str, str]:
+        """Return `count hash` by key, and by key and `SENTENCES` where messages have texts."""
+        found: dict[str, str] = {}
+        for key, messages in self:
+            texts: list[str] = []
+            lines = [line_of(message, texts) for message in messages]
+            found[key] = _hash(lines)
+            if texts:
+                found[key + SENTENCES] = _hash(texts)
+        return found
+
+    def dump(self, folder: Path) -> None:
+        """Write the messages into `folder`, one file per key and one line per message, for `diff -r`."""
+        for key, messages in self:
+            path = folder / f"{key.replace('/', '.')}.jsonl"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("".join(f"{line_of(message)}\n" for message in messages), encoding="utf-8")
+
+
+def line_of(message: Message, texts: list[str] | None = None) -> str:
+    """Return a message's name, version and fields as one line; move texts with spaces to `texts` if given."""
+    fields = _plain(message.model_dump(), texts)
+    return f"{message.schema_name()} {json.dumps(fields, sort_keys=True, ensure_ascii=False)}"
+
+
+def _plain(value: Any, texts: list[str] | None) -> Any:
+    match value:
+        case float():
+            return round(value, DECIMALS) + 0.0  # 0.0 instead of -0.0
+        case dict():
+            return {key: _plain(item, texts) for key, item in cast("dict[str, Any]", value).items()}
+        case list() | tuple():
+            return [_plain(item, texts) for item in cast("Sequence[Any]", value)]
+        case bytes():
+            return value.hex()
+        case str() if texts is not None and " " in value:
+            texts.append(value)
+            return SENTENCES
+        case _:
+            return value
+
+
+def _hash(lines: list[str]) -> str:
+    return f"{len(lines)} {hashlib.sha256(chr(10).join(lines).encode()).hexdigest()[:16]}"
+
+
+def difference(recorded: dict[str, str], now: dict[str, str]) -> str:
+    """Return which keys of two `Record.hashes` differ, the first one with its counts; empty if none does."""
+    keys = list(dict.fromkeys([*recorded, *now]))
+    changed = [key for key in keys if recorded.get(key) != now.get(key)]
+    if not changed:
+        return ""
+    was, its = (hashes.get(changed[0], "0").split()[0] for hashes in (recorded, now))
+    others = f"; also changed: {', '.join(changed[1:])}" if changed[1:] else ""
+    return f"{changed[0]} changed first: {was} messages were recorded, {its} came now{others}"
+
+
+def read_hashes() -> dict[str, dict[str, str]]:
+    """Return what is recorded: by session, `Record.hashes`."""
+    recorded: dict[str, dict[str, str]] = json.loads(HASHES.read_text(encoding="utf-8"))
+    return recorded
+
+
+def write_hashes(hashes: dict[str, dict[str, str]]) -> None:
+    """Replace what is recorded."""
+    HASHES.write_text(json.dumps(hashes, indent=1) + "\n", encoding="utf-8")

@@ -103,7 +103,7 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo", "test", "check", "setup"])
+@pytest.mark.parametrize("script", ["demo", "test", "check", "setup", "mutants"])
 def test_without_a_python_one_sentence_says_so(machine: Machine, script: str) -> None:
     done = machine.run(script)
     assert done.returncode == 1
@@ -291,7 +291,7 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
 @pytest.mark.parametrize("there", [False, True])
 def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, *, there: bool) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "test"):
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "test", "mutants"):
         path = machine.root / "scripts" / script
         path.write_text(f'#!/bin/sh\necho "{path.name} $LOCKED $*" >> "$CALLS"\n', encoding="utf-8")
     machine.add("id", "#!/bin/sh\necho 0\n")
@@ -317,7 +317,8 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     told = f"*** missing on this machine: chromium {' '.join(needed)} ***"
     assert done.stderr.count(told) == (0 if there else 2)  # before the tests and after them
     assert ("E: no net" in done.stderr) == (not there)
-    assert {call.partition(" ")[0] for call in machine.calls} >= {"versions", "containers", "setup", "check"}
+    began = {call.partition(" ")[0] for call in machine.calls}
+    assert began >= {"versions", "containers", "setup", "check", "mutants"}
     tests = [call for call in machine.calls if call.startswith("test ")]
     given = {word for call in tests for word in call.split()}
     folders = {

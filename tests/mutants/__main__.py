@@ -113,14 +113,12 @@ def run_tests(tests: Sequence[str], folder: str, mutant: Mutant | None = None) -
     Returns:
         The exit code of pytest and what it printed.
     """
-    changed = {"PYTHONPYCACHEPREFIX": folder, "HYPOTHESIS_STORAGE_DIRECTORY": f"{folder}/hypothesis"}
-    # the same inputs in each run, and none of them remembered for later runs without the mutant
-    options = ["-q", "--no-header", "--tb=short", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
-    options += ["-o", f"timeout={TIMEOUT_S}"]
+    changed = {"PYTHONPYCACHEPREFIX": folder}
+    options = ["-q", "--no-header", "--tb=short", "-p", "no:cacheprovider", "-p", "tests.mutants.plugin"]
+    options += ["-o", f"timeout={TIMEOUT_S}", "--hypothesis-seed=0"]
     if mutant is not None:
+        options += ["-x"]
         changed[VARIABLE] = json.dumps(asdict(mutant) | {"file": str(ROOT / mutant.file)})
-        changed["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder}/hypothesis_of_mutants"
-        options += ["-x", "-p", "tests.mutants.plugin"]
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", *options, *tests],
         cwd=ROOT,
@@ -164,9 +162,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not chosen.part or any(part in mutant.file + " " + mutant.test for part in chosen.part)
     ]
     if chosen.sample is not None:
-        mutants = random.Random(chosen.seed).sample(mutants, min(chosen.sample, len(mutants)))  # noqa: S311
+        mutants = random.Random(chosen.seed).sample(mutants, min(chosen.sample, len(mutants)))
     errors = [error for mutant in mutants if (error := mutant.error())]
-    print("\n".join([*errors, f"{len(mutants)} mutants, {len(errors)} rows to mend"]))
+    _say("\n".join([*errors, f"{len(mutants)} mutants, {len(errors)} rows to mend"]))
     if errors or chosen.check or not mutants:
         return int(bool(errors) or not mutants)
 
@@ -174,20 +172,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(mutants, folder)
 
 
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
 def _run(mutants: Sequence[Mutant], folder: str) -> int:
     """Run the tests of `mutants` without and with them; return 0 if all are killed."""
     code, printed = run_tests(sorted({mutant.test for mutant in mutants}), folder)
     if code != PASSED:
-        print(f"{printed}\nThe tests fail without any mutant.")
+        _say(f"{printed}\nThe tests fail without any mutant.")
         return 1
     killed = 0
     for mutant in mutants:
         began = time.monotonic()
         answer = verdict(mutant, folder)
         killed += answer == "killed"
-        print(f"{time.monotonic() - began:5.1f} s  {mutant.file}: {mutant.mutated}: {answer}", flush=True)
+        _say(f"{time.monotonic() - began:5.1f} s  {mutant.file}: {mutant.mutated}: {answer}")
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    print(f"{killed} of {len(mutants)} killed, {used.ru_utime + used.ru_stime:.0f} s of CPU")
+    _say(f"{killed} of {len(mutants)} killed, {used.ru_utime + used.ru_stime:.0f} s of CPU")
     return int(killed < len(mutants))
 
 

@@ -1,7 +1,7 @@
 """Pytest plugin that changes one line of one module while Python imports it; no file is written.
 
 The mutant comes in the environment variable `POINTIT_MUTANT`, as JSON with `file` (absolute), `line` and
-`mutated`; without it the plugin does nothing. Processes that a test starts import the original.
+`mutated`; without it no line is changed. Processes that a test starts import the original.
 """
 
 import json
@@ -14,6 +14,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 import pytest
+from hypothesis import Phase, settings
 
 VARIABLE = "POINTIT_MUTANT"
 NOT_IMPORTED = "the test does not import the mutated file"
@@ -75,6 +76,13 @@ def _install() -> _Finder | None:
 
 
 _finder = _install()  # as soon as pytest imports this plugin: before the first `conftest.py`
+
+
+def pytest_configure() -> None:
+    """Have property tests stop at the first failing example and remember none for later runs."""
+    phases = (Phase.explicit, Phase.generate)
+    settings.register_profile("mutants", settings.default, phases=phases, database=None)
+    settings.load_profile("mutants")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

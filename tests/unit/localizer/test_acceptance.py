@@ -103,6 +103,14 @@ def test_two_targets_that_fit_two_places_are_refused_and_a_third_tells() -> None
     assert position_error_m(solved(pointings(person, LAB[:3])), person) < 0.1
 
 
+@pytest.mark.parametrize("limit", ["max_position_sigma_m", "max_yaw_sigma_rad"])
+def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(limit: str) -> None:
+    given_pointings = pointings(Person(0.3, 0.2, 0.1), CORNERS)
+    solved(given_pointings, LAX)
+    demanding = dataclasses.replace(LAX, **{limit: 1e-4})
+    assert "the pose is uncertain by" in refused(given_pointings, demanding)
+
+
 @pytest.mark.parametrize("name", ["idle_0", "idle_1", "idle_3", "idle_4"])
 def test_who_does_not_point_is_refused(name: str) -> None:
     """Windows of 10 s in which the person was doing something else."""

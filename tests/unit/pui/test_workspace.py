@@ -354,3 +354,12 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
 def test_a_horizontal_plane_at_eye_height_to_begin_with_is_none() -> None:
     start = WorkspaceStart(kind="horizontal", height_m=1.64)
     assert Person(start=start).point(vector.direction(0.0, -0.3)).solid == ""
+
+
+def test_workspace_is_not_met_more_than_200_m_away() -> None:
+    feet, eyes = (0.0, 0.0, 18.36), (0.0, 0.0, 20.0)
+    workspace = Workspace("horizontal", (10.0, 0.0, 0.0), feet_m=feet, eyes_m=eyes)
+    hit = workspace.meet(eyes, vector.direction(0.0, math.radians(-6.0)), feet)
+    assert hit is not None
+    assert hit.range_m == pytest.approx(20.0 / math.sin(math.radians(6.0)))
+    assert workspace.meet(eyes, vector.direction(0.0, math.radians(-5.5)), feet) is None

@@ -38,6 +38,7 @@ def after(*heard: Heard) -> Belief:
         ((WAITING, AT_LED, ("refused", "", "")), "idle", ""),
         ((STARTED, WAITING, AT_LED, ("localized", "", "")), "pointing", ""),
         ((STARTED, AT_LED, ("refused", "", "")), "pointing", ""),
+        ((STARTED, AT_LED, ("localized", "", ""), ("stopped", "", "")), "idle", ""),
         ((STARTED, AT_LED, ("stopped", "", "")), "pointing", ""),
         ((STARTED, ("stopped", "", "")), "idle", ""),
         ((STARTED, ("selected", "", ""), ("refused", "", ""), ("deselected", "", "")), "pointing", ""),

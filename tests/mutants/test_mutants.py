@@ -1,0 +1,98 @@
+"""The runner of mutants, and that its rows fit the code; `scripts/mutants` runs the mutants themselves."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.mutants import __main__ as runner
+from tests.mutants.plugin import mutate
+
+SOURCE = "def area(a, b):\n    return a * b\n"
+LINE, MUTATED = "return a * b", "return a + b"
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a project of one module and its test, in place of this one."""
+    monkeypatch.setattr(runner, "ROOT", tmp_path)
+    monkeypatch.setattr(runner, "SOURCES", ("src",))
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'src'}:{Path(__file__).parents[2]}")
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "shape.py").write_text(SOURCE, encoding="utf-8")
+    (tmp_path / "test_shape.py").write_text(
+        "import shape\n\ndef test_area():\n    assert shape.area(2, 3) == 6\n", encoding="utf-8"
+    )
+    (tmp_path / "test_other.py").write_text("def test_other():\n    pass\n", encoding="utf-8")
+    return tmp_path
+
+
+def mutant(mutated: str = MUTATED, *, line: str = LINE, test: str = "test_shape.py") -> runner.Mutant:
+    return runner.Mutant("src/shape.py", line, mutated, test)
+
+
+def test_each_row_names_one_line_and_a_test_that_exist() -> None:
+    errors = [error for each in runner.read() if (error := each.error())]
+    assert not errors, "\n".join([*errors, "mend tests/mutants/mutants.toml: scripts/mutants --help"])
+
+
+def test_no_mutant_is_listed_twice() -> None:
+    rows = [(each.file, each.line, each.mutated) for each in runner.read()]
+    assert len(rows) == len(set(rows))
+
+
+def test_mutation_keeps_the_indentation() -> None:
+    assert mutate(SOURCE, LINE, MUTATED) == "def area(a, b):\n    return a + b\n"
+
+
+@pytest.mark.parametrize(
+    ("each", "complaint"),
+    [
+        (mutant(), ""),
+        (
+            mutant(line="return a - b"),
+            "found 0 times instead of once: return a - b\n  nearest line: return a * b",
+        ),
+        (mutant("return a +"), "is no Python"),
+        (mutant(LINE), "is not changed"),
+        (mutant(test="test_shape.py::test_volume"), "test_volume: no such test"),
+    ],
+)
+def test_error_says_what_to_mend(project: Path, each: runner.Mutant, complaint: str) -> None:
+    assert project.is_dir()
+    assert each.error().endswith(complaint) if complaint == "" else complaint in each.error()
+    assert bool(each.error()) == bool(complaint)
+
+
+def test_mending_finds_the_line_in_a_moved_file(project: Path) -> None:
+    rows = project / "rows.toml"
+    rows.write_text(
+        f"[[mutant]]\nfile = 'src/shape.py'\nline = '{LINE}'\nmutated = '{MUTATED}'\ntest = 'a.py'\n",
+        encoding="utf-8",
+    )
+    (project / "src" / "shape.py").rename(project / "src" / "figure.py")
+    assert "src/shape.py: no such file\n  the line is in src/figure.py" in runner.read(rows)[0].error()
+    runner.mend(rows)
+    (row,) = runner.read(rows)
+    assert row.file == "src/figure.py"
+    assert row.error() == "a.py: no such test"
+
+
+@pytest.mark.parametrize(
+    ("each", "expected"),
+    [
+        (mutant(), "killed"),
+        (mutant("return b * a"), "SURVIVED"),
+        (mutant(test="test_other.py"), "SURVIVED (the test does not import the mutated file)"),
+    ],
+)
+def test_verdict_is_what_the_test_did(
+    project: Path, tmp_path: Path, each: runner.Mutant, expected: str
+) -> None:
+    assert runner.verdict(each, str(tmp_path / "cache")) == expected
+    assert (project / "src" / "shape.py").read_text(encoding="utf-8") == SOURCE
+
+
+def test_mutant_that_cannot_be_imported_is_broken_not_killed(project: Path, tmp_path: Path) -> None:
+    each = mutant("def area(a, b, c=undefined):", line="def area(a, b):")
+    assert project.is_dir()
+    assert runner.verdict(each, str(tmp_path / "cache")).startswith("BROKEN (pytest ended with 2)")

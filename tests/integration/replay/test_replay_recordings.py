@@ -15,13 +15,19 @@ from tests.integration.scenario.virtual_time import VirtualClock, run_virtually
 from tests.support.data import data_file
 
 
+def _clock(_speed: float) -> VirtualClock:
+    return VirtualClock()
+
+
+def _bus(_link: object) -> MemoryBus:
+    return MemoryBus(Exchange())
+
+
 def replayed(recording: Path, **how: Any) -> int:
     """Return the exit code of a replay on a bus in memory, in virtual time."""
-    virtually = {
-        "SimulatedClock": lambda _speed: VirtualClock(),
-        "ZenohBus": mock.Mock(open=mock.AsyncMock(side_effect=lambda _link: MemoryBus(Exchange()))),
-    }
-    with mock.patch.multiple(sys.modules[replay.__module__], **virtually):
+    module = sys.modules[replay.__module__]
+    zenoh = mock.Mock(open=mock.AsyncMock(side_effect=_bus))
+    with mock.patch.object(module, "SimulatedClock", _clock), mock.patch.object(module, "ZenohBus", zenoh):
         return run_virtually(replay(recording, speed=1.0, **how))
 
 

@@ -18,6 +18,7 @@ from pointit.runtime.errors import ConnectError, NoAnswerError
 from tests.integration.ros2.nodes import DOMAIN, Graphs, graphs
 from tests.support.commands import Commands
 from tests.support.data import data_file
+from tests.support.pace import slowness
 from tests.support.parameter_server import NODE, ParameterServer
 
 TYPES = Types("jazzy")
@@ -48,7 +49,8 @@ async def test_a_map_in_many_parameters_becomes_a_file_that_is_the_same_map(
         server = ParameterServer(TYPES, {"use_sim_time": False, **parameters_of(tree)})
         server.serve(node.backend, NODE)
         done = await commands.pointit("map", "fetch", "pui", "-o", f"{path}", *options(at.endpoint))
-        assert (done.code, done.err) == (0, ""), done
+        assert done.code == 0, done
+        assert done.err in ("", "asking /pui for its parameters …\n"), "where it takes long"
         assert len(server.asked) > 3, "page by page"
         assert not node.shown.ever
     assert load_map(f"{path}", 0) == load_map("conveyor", 0)
@@ -145,5 +147,5 @@ async def test_who_does_not_answer_is_waited_for_with_a_word_and_ctrl_c_ends_it_
         await asked.wait()
         ended = await waiting.stop()
         assert (ended.code, ended.out) == (130, "")
-        assert ended.took_s < 2.0
+        assert ended.took_s < 2.0 * slowness()
         assert "Error" not in ended.err

@@ -14,7 +14,6 @@ from click.testing import CliRunner
 
 from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
-from tests.support.data import data_file
 from tests.support.pace import slowness
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
 
@@ -105,17 +104,6 @@ def test_what_corrections_leave(tmp_path: Path) -> None:
     assert {"raw", "pointit"} <= {row["solver"] for row in rows}
 
 
-def test_published_recordings_of_pointing_are_corrected() -> None:
-    folder = data_file("recordings/proximity_feedback").parent
-    out, _ = invoke("pointing", "--data", str(folder), "--set", "proximity_feedback", "--json", "-")
-    pitch = {
-        row["solver"]: row["pitch_deg"]["rms"]
-        for row in json.loads(out)["rows"]
-        if (row["condition"], row["subject"]) == ("1 anchor", "all")
-    }
-    assert pitch["pitch"] < pitch["none"]
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of a terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> None:
@@ -156,7 +144,7 @@ def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> 
 
 def await_workers(pid: int) -> list[psutil.Process]:
     """Return the processes that work for `pid`, once two of them have used a second of a core each."""
-    until = time.monotonic() + 30.0
+    until = time.monotonic() + 30.0 * slowness()
     while time.monotonic() < until:
         workers = [child for child in psutil.Process(pid).children() if sum(child.cpu_times()[:2]) > 1.0]
         if len(workers) >= 2:

@@ -45,7 +45,7 @@ cues: st.SearchStrategy[Literal["target", "started"]] = st.sampled_from(["target
 names = st.sampled_from(["a", "b"])
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(
     st.lists(st.tuples(anything, names, st.floats(-5.0, 5.0), st.booleans()), max_size=12),
     st.sampled_from(["select", "strips", "lamps", "random", "send"]),

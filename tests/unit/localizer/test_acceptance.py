@@ -33,7 +33,7 @@ from tests.unit.localizer.solving import (
 def test_refusals_say_what_is_wrong_and_what_to_do() -> None:
     person = Person(1.0, 1.0, 0.5)
     few = pointings(person, CORNERS, each=2)
-    assert refused(few) == "only 8 rays were gathered and 20 are needed; see the IMU"
+    assert refused(few) == "only 8 rays were gathered and 20 are needed; check the IMU"
     assert "at one place" in refused(pointings(person, CORNERS[:1] * 3))
     elsewhere = pointings(person, CORNERS)
     swapped = dataclasses.replace(elsewhere, targets_m=np.roll(elsewhere.targets_m, 50, axis=0))

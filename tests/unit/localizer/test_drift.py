@@ -136,7 +136,7 @@ def test_a_drift_beyond_the_prior_is_believed_too() -> None:
         point(drift, drifted(PERSON, m * MINUTE_NS, fast), LAMPS[m % 3], m * MINUTE_NS) for m in (1, 2)
     ]
     assert [result.accepted for result in results] == [False, True]
-    assert "faster than was believed" in results[1].note
+    assert "faster than estimated" in results[1].note
     pose = drift.predict(3 * MINUTE_NS)
     error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS, fast).yaw_rad)
     assert abs(error) < math.radians(8.0)
@@ -264,7 +264,7 @@ def test_facing_a_wall_sets_the_yaw_whatever_was_believed() -> None:
     level = vector.direction(0.7 - turned.yaw_rad, 0.1)
     result = drift.update_heading(at_ns, 0.7, level)
     assert result.accepted
-    assert "set anew" in result.note
+    assert "was replaced" in result.note
     assert abs(yaw_difference(drift.at(at_ns).yaw_rad, turned.yaw_rad)) < math.radians(1.0)
     assert math.hypot(drift.at(at_ns).x_m - PERSON.x, drift.at(at_ns).y_m - PERSON.y) < 0.05
     gentle = drift.update_heading(at_ns + NS_PER_S, 0.7, level)

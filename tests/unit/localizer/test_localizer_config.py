@@ -46,6 +46,6 @@ def test_lamps_and_robots_have_limits_of_their_own() -> None:
 def test_health_does_not_warn_of_what_localization_accepts() -> None:
     config = LocalizerConfig()
     assert config.drift.max_yaw_sigma_deg >= config.trust.max_yaw_sigma_deg
-    with pytest.raises(ValidationError, match="every new pose would be warned of"):
+    with pytest.raises(ValidationError, match="every new pose would raise a warning"):
         LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0))
     LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0), trust=TrustConfig(max_yaw_sigma_deg=8.0))

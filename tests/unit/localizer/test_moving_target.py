@@ -166,7 +166,7 @@ def test_reasons_while_nothing_comes() -> None:
     procedure.start(START_NS)
     (first,) = told(procedure.step(START_NS))
     assert first.phase == "sampling"
-    assert "nobody says where a robot is" in first.reason
+    assert "no tracker reports a robot" in first.reason
     procedure.on_objects("room", robots(0.0, drone=place(0.0)))
     (second,) = told(procedure.step(START_NS + NS_PER_S))
     assert "no rays come" in second.reason
@@ -222,7 +222,7 @@ def test_tracker_that_ends_is_not_said_to_have_another_clock() -> None:
         procedure.on_ray(PERSON.ray(place(tick / 50.0), now_ns))
         reasons += [message.reason for message in told(procedure.step(now_ns))]
     assert not any("clock" in reason for reason in reasons)
-    assert "nobody says where a robot is" in reasons[-1]
+    assert "no tracker reports a robot" in reasons[-1]
 
 
 def test_no_pose_is_repeated_when_the_rays_stop() -> None:

@@ -254,7 +254,7 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         bench.put(MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))
         await bench.settle()
         (warning,) = view.report().warnings
-        assert warning.startswith("feeder.initial: 99 were asked for, ")
+        assert warning.startswith("feeder.initial: 99 configured, ")
         row = process("conveyor-sim")
         assert row.load() is type(service)
         assert view.reads == {topic.key for topic in row.reads}

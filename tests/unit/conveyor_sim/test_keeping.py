@@ -128,7 +128,7 @@ def test_a_file_that_is_none_is_begun_anew() -> None:
 
 def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
     own_state.write_text("a file where the folder should be")
-    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
+    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*check the disk"):
         SnapshotStore(site_folder("lab", "conveyor-sim"))
 
 

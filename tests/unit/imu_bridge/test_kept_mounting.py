@@ -77,7 +77,7 @@ def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
 def test_a_configured_rotation_wins_at_the_start_and_says_so(config: ImuBridgeConfig) -> None:
     wearing = MountingSelection(config, kept(ImuBridgeConfig(), TURNED))
     assert wearing.sensor_from_arm == pytest.approx((0.0, 0.0, 1.0, 0.0))
-    assert "is configured and wins" in wearing.warning
+    assert "is configured and overrides it" in wearing.warning
     wearing.set(ask(TURNED), 2)
     assert wearing.sensor_from_arm == pytest.approx(TURNED)
     assert not wearing.warning
@@ -152,6 +152,6 @@ async def test_a_spoilt_file_is_a_warning_and_what_cannot_be_kept_is_used(own_st
         path.parent.rmdir()
         path.parent.write_text("in the way", encoding="utf-8")
         reply = await set_mounting(bench, ask(TURNED))
-        assert "used now, but not kept" in reply.message
+        assert "used now, but not stored" in reply.message
         assert reply.sensor_from_arm_xyzw == pytest.approx(TURNED)
         await until(lambda: bool(reports[-1].warnings))

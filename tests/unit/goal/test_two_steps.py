@@ -160,7 +160,7 @@ def test_who_does_not_point_sends_nothing() -> None:
 
 def test_nobody_knows_where_she_stands() -> None:
     anna = Anna(place=None)
-    assert anna.stay(THERE).last_text == "nobody knows where you stand: localize first"
+    assert anna.stay(THERE).last_text == "your position is unknown: localize first"
 
 
 def test_a_press_sends_where_presses_confirm() -> None:
@@ -182,7 +182,7 @@ def test_a_press_elsewhere_or_late_is_refused() -> None:
     assert (late.cues, late.goals) == (["selected", "refused"], [])
     silent = Anna(confirm="press").stay(THERE).wait(0.4).press()
     assert (silent.cues, silent.goals) == (["selected", "refused"], [])
-    assert "what is known of your arm is 0.4 s old" in silent.last_text
+    assert "the last data of your arm is 0.4 s old" in silent.last_text
     again = Anna(confirm="press").stay(THERE).stay(None, 0.1).stay(THERE)
     assert (again.cues, again.goals) == (["selected", "selected"], [])
 

@@ -23,7 +23,7 @@ QUICK = KeeperConfig(file=FileConfig(write_every_s=0.01))
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("pointit.services.keeper.service.SETTLE_S", 0.0)
-    monkeypatch.setattr("pointit.services.keeper.service.MIND_S", 0.01)
+    monkeypatch.setattr("pointit.services.keeper.service.EXPIRE_S", 0.01)
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
 
 

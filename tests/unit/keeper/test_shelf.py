@@ -33,7 +33,7 @@ from pointit.schemas.topics import (
     Topic,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import KEPT
+from pointit.services.keeper.ownership import RETAINED
 from pointit.services.keeper.record import KeptState, Record
 from pointit.services.keeper.retained_states import RetainedStates
 
@@ -61,7 +61,7 @@ def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
 
 def test_every_state_but_the_time_of_a_run_is_kept() -> None:
     states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    assert [topic for topic in states if topic not in KEPT] == [CLOCK]
+    assert [topic for topic in states if topic not in RETAINED] == [CLOCK]
 
 
 def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:

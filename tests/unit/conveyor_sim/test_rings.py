@@ -1,4 +1,4 @@
-"""Which pieces of a network lie on a ring, beside what SciPy finds."""
+"""Rings of a network, compared with SciPy's components."""
 
 import numpy as np
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""What the configuration says is what the cores believe; what contradicts itself is refused."""
+"""Configuration reaches the cores; contradictions are refused."""
 
 import math
 
@@ -13,7 +13,7 @@ from pointit.services.localizer.estimation_config import DriftConfig, TrustConfi
 from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 
-def test_the_defaults_stand_once() -> None:
+def test_defaults_of_configuration_and_cores_are_equal() -> None:
     config = LocalizerConfig()
     want, have = SolverSettings(), config.believed()
     for name in want.__dataclass_fields__:

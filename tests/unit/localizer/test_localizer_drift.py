@@ -136,7 +136,7 @@ async def test_the_lamp_that_tells_most_about_the_yaw_is_taken_when_none_is_name
         assert not any(wearer.lit.values())
 
 
-async def test_what_cannot_be_anchored_is_refused_at_once() -> None:
+async def test_impossible_anchor_is_refused_immediately() -> None:
     async with memory_bench(ManualClock()) as bench:
         bench.start(Localizer, LAMPS_FIRST, USER)
         await bench.settle()
@@ -318,7 +318,7 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
         await until(lambda: closed == [POSE.at(USER)], what="taking back")
 
 
-async def test_who_has_nothing_to_do_says_that_it_stands_back() -> None:
+async def test_idle_localizer_reports_that_a_tracker_provides_the_pose() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         wearer = Wearer(bench)

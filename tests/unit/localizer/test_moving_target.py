@@ -152,7 +152,7 @@ def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tup
     assert error_m(poses(outputs)[-1]) < 0.05
 
 
-def test_who_does_not_follow_is_refused_in_the_end() -> None:
+def test_following_without_a_fit_is_refused_at_the_timeout() -> None:
     outputs = fly(MovingTarget(Following(give_up_s=8.0)), 10.0, follow=False)
     assert poses(outputs) == []
     last = told(outputs)[-1]
@@ -161,7 +161,7 @@ def test_who_does_not_follow_is_refused_in_the_end() -> None:
     assert last.residual_rad is not None
 
 
-def test_reasons_while_nothing_comes() -> None:
+def test_missing_robot_and_missing_rays_are_the_reason() -> None:
     procedure = MovingTarget(Following(give_up_s=3.0))
     procedure.start(START_NS)
     (first,) = told(procedure.step(START_NS))
@@ -236,7 +236,7 @@ def test_no_pose_is_repeated_when_the_rays_stop() -> None:
             assert "no rays come" in told(outputs)[-1].reason
 
 
-def test_cancel() -> None:
+def test_cancel_stops_following_and_keeps_the_pose() -> None:
     procedure = MovingTarget()
     fly(procedure, 4.0)
     (message,) = told(procedure.cancel(START_NS + 4 * NS_PER_S))

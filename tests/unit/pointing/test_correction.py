@@ -1,4 +1,4 @@
-"""What is added to a ray: bounded, continuous, and nothing wild beyond the anchors."""
+"""Correction of a ray: bounded, continuous, and constant beyond the anchors."""
 
 import math
 

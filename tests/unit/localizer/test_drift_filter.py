@@ -1,4 +1,4 @@
-"""The drift filter: anchors, headings, rests and new fixes, and what it refuses to believe."""
+"""The drift filter: anchors, headings, rests and new fixes, and rejections."""
 
 import math
 
@@ -74,7 +74,7 @@ def test_without_anchors_the_yaw_is_off_and_says_so() -> None:
     assert error < 3 * pose.yaw_sigma_rad
 
 
-def test_looking_ahead_changes_nothing() -> None:
+def test_pose_at_a_later_time_does_not_change_the_filter() -> None:
     drift = calibrated(PERSON)
     before = drift.at(3 * MINUTE_NS)
     ahead = drift.at(10 * MINUTE_NS)
@@ -212,9 +212,7 @@ def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_doubted() -> None:
 
 
 @pytest.mark.parametrize("restarted", [False, True])
-def test_of_another_yaw_origin_only_the_place_is_left_and_the_first_anchor_tells_the_rest(
-    *, restarted: bool
-) -> None:
+def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, restarted: bool) -> None:
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     before = drift.predict(at_ns)
@@ -238,7 +236,7 @@ def test_of_another_yaw_origin_only_the_place_is_left_and_the_first_anchor_tells
 
 @pytest.mark.parametrize("late_s", [5.0, 20.0])
 def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
-    """What it says of now is less certain, by the drift since; and it tells about the rate all the same."""
+    """The drift since makes it less certain now, but it still measures the rate."""
     at_ns, now_ns = 2 * MINUTE_NS, 2 * MINUTE_NS + round(late_s * NS_PER_S)
     new = fix(drifted(PERSON, at_ns), at_ns, np.array([0.2, 0.2, math.radians(4.0)]))
     timely, late = (DriftFilter(fix(PERSON, 0)) for _ in range(2))
@@ -257,7 +255,7 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.01)
 
 
-def test_facing_a_wall_sets_the_yaw_whatever_was_believed() -> None:
+def test_facing_a_wall_sets_the_yaw_beyond_the_gate() -> None:
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     turned = Person(PERSON.x, PERSON.y, drifted(PERSON, at_ns).yaw_rad + 1.5)

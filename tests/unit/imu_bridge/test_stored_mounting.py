@@ -1,4 +1,4 @@
-"""A measured mounting: in use at once, kept for the next start, forgotten when asked, never a crash."""
+"""A measured mounting: used immediately, stored for the next start, deleted on request, never a crash."""
 
 import math
 from pathlib import Path
@@ -60,7 +60,7 @@ def test_each_kind_of_source_has_its_own() -> None:
     assert list(left.by_source) == ["serial"]
 
 
-def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
+def test_measurement_of_another_mounting_is_not_used_and_warned_of() -> None:
     state = kept(ImuBridgeConfig(), TURNED)
     wearing = MountingSelection(ImuBridgeConfig(mounting="metamotion"), state)
     assert wearing.sensor_from_arm == MOUNTINGS["metamotion"]
@@ -137,7 +137,7 @@ async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_sta
     assert not path.exists()
 
 
-async def test_a_spoilt_file_is_a_warning_and_what_cannot_be_kept_is_used(own_state: Path) -> None:
+async def test_corrupt_file_is_a_warning_and_an_unstored_mounting_is_used(own_state: Path) -> None:
     path = own_state / "users" / ANNA / "mounting.json"
     path.parent.mkdir(parents=True)
     path.write_text('{"by_source": {"simulated": 7}}', encoding="utf-8")
